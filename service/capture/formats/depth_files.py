@@ -103,7 +103,7 @@ def read_depth(root: Path, file: DepthFile, settings: CaptureSettings) -> NDArra
     elif suffix == COMPRESSED_SUFFIX:
         stored = np.frombuffer(_decompressed(root, file.path, 4 * width * height), "<f4").reshape(height, width)
     else:
-        stored = open_map(root, file.path, settings)
+        stored = open_map(root, file.path, settings, depth=True)
     with np.errstate(over="ignore", invalid="ignore"):
         depth = (stored.astype(np.float64) * file.unit).astype(np.float32)
         depth[~((depth > 0) & (depth <= _FARTHEST))] = 0.0  # false for NaN too

@@ -21,6 +21,7 @@ _CHUNK = 1 << 20
 _RATIO_FREE_BYTES = 4 << 20  # below this the compression ratio is not limited
 _DIRECTORY_BYTES_PER_ENTRY = 1_024
 _UNSUPPORTED = (".7z", ".rar", ".tar.xz", ".txz", ".tar.bz2", ".tbz2", ".tar.zst", ".gz", ".xz", ".bz2", ".zst")
+ARCHIVE_SUFFIXES = (".zip", ".tar", ".tgz", *_UNSUPPORTED)
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -45,7 +46,7 @@ def is_archive(path: Path) -> bool:
         head = file.read(512)
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b")) or head[257:262] == b"ustar":
         return True
-    if path.name.lower().endswith((".zip", ".tar", ".tgz", *_UNSUPPORTED)):
+    if path.name.lower().endswith(ARCHIVE_SUFFIXES):
         raise InvalidInputError(
             f"{path.name} is not a readable archive", field=path.name, hint="Send a zip, tar or tar.gz file."
         )
@@ -67,12 +68,20 @@ def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
             zipped = file.read(2) == b"PK"
         if zipped:
             _unpack_zip(archive, writer, settings)
+        elif _is_packed_ply(archive):
+            with gzip.open(archive) as stream:
+                writer.write(archive.stem, writer.counted(stream.read))
         else:
             _unpack_tar(archive, writer)
     except _DAMAGE as error:
         raise InvalidInputError(
             f"{archive.name} is damaged or cut short: {error}", field=archive.name, hint="Pack and send it again."
         ) from error
+
+
+def _is_packed_ply(archive: Path) -> bool:
+    with archive.open("rb") as file:
+        return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(file.read(512), 4).startswith(b"ply")
 
 
 class _Writer:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -150,44 +148,8 @@ def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
 
 
-def resolve_path(root: Path, folder: str, name: str, field: str) -> str:
-    """The path, relative to `root`, that a document means by a name relative to `folder`; nothing need be there.
-
-    Raises:
-        InvalidInputError: it is not below `root`, links followed.
-    """
-    resolved = (root / folder / name).resolve() if "\0" not in name else root.parent
-    if not resolved.is_relative_to(root.resolve()):
-        raise _not_in_upload(name, field)
-    return resolved.relative_to(root.resolve()).as_posix()
-
-
-def resolve_file(root: Path, folder: str, name: str, field: str) -> str:
-    """As `resolve_path`, of a file that is there.
-
-    Raises:
-        InvalidInputError: it is not there, or not below `root`.
-    """
-    path = resolve_path(root, folder, name, field)
-    if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
-        raise _not_in_upload(name, field)
-    return path
-
-
-def _not_in_upload(name: str, field: str) -> InvalidInputError:
-    return InvalidInputError(
-        f"{field} names the file {name[:200]!r}, which is not in the upload",
-        field=field,
-        hint="Send every image that has a pose, under the name that the poses use.",
-    )
-
-
 def mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
-    """What masks mean in a data set without labels, for people; nothing if it has no masks."""
+    """A sentence for people about masks in a data set without labels; none if it has no masks."""
     masked = sum(image.mask is not None for image in dataset.images)
-    if not masked:
-        return ()
-    return (
-        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
-        "For label maps, name their ids under labels.",
-    )
+    text = f"{masked} images have a mask: pixels that are 0 in it are ignored. Label maps need labels for their ids."
+    return (text,) if masked else ()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows, logits
 from fastsplat.service.common.ply_tables import ASCII, Element, PlyHeader, check_size, read_element
 
 _CHUNK = 256
@@ -62,10 +62,9 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
         result.means[rows] = _between(bounds["position"][chunk], _unpack_11_10_11(table["packed_position"]))
         result.log_scales[rows] = _between(bounds["scale"][chunk], _unpack_11_10_11(table["packed_scale"]))
         result.quats[rows] = _unpack_rotation(table["packed_rotation"])
-        color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8, 0)], axis=1)
-        result.sh[rows, 0] = (_between(bounds["color"][chunk], color[:, :3]) - 0.5) / Y00
-        with np.errstate(divide="ignore"):
-            result.logit_opacities[rows] = np.log(color[:, 3]) - np.log1p(-color[:, 3])
+        color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8)], axis=1)
+        result.sh[rows, 0] = (_between(bounds["color"][chunk], color) - 0.5) / Y00
+        result.logit_opacities[rows] = logits((table["packed_color"] & 255).astype(np.uint8))
     if sh_count > 1:
         _read_harmonics(path, header, result)
     return result

@@ -44,6 +44,6 @@ def bad_splat(name: str, problem: str) -> InvalidInputError:
     return InvalidInputError(
         f"{name} {problem}",
         field=name,
-        hint="Send a 3D Gaussian splatting PLY (binary little-endian or ASCII), a compressed PLY of SuperSplat, or an "
-        "SPZ file of version 2 or 3.",
+        hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat, SPZ (version 2 to 4), SOG, .splat or "
+        ".ksplat.",
     )
