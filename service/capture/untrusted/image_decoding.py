@@ -35,9 +35,9 @@ def decode_requests(
     """Answer one request a line of stdin until it is closed.
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
-    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "opaque" (uint8 [H, W]), "map" (uint16 [H, W]), "depth" (float32 [H, W],
-    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of an image
-    without a `PhotoInfo`).
+    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "opaque" (uint8 [H, W]), "map" (uint16 [H, W]),
+    "depth" (float32 [H, W], of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation
+    and focal_35mm of an image without a `PhotoInfo`).
 
     Args:
         request: the task's: its "settings".
