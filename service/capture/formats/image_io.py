@@ -279,7 +279,7 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
 
 def _has_floats(path: Path) -> bool:
     """Whether a file is a TIFF of floating-point numbers, by its first directory."""
-    with path.open("rb") as file, suppress(SyntaxError, OSError, ValueError, struct.error, KeyError, EOFError):
+    with suppress(SyntaxError, OSError, ValueError, struct.error, KeyError, EOFError), path.open("rb") as file:
         tags = TiffImagePlugin.ImageFileDirectory_v2(file.read(8))
         file.seek(tags.next)
         tags.load(file)

@@ -81,7 +81,8 @@ def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
 
 def _is_packed_ply(archive: Path) -> bool:
     with archive.open("rb") as file:
-        return zlib.decompressobj(16 + zlib.MAX_WBITS).decompress(file.read(512), 4).startswith(b"ply")
+        head = file.read(512)
+    return head[:2] == b"\x1f\x8b" and zlib.decompressobj(31).decompress(head, 4).startswith(b"ply")
 
 
 class _Writer:

@@ -70,7 +70,7 @@ class ImageDecoder:
         if not photo.transparent:
             return None
         pixels = self._decode("opaque", root, photo.path, photo, size, 1)
-        return np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0]) == 255
+        return np.asarray(np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0]) == 255)
 
     def header(self, root: Path, name: str) -> PhotoInfo:
         """The size, orientation and focal length of an image below `root` that was not looked at before.

@@ -4,6 +4,7 @@ buckets of Gaussians around a center. Scales are no logarithms in either, opacit
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +59,7 @@ def read_splat_rows(path: Path, name: str, limits: SplatLimits) -> SplatRows:
         raise bad_splat(name, f"has {rest} bytes behind its {count} rows of {_SPLAT.itemsize}")
     check_count(name, count, limits)
     table = np.fromfile(path, _SPLAT)
-    quats = (table["quats"].astype(np.float32) - 128) / 128
+    quats = (table["quats"].astype(np.float32) - 128) / np.float32(128)
     return _rows(table["means"], quats, table["scales"], table["rgba"], np.zeros((count, 0, 3), np.float32))
 
 
@@ -71,7 +72,7 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     """
     content = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
 
-    def take(at: int, kind: np.dtype[np.void] | str, count: int) -> NDArray[np.void]:
+    def take(at: int, kind: np.dtype[np.void] | str, count: int) -> NDArray[Any]:
         size = np.dtype(kind).itemsize * count
         if at + size > len(content):
             raise bad_splat(name, f"has {len(content)} bytes where its header asks for at least {at + size}")
