@@ -103,11 +103,7 @@ def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[
 
 
 def load_views(
-    capture: Capture,
-    labelling: Labelling,
-    indices: tuple[int, ...],
-    max_side: int,
-    scales: tuple[float, ...],
+    capture: Capture, labelling: Labelling, indices: tuple[int, ...], max_side: int, scales: tuple[float, ...]
 ) -> tuple[TrainingView, ...]:
     """Views `indices` of a capture at each of `scales` (ascending, the last is 1) of the training size, which is the
     image's own, reduced to `max_side` pixels on the longer side.

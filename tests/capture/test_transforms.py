@@ -129,14 +129,7 @@ def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
     pixels = photo(4, _SIZE, "PNG", exif=turned(6))
     document = _document(frames=frames_of(["a.png"]))
     view = captured(
-        upload(
-            {
-                "a.png": pixels,
-                "transforms.json": json.dumps(document).encode(),
-                "points3d.ply": _POINTS,
-            }
-        ),
-        settings,
+        upload({"a.png": pixels, "transforms.json": json.dumps(document).encode(), "points3d.ply": _POINTS}), settings
     ).views[0]
     assert (view.posed.camera.width, view.posed.camera.height) == _SIZE[::-1]
     with Image.open(io.BytesIO(pixels)) as image:
@@ -246,13 +239,7 @@ def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
     for frame in document["frames"]:
         frame["file_path"] = f"../{frame['file_path']}"
     files = {f"images/{i}.jpg": photo(i, _SIZE) for i in range(3)}
-    folder = upload(
-        {
-            **files,
-            "poses/transforms.json": json.dumps(document).encode(),
-            "poses/points3d.ply": _POINTS,
-        }
-    )
+    folder = upload({**files, "poses/transforms.json": json.dumps(document).encode(), "poses/points3d.ply": _POINTS})
     assert [view.posed.name for view in captured(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
 
 

@@ -163,24 +163,22 @@ def open_map(root: Path, name: str, settings: CaptureSettings, *, depth: bool = 
     with _open(root / name, name, settings) as image:
         _decode(image, name)
         if depth and not image.mode.startswith("I"):
-            raise InvalidInputError(
-                f"{name} has 8 bits a channel: it is a picture of depth, not a depth map",
-                field=name,
-                hint="Save 16-bit gray PNG, in millimeters unless depth_unit_scale_factor says otherwise, or .npy.",
+            raise InvalidInputError.of(
+                name,
+                "has 8 bits a channel: it is a picture of depth, not a depth map",
+                "Save 16-bit gray PNG, in millimeters unless depth_unit_scale_factor says otherwise, or .npy.",
             )
         values = np.asarray(image)
         if image.mode in ("RGB", "RGBA") and (values[..., :3] == values[..., :1]).all():
             values = values[..., 0]
         elif image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
-            raise InvalidInputError(
-                f"{name} has colors ({image.mode}) where one label id per pixel is expected",
-                field=name,
-                hint="Save label maps as 8- or 16-bit gray PNG.",
+            raise InvalidInputError.of(
+                name,
+                f"has colors ({image.mode}) where one label id per pixel is expected",
+                "Save label maps as 8- or 16-bit gray PNG.",
             )
     if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
-        raise InvalidInputError(
-            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit gray PNG."
-        )
+        raise InvalidInputError.of(name, "has label ids outside 0..65535", "Save it as 16-bit gray PNG.")
     return values.astype(np.uint16)
 
 
@@ -211,10 +209,10 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
         if _has_floats(path):
             raise _floats(name) from error
-        raise CorruptImageError(
-            f"{name} is not an image this service can read",
-            field=name,
-            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
+        raise CorruptImageError.of(
+            name,
+            "is not an image this service can read",
+            "Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
         ) from error
     if image.width * image.height > settings.max_image_pixels:
         image.close()
@@ -231,11 +229,11 @@ def _register_heif() -> None:
 
 
 def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError(
-        f"{name} has {size} pixels",
-        field=name,
-        limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
-        hint="Send a smaller version.",
+    return LimitExceededError.of(
+        name,
+        f"has {size} pixels",
+        "Send a smaller version.",
+        f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
     )
 
 
@@ -254,8 +252,8 @@ def _decode(image: Image.Image, name: str) -> None:
         IndexError,
         Image.DecompressionBombError,
     ) as error:
-        raise CorruptImageError(
-            f"{name} is cut short or damaged: {error}", field=name, hint="Copy it again from the camera, or remove it."
+        raise CorruptImageError.of(
+            name, f"is cut short or damaged: {error}", "Copy it again from the camera, or remove it."
         ) from error
 
 
@@ -288,8 +286,8 @@ def _has_floats(path: Path) -> bool:
 
 
 def _floats(name: str) -> CorruptImageError:
-    return CorruptImageError(
-        f"{name} has floating-point pixels, whose brightness nothing says", field=name, hint="Save it as 8-bit RGB."
+    return CorruptImageError.of(
+        name, "has floating-point pixels, whose brightness nothing says", "Save it as 8-bit RGB."
     )
 
 
@@ -330,6 +328,6 @@ def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
     try:
         return np.asarray(image.convert("RGB"))
     except ValueError as error:
-        raise CorruptImageError(
-            f"{name} has a color mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
+        raise CorruptImageError.of(
+            name, f"has a color mode {image.mode} that cannot be read", "Save it as 8-bit RGB."
         ) from error

@@ -40,11 +40,8 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
     if vertices is None or not {"x", "y", "z"}.issubset(vertices.layout.names or ()):
         raise refuse("has no vertices with x, y, z")
     if vertices.count > settings.max_model_points:
-        raise LimitExceededError(
-            f"{name} claims {vertices.count} points",
-            field=name,
-            limit=f"{settings.max_model_points} points",
-            hint="Send a sparse model.",
+        raise LimitExceededError.of(
+            name, f"claims {vertices.count} points", "Send a sparse model.", f"{settings.max_model_points} points"
         )
     check_size(path, header, vertices)
     points = np.empty((vertices.count, 3), np.float32)

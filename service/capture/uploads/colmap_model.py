@@ -140,11 +140,8 @@ def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pos
 
 
 def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError(
-        f"{field} has more points than this server accepts",
-        field=field,
-        limit=f"{settings.max_model_points} points",
-        hint="Send a sparse model.",
+    return LimitExceededError.of(
+        field, "has more points than this server accepts", "Send a sparse model.", f"{settings.max_model_points} points"
     )
 
 

@@ -119,8 +119,8 @@ def _folded(name: str) -> str:
 
 
 def _not_in_upload(name: str, field: str) -> InvalidInputError:
-    return InvalidInputError(
-        f"{field} names the file {name[:200]!r}, which is not in the upload",
-        field=field,
-        hint="Send every image that has a pose, under the name that the poses use.",
+    return InvalidInputError.of(
+        field,
+        f"names the file {name[:200]!r}, which is not in the upload",
+        "Send every image that has a pose, under the name that the poses use.",
     )

@@ -112,11 +112,11 @@ def check_position(pose: NDArray[np.float64], field: str) -> None:
     """Raise `InvalidInputError` unless a camera's position (the pose's last column, world units) is within reach."""
     distance = float(np.abs(pose[:3, 3]).max())
     if distance > _FARTHEST:
-        raise InvalidInputError(
-            f"{field}: the camera is {distance:.3g} units from the origin",
-            field=field,
-            limit=f"{_FARTHEST:g} units",
-            hint="Move the origin to the scene, or remove the frame.",
+        raise InvalidInputError.of(
+            field,
+            f": the camera is {distance:.3g} units from the origin",
+            "Move the origin to the scene, or remove the frame.",
+            f"{_FARTHEST:g} units",
         )
 
 
@@ -137,9 +137,7 @@ def stated_similarity(
     rotation = result[:3, :3]
     is_rigid = np.isfinite(result).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID
     if not is_rigid or not np.isfinite(scale) or scale <= 0:
-        raise InvalidInputError(
-            f"{field} has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}", field=field, hint=hint
-        )
+        raise InvalidInputError.of(field, f"has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}", hint)
     return result, scale
 
 

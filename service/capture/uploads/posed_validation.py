@@ -150,10 +150,10 @@ def _check_posed_image(image: PosedImage, photo: PhotoInfo) -> None:
     if not fits_stored and not image.camera_model.fits(*photo.upright_size):
         raise aspect_error(image.path, image.camera_model, photo.width, photo.height)
     if photo.mirrored and fits_stored:
-        raise InvalidInputError(
-            f"{image.path} is stored mirrored, which no camera pose can undo",
-            field=image.path,
-            hint="Apply the orientation to the pixels before computing poses.",
+        raise InvalidInputError.of(
+            image.path,
+            "is stored mirrored, which no camera pose can undo",
+            "Apply the orientation to the pixels before computing poses.",
         )
 
 
@@ -162,10 +162,10 @@ def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSetti
     mask = open_map(files, name, settings)
     height, width = mask.shape
     if (width, height) not in (photo.upright_size, (photo.width, photo.height)):
-        raise InvalidInputError(
-            f"{name} has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
-            field=name,
-            hint="Send masks of exactly their image's size.",
+        raise InvalidInputError.of(
+            name,
+            f"has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
+            "Send masks of exactly their image's size.",
         )
     return bool(mask.any())
 

@@ -91,11 +91,11 @@ def read_transforms(
     top = _whole_document(root, name, settings)
     frames = top["frames"]
     if len(frames) > settings.max_images:
-        raise LimitExceededError(
-            f"{name} has {len(frames)} frames",
-            field=name,
-            limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-            hint="Send fewer images.",
+        raise LimitExceededError.of(
+            name,
+            f"has {len(frames)} frames",
+            "Send fewer images.",
+            f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
         )
     labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
     files = NamedFiles(root, name)
@@ -179,9 +179,7 @@ def _frames(
                 missing.append(result)
                 continue
             if result.path in images:
-                raise InvalidInputError(
-                    f"{where} shows the same file as another frame", field=where, hint="Give each image one frame."
-                )
+                raise InvalidInputError.of(where, "shows the same file as another frame", "Give each image one frame.")
             images[result.path] = result
             name_by_asked[frame["file_path"].removeprefix("./")] = result.name
     ordered = tuple(sorted(images.values(), key=lambda image: image.name))
@@ -195,11 +193,11 @@ def _posed_image(
     if not isinstance(file_path, str) or not file_path:
         raise InvalidInputError(f"{where} has no file_path", field=where, hint="Name the frame's image.")
     if len(file_path) > _MAX_PATH_LETTERS:
-        raise InvalidInputError(
-            f"{where} has a file_path of {len(file_path)} characters",
-            field=where,
-            limit=f"{_MAX_PATH_LETTERS} characters",
-            hint="Name the frame's image.",
+        raise InvalidInputError.of(
+            where,
+            f"has a file_path of {len(file_path)} characters",
+            "Name the frame's image.",
+            f"{_MAX_PATH_LETTERS} characters",
         )
     # Blender's documents leave the extension away.
     suffixes = () if PurePosixPath(file_path).suffix.lower() in IMAGE_SUFFIXES else _IMPLIED_SUFFIXES
@@ -208,9 +206,7 @@ def _posed_image(
     if not document.files.has(path):
         return MissingImage(name, path)
     if path not in sizes:
-        raise InvalidInputError(
-            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images."
-        )
+        raise InvalidInputError.of(where, "is not an image", "Send JPEG, PNG, WebP, TIFF, BMP or HEIC images.")
     maps = {}
     mask = frame.get("mask_path")
     if mask is not None:
@@ -238,31 +234,27 @@ def _depth_file(document: _Document, frame: Mapping[str, Any], where: str) -> De
         raise InvalidInputError(f"{where} has a depth_file_path that is not text", field=where, hint="Name a file.")
     suffix = PurePosixPath(name).suffix.lower()
     if suffix not in {*DEPTH_IMAGE_SUFFIXES, ARRAY_SUFFIX}:
-        raise InvalidInputError(
-            f"{where}: depth maps of the kind {suffix[:20]!r} are not read",
-            field=where,
-            hint="Send 16-bit PNG files, millimeters, or float arrays as .npy.",
+        raise InvalidInputError.of(
+            where,
+            f": depth maps of the kind {suffix[:20]!r} are not read",
+            "Send 16-bit PNG files, millimeters, or float arrays as .npy.",
         )
     path = document.files.path(document.folder, name, where)
     if not document.files.has(path):
-        raise InvalidInputError(
-            f"{where} names the depth map {name[:120]!r}, which is not in the upload",
-            field=where,
-            hint="Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
+        raise InvalidInputError.of(
+            where,
+            f"names the depth map {name[:120]!r}, which is not in the upload",
+            "Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
         )
     return DepthFile(path, document.depth_unit)
 
 
 def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     if matrix is None:
-        raise InvalidInputError(
-            f"{where} has no transform_matrix", field=where, hint="Give every frame a pose, or remove it."
-        )
+        raise InvalidInputError.of(where, "has no transform_matrix", "Give every frame a pose, or remove it.")
     rows_are_lists = isinstance(matrix, list) and all(isinstance(row, list) for row in matrix)
     if not rows_are_lists or not all(_is_number(value) for row in matrix for value in row):
-        raise InvalidInputError(
-            f"{where}: the transform_matrix is not a 4×4 list of numbers", field=where, hint=_POSE_HINT
-        )
+        raise InvalidInputError.of(where, ": the transform_matrix is not a 4×4 list of numbers", _POSE_HINT)
     if len(matrix) not in (3, 4) or any(len(row) != 4 for row in matrix):
         raise InvalidInputError(f"{where}: the transform_matrix is not 4×4", field=where, hint=_POSE_HINT)
     pose = np.eye(4)
@@ -283,16 +275,12 @@ def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) 
     numbers = {key: _number(values, key, where) for key in _CAMERA_KEYS[:-1] if key in values}
     width, height = (int(numbers["w"]), int(numbers["h"])) if "w" in numbers and "h" in numbers else size
     if width < 1 or height < 1:
-        raise InvalidInputError(
-            f"{where}: an image of {width}×{height} pixels", field=where, hint="Give w and h in pixels."
-        )
+        raise InvalidInputError.of(where, f": an image of {width}×{height} pixels", "Give w and h in pixels.")
     fx = numbers.get("fl_x") or _focal(numbers.get("camera_angle_x"), width)
     fy = numbers.get("fl_y") or _focal(numbers.get("camera_angle_y"), height) or fx
     if not fx or not fy:
-        raise InvalidInputError(
-            f"{where} has no focal length",
-            field=where,
-            hint="Give fl_x and fl_y in pixels, or camera_angle_x in radians.",
+        raise InvalidInputError.of(
+            where, "has no focal length", "Give fl_x and fl_y in pixels, or camera_angle_x in radians."
         )
     pinhole = (fx, fy, numbers.get("cx", width / 2), numbers.get("cy", height / 2))
     model, distortion = _distortion(str(values.get("camera_model") or "").upper(), numbers, where)
@@ -311,17 +299,15 @@ def _distortion(stated: str, numbers: Mapping[str, float], where: str) -> tuple[
     if stated == "OPENCV_FISHEYE":
         return stated, parameters(_FISHEYE_KEYS)
     if stated not in ("", *_PERSPECTIVES):
-        raise InvalidInputError(
-            f"{where}: the camera model {stated[:40]!r} is unknown",
-            field=where,
-            hint=f"Use one of {', '.join((*_PERSPECTIVES, 'OPENCV_FISHEYE'))}.",
+        raise InvalidInputError.of(
+            where,
+            f": the camera model {stated[:40]!r} is unknown",
+            f"Use one of {', '.join((*_PERSPECTIVES, 'OPENCV_FISHEYE'))}.",
         )
     if not any(parameters(_DISTORTION_KEYS)):
         return "PINHOLE", ()
     if stated in _PINHOLES:
-        raise InvalidInputError(
-            f"{where}: a {stated} camera with distortion", field=where, hint='Say "camera_model": "OPENCV".'
-        )
+        raise InvalidInputError.of(where, f": a {stated} camera with distortion", 'Say "camera_model": "OPENCV".')
     if any(parameters(("k3", "k4"))):
         return "FULL_OPENCV", (*parameters((*_OPENCV_KEYS, "k3", "k4")), 0.0, 0.0)
     return "OPENCV", parameters(_OPENCV_KEYS)
@@ -380,10 +366,8 @@ def _test_names(document: _Document, names: list[str], name_by_asked: Mapping[st
     if entries is None:
         return ()
     if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
-        raise InvalidInputError(
-            f"{document.name}: the test split is not a list of names",
-            field=document.name,
-            hint="Give a list of file names.",
+        raise InvalidInputError.of(
+            document.name, ": the test split is not a list of names", "Give a list of file names."
         )
     name_by_key = {key: name for asked, name in name_by_asked.items() for key in name_keys(asked)}
     name_by_key |= {key: name for name in names for key in name_keys(name)}
@@ -394,9 +378,9 @@ def _test_names(document: _Document, names: list[str], name_by_asked: Mapping[st
         if key in name_by_key:
             test_names.add(name_by_key[key])
         else:
-            raise InvalidInputError(
-                f"{document.name}: the test split names {entry[:80]!r}, which no frame shows",
-                field=document.name,
-                hint="Name frames by their file_path.",
+            raise InvalidInputError.of(
+                document.name,
+                f": the test split names {entry[:80]!r}, which no frame shows",
+                "Name frames by their file_path.",
             )
     return tuple(sorted(test_names - {""}))

@@ -164,10 +164,10 @@ def _refuse_others(files: list[str]) -> None:
             raise InvalidInputError(f"the upload has no images; {path} is {kind}", field=path, hint=f"{way}.")
     ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
     if ply is not None:
-        raise InvalidInputError(
-            f"{ply} is no splat: its header names no opacity and scale_0 of Gaussians",
-            field=ply,
-            hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
+        raise InvalidInputError.of(
+            ply,
+            "is no splat: its header names no opacity and scale_0 of Gaussians",
+            "Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
             "are none.",
         )
 
@@ -191,10 +191,10 @@ def _leave_unsupported_out(files: list[str], left_out: LeftOut) -> None:
     for path in files:
         if _suffix(path) in UNSUPPORTED_SUFFIXES:
             with left_out.costs(path):
-                raise InvalidInputError(
-                    f"{path} is of the kind {_suffix(path)[1:].upper()}, which is not supported",
-                    field=path,
-                    hint="Export the photos as JPEG (phones: 'most compatible').",
+                raise InvalidInputError.of(
+                    path,
+                    f"is of the kind {_suffix(path)[1:].upper()}, which is not supported",
+                    "Export the photos as JPEG (phones: 'most compatible').",
                 )
 
 

@@ -103,9 +103,7 @@ def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
     archives = [path for path in plain if not is_splat_file(path) and is_archive(path)]
     if archives and len(plain) > 1:
         raise InvalidInputError(
-            f"the upload has {archives[0].name} and other files",
-            field=archives[0].name,
-            hint="Send one archive alone.",
+            f"the upload has {archives[0].name} and other files", field=archives[0].name, hint="Send one archive alone."
         )
     if archives:
         unpack(archives[0], files, settings)
@@ -121,9 +119,7 @@ def _validate_video(files: Path, contents: UploadContents, settings: CaptureSett
         head = file.read(16)
     # Decoders guess by content and would follow a playlist called .mp4 to other files and hosts.
     if not any(head[at:].startswith(signature) for at, signature in _VIDEO_SIGNATURES):
-        raise InvalidInputError(
-            f"{contents.video} is not a video", field=contents.video, hint="Send an MP4, MOV, WebM, MKV or AVI file."
-        )
+        raise InvalidInputError.of(contents.video, "is not a video", "Send an MP4, MOV, WebM, MKV or AVI file.")
     with tempfile.TemporaryDirectory() as folder:
         request = {"video": str(files / contents.video), "name": contents.video, **settings.model_dump()}
         size = run_sandboxed("probe", request, Path(folder), settings, lambda fraction, message: None)
