@@ -8,15 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.ply_tables import (
-    ASCII,
-    BIG,
-    LITTLE,
-    MAX_HEADER_BYTES,
-    check_size,
-    read_element,
-    read_header,
-)
+from fastsplat.service.common.ply_tables import MAX_HEADER_BYTES, check_size, read_element, read_header
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _COLOR = ("red", "green", "blue")
@@ -35,7 +27,7 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
         return InvalidInputError(f"{name} {problem}", field=name, hint=hint)
 
     with path.open("rb") as file:
-        header = read_header(file.read(MAX_HEADER_BYTES), refuse, (LITTLE, BIG, ASCII))
+        header = read_header(file.read(MAX_HEADER_BYTES), refuse)
     vertices = header.element("vertex")
     if vertices is None or not {"x", "y", "z"}.issubset(vertices.layout.names or ()):
         raise refuse("has no vertices with x, y, z")

@@ -31,13 +31,8 @@ def is_compressed(header: PlyHeader) -> bool:
 
 
 def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a compressed PLY, in the file's order; opacities become logits, ±inf where the byte is 0 or 255.
-
-    Raises:
-        InvalidInputError: an element or property is missing or of another type, numbers of chunks and Gaussians do not
-            fit, or the file is too short.
-        LimitExceededError: more Gaussians than the limit.
-    """
+    """The Gaussians of a compressed PLY, in its order; logits ±inf for the bytes 0 and 255. Raises as
+    `read_splat_file`."""
     vertex = _element(name, header, "vertex", _PACKED, "<u4")
     check_count(name, vertex.count, limits)
     if header.encoding == ASCII:

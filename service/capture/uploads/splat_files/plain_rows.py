@@ -44,16 +44,11 @@ _LEVELS = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))
 """Of places, of scales and rotations, and of harmonics, by the level of compression."""
 _STEPS = 32_767
 _SH_BOUND = 1.5
-_BANDS = (3, 5)
+_MAX_DEGREE = 2
 
 
 def read_splat_rows(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a `.splat` file, in its order.
-
-    Raises:
-        InvalidInputError: it has no whole number of rows.
-        LimitExceededError: more Gaussians than the limit.
-    """
+    """The Gaussians of a `.splat` file, in its order. Raises as `splat_reading.read_splat_file`."""
     count, rest = divmod(path.stat().st_size, _SPLAT.itemsize)
     if rest:
         raise bad_splat(name, f"has {rest} bytes behind its {count} rows of {_SPLAT.itemsize}")
@@ -64,12 +59,7 @@ def read_splat_rows(path: Path, name: str, limits: SplatLimits) -> SplatRows:
 
 
 def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a `.ksplat` file, section by section.
-
-    Raises:
-        InvalidInputError: of another version, or too short for what its headers say.
-        LimitExceededError: more Gaussians than the limit.
-    """
+    """The Gaussians of a `.ksplat` file, section by section. Raises as `splat_reading.read_splat_file`."""
     content = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
 
     def take(at: int, kind: np.dtype[np.void] | str, count: int) -> NDArray[Any]:
@@ -84,9 +74,9 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
         raise bad_splat(name, f"is .ksplat of version {header['version'].tolist()} with compression {level}")
     sections = take(_HEADER.itemsize, _SECTION, int(header["sections"]))
     check_count(name, sum(int(section["count"]) for section in sections), limits)
-    if sections["degree"].max() > len(_BANDS):
-        raise bad_splat(name, f"has harmonics of degree {sections['degree'].max()}, at most {len(_BANDS)} is read")
-    higher = SH_COUNTS[sections["degree"].max()] - 1
+    if (degree := int(sections["degree"].max())) > _MAX_DEGREE:
+        raise bad_splat(name, f"has harmonics of degree {degree}, at most {_MAX_DEGREE} is read")
+    higher = SH_COUNTS[degree] - 1
     place, width, harmonic = _LEVELS[level]
     at, parts = _HEADER.itemsize + len(sections) * _SECTION.itemsize, []
     for section in ({key: section[key].item() for key in _SECTION.names or ()} for section in sections):
@@ -98,12 +88,10 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
         table = take(rows_at, layout, section["count"])
         means = table["means"].astype(np.float32)
         if level:
-            sizes = [
-                np.full(min(section["full"], section["buckets"]), section["capacity"]),
-                take(at, "<u4", section["partial"]),
-            ]
             centers = take(centers_at, "<f4", 3 * section["buckets"]).reshape(-1, 3)
-            bucket = np.searchsorted(np.cumsum(np.concatenate(sizes)), np.arange(len(table)), side="right")
+            full = np.full(min(section["full"], len(centers)), section["capacity"])
+            ends = np.cumsum(np.concatenate([full, take(at, "<u4", section["partial"])]))
+            bucket = np.searchsorted(ends, np.arange(len(table)), side="right")
             if len(bucket) and bucket[-1] >= len(centers):
                 raise bad_splat(name, "has Gaussians outside of its buckets")
             steps = section["steps"] or _STEPS
@@ -120,11 +108,9 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
 
 def _harmonics(stored: F32, degree: int) -> F32:
     """float32 [K, coefficients, 3] of rows that have band after band, and in each channel after channel."""
-    bands, begin = [np.zeros((len(stored), 0, 3), np.float32)], 0
-    for size in _BANDS[:degree]:
-        bands.append(stored[:, begin : begin + 3 * size].reshape(-1, 3, size).transpose(0, 2, 1))
-        begin += 3 * size
-    return np.concatenate(bands, axis=1)
+    bands = np.split(stored, [9, 24], axis=1)[:degree]
+    channels = [band.reshape(len(stored), 3, -1).transpose(0, 2, 1) for band in bands]
+    return np.concatenate([np.zeros((len(stored), 0, 3), np.float32), *channels], axis=1)
 
 
 def _rows(means: F32, quats: F32, scales: F32, rgba: NDArray[np.uint8], higher: F32) -> SplatRows:

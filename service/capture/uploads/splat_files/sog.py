@@ -36,12 +36,7 @@ def is_sog(path: Path) -> bool:
 
 
 def read_sog(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a SOG file, in its order; opacities become logits, ±inf where the byte is 0 or 255.
-
-    Raises:
-        InvalidInputError: not a SOG file of version 2, or a picture does not have the Gaussians that it should.
-        LimitExceededError: more Gaussians than the limit.
-    """
+    """The Gaussians of a SOG file, in its order; logits ±inf for the bytes 0 and 255. Raises as `read_splat_file`."""
     try:
         with zipfile.ZipFile(path) as archive:
             meta = json.loads(_content(archive, _META, _MAX_META_BYTES))

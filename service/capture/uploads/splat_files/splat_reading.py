@@ -18,9 +18,6 @@ from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, 
 from fastsplat.service.capture.uploads.splat_files.sog import is_sog, read_sog
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.common.ply_tables import (
-    ASCII,
-    BIG,
-    LITTLE,
     MAX_HEADER_BYTES,
     PlyHeader,
     Table,
@@ -91,7 +88,7 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
         reader, form = _BY_SUFFIX[suffix]
         return _settled(name, reader(path, name, limits), form)
     with path.open("rb") as file:
-        header = read_header(file.read(MAX_HEADER_BYTES), partial(bad_splat, name), (LITTLE, BIG, ASCII))
+        header = read_header(file.read(MAX_HEADER_BYTES), partial(bad_splat, name))
     if is_compressed(header):
         return _settled(name, read_compressed_ply(path, name, header, limits), "compressed PLY")
     return _settled(name, read_splat_ply(path, name, header, limits), "3DGS PLY")

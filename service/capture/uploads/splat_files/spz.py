@@ -38,11 +38,7 @@ U8 = NDArray[np.uint8]
 def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     """The Gaussians of an SPZ file, in its order, with the axes of 3DGS PLY files; logits ±inf for the bytes 0 and 255.
     Of extensions that of the coordinate system is read, others say nothing of Gaussians and are passed over.
-
-    Raises:
-        InvalidInputError: not an SPZ file of version 2 to 4, of axes that a reflection does not turn into a PLY's, or
-            not of the size that its header says.
-        LimitExceededError: more Gaussians than the limit.
+    Raises as `read_splat_file`, and of axes that are swapped.
     """
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
@@ -109,7 +105,9 @@ def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], 
     records = file.read(begin - file.tell())
     table = file.read(_STREAM.size * len(sizes))
     lengths = list(_STREAM.iter_unpack(table)) if len(table) == _STREAM.size * len(sizes) else []
-    if [whole for _, whole in lengths] != sizes or file.tell() + sum(own for own, _ in lengths) > _end(file):
+    if [whole for _, whole in lengths] != sizes or file.tell() + sum(own for own, _ in lengths) > os.fstat(
+        file.fileno()
+    ).st_size:
         raise bad_splat(name, "has streams of other sizes than its header says")
     contents = []
     for (own, _), size in zip(lengths, sizes, strict=True):
@@ -117,10 +115,6 @@ def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], 
         with inflater.stream_reader(file.read(own)) as stream:
             contents.append(stream.read(size))
     return contents, records
-
-
-def _end(file: BinaryIO) -> int:
-    return os.fstat(file.fileno()).st_size
 
 
 def _signs(records: bytes, name: str) -> tuple[int, int, int]:
