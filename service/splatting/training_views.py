@@ -164,10 +164,10 @@ def _load_view(
 
 def _check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:
     if pixels.shape[:2] != (camera.height, camera.width):
-        raise InvalidInputError(
-            f"{what} has {pixels.shape[1]}×{pixels.shape[0]} pixels, its camera {camera.width}×{camera.height}",
-            field=what,
-            hint="Give every image, mask and label map the size its camera states.",
+        raise InvalidInputError.of(
+            what,
+            f"has {pixels.shape[1]}×{pixels.shape[0]} pixels, its camera {camera.width}×{camera.height}",
+            "Give every image, mask and label map the size its camera states.",
         )
 
 

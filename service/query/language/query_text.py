@@ -78,10 +78,7 @@ def _check_texts(texts: Sequence[str]) -> None:
         raise InvalidInputError("no text to look for", field="texts", hint="Send at least one.")
     if len(texts) > MAX_TEXTS:
         raise LimitExceededError(
-            f"{len(texts)} texts",
-            field="texts",
-            limit=f"{MAX_TEXTS} texts",
-            hint="Ask in several requests.",
+            f"{len(texts)} texts", field="texts", limit=f"{MAX_TEXTS} texts", hint="Ask in several requests."
         )
     for text in texts:
         _check_text(text, "text")
@@ -89,15 +86,10 @@ def _check_texts(texts: Sequence[str]) -> None:
 
 def _check_prompts(prompts: Sequence[str], field: str) -> None:
     if isinstance(prompts, str | bytes) or not isinstance(prompts, Sequence) or not prompts:
-        raise InvalidInputError(
-            f"{field} is not a list of strings", field=field, hint="Send at least one, or leave it out."
-        )
+        raise InvalidInputError.of(field, "is not a list of strings", "Send at least one, or leave it out.")
     if len(prompts) > _MAX_PROMPTS:
         raise LimitExceededError(
-            f"{len(prompts)} {field}",
-            field=field,
-            limit=f"{_MAX_PROMPTS}",
-            hint="Choose the ones that matter.",
+            f"{len(prompts)} {field}", field=field, limit=f"{_MAX_PROMPTS}", hint="Choose the ones that matter."
         )
     for prompt in prompts:
         _check_text(prompt, field)
