@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.formats.image_io import open_map, read_size
+from fastsplat.service.capture.formats.image_io import open_map, read_size, too_many_pixels
 from fastsplat.service.capture.formats.lzfse_files import unpack_lzfse
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 
 ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"
 IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
@@ -78,12 +78,7 @@ def depth_size(root: Path, file: DepthFile, settings: CaptureSettings) -> tuple[
     else:
         return read_size(root, file.path, settings)
     if width * height > settings.max_image_pixels:
-        raise LimitExceededError.of(
-            file.path,
-            f"has {width}×{height} pixels",
-            "Send smaller depth maps.",
-            f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
-        )
+        raise too_many_pixels(file.path, f"{width}×{height}", settings)
     return int(width), int(height)
 
 

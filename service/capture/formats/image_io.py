@@ -205,7 +205,7 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
             _register_heif()
         image = Image.open(path, formats=("HEIF",) if is_heif else IMAGE_FORMATS)
     except Image.DecompressionBombError as error:
-        raise _too_many_pixels(name, "far too many", settings) from error
+        raise too_many_pixels(name, "far too many", settings) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
         if _has_floats(path):
             raise _floats(name) from error
@@ -216,7 +216,7 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
         ) from error
     if image.width * image.height > settings.max_image_pixels:
         image.close()
-        raise _too_many_pixels(name, f"{image.width}×{image.height}", settings)
+        raise too_many_pixels(name, f"{image.width}×{image.height}", settings)
     return image
 
 
@@ -228,7 +228,8 @@ def _register_heif() -> None:
     pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
 
 
-def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
+def too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
+    """The error of an image of so many pixels."""
     return LimitExceededError.of(
         name,
         f"has {size} pixels",

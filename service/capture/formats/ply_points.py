@@ -32,9 +32,7 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
     if vertices is None or not {"x", "y", "z"}.issubset(vertices.layout.names or ()):
         raise refuse("has no vertices with x, y, z")
     if vertices.count > settings.max_model_points:
-        raise LimitExceededError.of(
-            name, f"claims {vertices.count} points", "Send a sparse model.", f"{settings.max_model_points} points"
-        )
+        raise too_many_points(name, vertices.count, settings)
     check_size(path, header, vertices)
     points = np.empty((vertices.count, 3), np.float32)
     colors = np.full((vertices.count, 3), 128, np.uint8)
@@ -49,3 +47,8 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
     if not np.isfinite(points).all():
         raise refuse("has NaN or infinite positions")
     return points, colors
+
+
+def too_many_points(name: str, count: int, settings: CaptureSettings) -> LimitExceededError:
+    """The error of a file of so many points."""
+    return LimitExceededError.of(name, f"has {count} points", "Send fewer.", f"{settings.max_model_points} points")

@@ -6,19 +6,22 @@ from __future__ import annotations
 import posixpath
 import struct
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
 import numpy as np
 import pycolmap
 
+from fastsplat.service.capture.formats.ply_points import too_many_points
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model, model_names, parameter_count
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles
+from fastsplat.service.capture.uploads.photo_validation import too_many_images
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position
 from fastsplat_contract.camera import check_rigid
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError
 
 _MAX_NAME_BYTES = 1_024
 _HINT = "Export the model again."
@@ -65,7 +68,11 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
     camera_models = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
     posed_images, names = list[PosedImage](), NamedFiles(root, name["images"])
-    poses = list(_bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings))
+    poses = list(
+        islice((_binary_images if binary else _text_images)(images_path, name["images"]), settings.max_images + 1)
+    )
+    if len(poses) > settings.max_images:
+        raise too_many_images(len(poses), settings)
     names.expect(images, (pose[0] for pose in poses))
     for pose in poses:
         with left_out.costs(posixpath.normpath(posixpath.join(images, pose[0])), f"{name['images']}: {pose[0]}"):
@@ -82,7 +89,7 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     if points_path.is_file():
         for position, color, error in (_binary_points if binary else _text_points)(points_path, name["points3D"]):
             if len(positions) >= settings.max_model_points:
-                raise _too_many_points(name["points3D"], settings)
+                raise too_many_points(name["points3D"], len(positions) + 1, settings)
             positions.append(position)
             colors.append(color)
             errors.append(error)
@@ -125,24 +132,6 @@ def _posed_image(
     beside = (posixpath.normpath(posixpath.join(images, up, mask)) for mask in masks for up in ("..", "."))
     mask = next((mask for mask in beside if not mask.startswith("..") and files.has(mask)), None)
     return PosedImage(image_name, path, camera_models[camera_id], world_from_camera, mask=mask)
-
-
-def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pose]:
-    for count, pose in enumerate(poses, 1):
-        if count > settings.max_images:
-            raise LimitExceededError(
-                "the COLMAP model has more images than this server accepts",
-                field="images",
-                limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-                hint="Send fewer images.",
-            )
-        yield pose
-
-
-def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError.of(
-        field, "has more points than this server accepts", "Send a sparse model.", f"{settings.max_model_points} points"
-    )
 
 
 class _Binary:

@@ -23,6 +23,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable, parse_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles
+from fastsplat.service.capture.uploads.photo_validation import too_many_images
 from fastsplat.service.capture.uploads.posed_input import (
     MissingImage,
     PosedDataset,
@@ -34,7 +35,7 @@ from fastsplat.service.capture.uploads.posed_input import (
 )
 from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.camera import check_rigid
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -91,12 +92,7 @@ def read_transforms(
     top = _whole_document(root, name, settings)
     frames = top["frames"]
     if len(frames) > settings.max_images:
-        raise LimitExceededError.of(
-            name,
-            f"has {len(frames)} frames",
-            "Send fewer images.",
-            f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-        )
+        raise too_many_images(len(frames), settings)
     labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
     files = NamedFiles(root, name)
     opengl = _is_opengl(top.get("convention", "opengl"), name)
