@@ -91,10 +91,13 @@ def test_documents_of_a_split_are_one_capture(upload, settings) -> None:
 
 
 @pytest.mark.parametrize("name", ["cameras.xml", "bundle.out", "poses.csv", "cameras.json", "notes.txt"])
-def test_what_lies_beside_photos_and_is_not_read_is_named(name: str, validated) -> None:
-    for posed in ({}, {"transforms.json": _transforms([*_PHOTOS])}, _model("0.jpg", "1.jpg")):
+def test_what_lies_beside_photos_and_is_not_read_is_named(name: str, validated, tmp_path: Path) -> None:
+    splat = {"a.ply": _table(tmp_path / "own.ply")}
+    for posed in ({}, splat, {"transforms.json": _transforms([*_PHOTOS])}, _model("0.jpg", "1.jpg")):
+        (tmp_path / "place" / "upload" / "a.ply").unlink(missing_ok=True)
         warnings = validated({**_PHOTOS, **posed, name: b"{}"}).warnings
-        assert any(name in each for each in warnings) == (not posed or name != "notes.txt")
+        assert any(name in each for each in warnings) == (posed in ({}, splat) or name != "notes.txt")
+        assert any("images/1.jpg" in each for each in warnings) == (posed == splat)
 
 
 def test_colmap_masks_and_transparent_pixels_have_no_loss(upload, settings) -> None:

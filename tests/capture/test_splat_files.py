@@ -58,6 +58,16 @@ def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) ->
     np.testing.assert_allclose(own * signs, expected, atol=atol)
 
 
+def assert_close(own: SplatRows, expected: Gaussians, means: float, scales: float, quats: float, color: float) -> None:
+    """Within these errors; opacities and constant colors are bytes."""
+    np.testing.assert_allclose(own.means, expected.means, atol=means)
+    np.testing.assert_allclose(own.log_scales, expected.log_scales, atol=scales)
+    assert_same_rotations(own.quats, expected.quats, quats)
+    shares = [1 / (1 + np.exp(-logits)) for logits in (own.logit_opacities, expected.logit_opacities)]
+    np.testing.assert_allclose(*shares, atol=0.5 / 255 + 1e-5)
+    np.testing.assert_allclose(own.sh[:, 0], expected.sh[:, 0], atol=0.5 / 255 / color + 1e-5)
+
+
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("count", [1, 66_000])
 def test_our_own_export_comes_back_to_the_bit(tmp_path: Path, count: int, sh: int) -> None:
@@ -110,13 +120,7 @@ def test_a_compressed_ply_comes_back_within_its_steps(tmp_path: Path, sh: int, c
     file = read(tmp_path / "a.compressed.ply")
     assert file.format == "compressed PLY" and file.invisible == 0
     own = file.rows
-    np.testing.assert_allclose(own.means, gaussians.means, atol=8 / 1023 / 2 + 1e-5)
-    np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=8 / 1023 / 2 + 1e-5)
-    assert_same_rotations(own.quats, gaussians.quats, 4e-3)
-    np.testing.assert_allclose(
-        1 / (1 + np.exp(-own.logit_opacities)), 1 / (1 + np.exp(-gaussians.logit_opacities)), atol=0.5 / 255 + 1e-5
-    )
-    np.testing.assert_allclose(own.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / SH_C0 + 1e-5)
+    assert_close(own, gaussians, 8 / 1023 / 2 + 1e-5, 8 / 1023 / 2 + 1e-5, 4e-3, SH_C0)
     np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=8 / 256 / 2 + 1e-5)
 
 
@@ -128,13 +132,7 @@ def test_spz_comes_back_within_its_steps(tmp_path: Path, sh: int, version: int, 
     write_spz(tmp_path / "a.spz", gaussians, version)
     assert is_splat_file(tmp_path / "a.spz")
     own = read(tmp_path / "a.spz").rows
-    np.testing.assert_allclose(own.means, gaussians.means, atol=0.5 / 4096 + 1e-6)
-    np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=1 / 32 + 1e-5)
-    assert_same_rotations(own.quats, gaussians.quats, rotation)
-    np.testing.assert_allclose(
-        1 / (1 + np.exp(-own.logit_opacities)), 1 / (1 + np.exp(-gaussians.logit_opacities)), atol=0.5 / 255 + 1e-5
-    )
-    np.testing.assert_allclose(own.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-5)
+    assert_close(own, gaussians, 0.5 / 4096 + 1e-6, 1 / 32 + 1e-5, rotation, 0.15)
     np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=0.5 / 128 + 1e-5)
 
 
@@ -292,10 +290,7 @@ def test_ksplat_comes_back_within_its_steps(tmp_path: Path, level: int) -> None:
     gaussians = replace(made := make_gaussians(44, 4, 0), sh=np.clip(made.sh, -1.4, 1.4))
     write_ksplat(tmp_path / "a.ksplat", gaussians, level)
     own = read(tmp_path / "a.ksplat").rows
-    np.testing.assert_allclose(own.means, gaussians.means, atol=2e-3 if level else 0)
-    np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=1e-3)
-    assert_same_rotations(own.quats, gaussians.quats, 1e-3)
-    np.testing.assert_allclose(own.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / SH_C0 + 1e-5)
+    assert_close(own, gaussians, 2e-3 if level else 0, 1e-3, 1e-3, SH_C0)
     np.testing.assert_allclose(own.sh[20:, 1:], gaussians.sh[20:, 1:], atol=(1e-6, 1e-3, 0.01)[level])
     assert not own.sh[:20, 1:].any()
 

@@ -110,12 +110,6 @@ def test_intrinsics_forms(send, settings) -> None:
         assert (camera.cx, camera.cy) != (31.0, 25.0)
 
 
-def test_file_path_without_extension(send, settings) -> None:
-    document = _document()
-    document["frames"][0]["file_path"] = "./images/0"
-    assert captured(send(document), settings).views[0].posed.name == "images/0.jpg"
-
-
 def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
     folder = send(_document())
     capture = captured(folder, settings)
