@@ -43,7 +43,7 @@ def bad_splat(name: str, problem: str) -> InvalidInputError:
     """The error of a file that is no splat, or a damaged one."""
     return InvalidInputError.of(
         name,
-        f"{problem}",
+        problem,
         "Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat, SPZ (version 2 to 4), SOG, .splat or "
         ".ksplat.",
     )
