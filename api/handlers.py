@@ -124,10 +124,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.SUGGEST_NAMES,
             lambda service, asked: service.versions.edit(
-                asked.scene_id,
-                (Edit("suggest", suggestions=asked.suggestions),),
-                asked.request_id,
-                author=caller_id(),
+                asked.scene_id, (Edit("suggest", suggestions=asked.suggestions),), asked.request_id, author=caller_id()
             ),
             bodies=change_examples.SUGGESTED,
         ),

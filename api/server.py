@@ -10,7 +10,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import AsyncExitStack
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -99,8 +99,9 @@ async def serve(
     threads = Threads(settings.limits, metrics, settings.uploads, CONCURRENT_VALIDATIONS)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
-        listener = _listen(settings.host, settings.http_port)
-        opened.callback(listener.close)
+        listeners = _listen(settings.host, settings.http_port)
+        for listener in listeners:
+            opened.callback(listener.close)
         metrics_port, stop_metrics = serve_metrics(metrics, settings.metrics_host, settings.metrics_port)
         opened.push_async_callback(asyncio.to_thread, stop_metrics)
         grpc_server = await start_server(
@@ -108,7 +109,7 @@ async def serve(
         )
         app = create_app(service, settings, threads, gate, readiness, grpc_server.port)
         http_server = make_http_server(app, settings, tls)
-        serving = asyncio.create_task(http_server.serve([listener]))
+        serving = asyncio.create_task(http_server.serve(listeners))
         stopping = asyncio.create_task(stop.wait())
         watching: asyncio.Task[None] | None = None
         try:
@@ -117,7 +118,7 @@ async def serve(
             await readiness.look()
             await grpc_server.tell(readiness.ready)
             watching = asyncio.create_task(readiness.watch(grpc_server.tell))
-            ports = Ports(listener.getsockname()[1], grpc_server.port, metrics_port)
+            ports = Ports(listeners[0].getsockname()[1], grpc_server.port, metrics_port)
             scheme = "http" if tls is None else "https"
             _log.info("HTTP on %s://%s:%d, gRPC on %s:%d", scheme, settings.host, ports.http, settings.host, ports.grpc)
             on_ready(ports)
@@ -147,17 +148,24 @@ def _raise_file_limit() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (enough, hard))
 
 
-def _listen(host: str, port: int) -> socket.socket:
+def _listen(host: str, port: int) -> list[socket.socket]:
+    """Sockets of an address, and of the other loopback, too, for a loopback: browsers ask "localhost" at either."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-        listener = socket.create_server((host, port), family=family, backlog=2048)
+        listeners = [socket.create_server((host, port), family=family, backlog=2048)]
     except OSError as error:
         raise ResourceError(
             f"HTTP cannot listen on {host}:{port}: {error.strerror}",
             field="http_port",
             hint="Set FASTSPLAT_HTTP_PORT to a free port.",
         ) from error
-    # Connections inherit this. asyncio sets it only where it opened the listener itself, and without it every answer
-    # waits 40 ms for the client's delayed acknowledgement of its head.
-    listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    return listener
+    if host in ("127.0.0.1", "localhost", "::1"):
+        other = ("::1", socket.AF_INET6) if family == socket.AF_INET else ("127.0.0.1", socket.AF_INET)
+        with suppress(OSError):  # a machine without IPv6, or a port that is another's there
+            address = (other[0], listeners[0].getsockname()[1])
+            listeners.append(socket.create_server(address, family=other[1], backlog=2048))
+    for listener in listeners:
+        # Connections inherit this. asyncio sets it only where it opened the listener itself, and without it every
+        # answer waits 40 ms for the client's delayed acknowledgement of its head.
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return listeners

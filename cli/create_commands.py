@@ -24,7 +24,7 @@ def create(
         Path,
         typer.Argument(
             metavar="CAPTURE",
-            help="A folder of photos, an archive of one, a video, or a splat (PLY or SPZ) of another tool.",
+            help="A folder of photos, an archive of one, a video, or a splat (PLY, SPZ, SOG) of another tool.",
         ),
     ],
     name: Annotated[str, typer.Option(help="The scene's name for people. Default: that of the file or folder.")] = "",

@@ -163,8 +163,7 @@ def insert(
     source: Annotated[str, typer.Argument(help="The scene that they come from, of the same project, by its id.")],
     things: Annotated[list[int], typer.Argument(help="Ids of things of that scene.", metavar="THING...")],
     position: Annotated[
-        tuple[float, float, float],
-        typer.Option(help="x y z here, in scene units, of the other scene's origin."),
+        tuple[float, float, float], typer.Option(help="x y z here, in scene units, of the other scene's origin.")
     ] = (0.0, 0.0, 0.0),
     orientation: Annotated[
         tuple[float, float, float, float],
@@ -231,10 +230,7 @@ def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
 
 
 def _prompt(
-    view: str,
-    pixels: list[str],
-    beside: list[str],
-    box: tuple[float, float, float, float] | None,
+    view: str, pixels: list[str], beside: list[str], box: tuple[float, float, float, float] | None
 ) -> ThingPrompt:
     return ThingPrompt(
         view=view or None,

@@ -104,12 +104,7 @@ def pull_with_progress(
 
     with _progress() as report:
         pull_models(
-            directory,
-            names,
-            report=report,
-            manifest=manifest,
-            allow_licenses=allow_licenses,
-            revision=revision,
+            directory, names, report=report, manifest=manifest, allow_licenses=allow_licenses, revision=revision
         )
 
 

@@ -40,9 +40,7 @@ def service_command(
     """A decorator: adds a command that asks a service to a group, with the options that all of these have; without
     `json`, a command that goes on until it is stopped, and prints no value."""
 
-    def register(
-        function: Callable[Concatenate[Session, P], None],
-    ) -> Callable[Concatenate[Session, P], None]:
+    def register(function: Callable[Concatenate[Session, P], None]) -> Callable[Concatenate[Session, P], None]:
         common = {option: each for option, each in _COMMON.items() if json or option != _JSON}
 
         def run(**values: Any) -> None:

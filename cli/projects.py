@@ -18,8 +18,7 @@ projects_app = typer.Typer(
 
 @service_command(projects_app)
 def create(
-    session: Session,
-    name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")],
+    session: Session, name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")]
 ) -> None:
     """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
     from fastsplat_contract import calls  # every message of the contract

@@ -21,8 +21,7 @@ Workers = Annotated[int, typer.Option(help="Worker processes a device; without a
 
 def serve(
     no_auth: Annotated[
-        bool,
-        typer.Option("--no-auth", help="Ask for no keys; listens on loopback alone (as FASTSPLAT_AUTH=off)."),
+        bool, typer.Option("--no-auth", help="Ask for no keys; listens on loopback alone (as FASTSPLAT_AUTH=off).")
     ] = False,
     devices: Devices = "",
     workers: Workers = 1,

@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fastsplat.cli.connection import (
-    Address,
-    open_client,
-)
+from fastsplat.cli.connection import Address, open_client
 from fastsplat.cli.short_ids import whole_id
 from fastsplat.cli.tables import duration
 from fastsplat_contract.errors import NotFoundError, NotReadyError

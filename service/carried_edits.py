@@ -63,11 +63,7 @@ class Carried:
 
 
 def carry_edits(
-    index: SceneIndex,
-    draft: SceneIndex,
-    edited: Sequence[DraftVersion],
-    *,
-    max_gaussians: int | None = None,
+    index: SceneIndex, draft: SceneIndex, edited: Sequence[DraftVersion], *, max_gaussians: int | None = None
 ) -> Carried:
     """The edits of a draft made again on what takes its place, a version for each; one without an edit that can be made
     is left out.

@@ -15,13 +15,7 @@ import numpy as np
 from fastsplat.service.capture.types import Capture, CaptureReport
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.instances.closer_look import (
-    best_positions,
-    closer_look,
-    mean_votes,
-    things_in_map,
-    votes_for,
-)
+from fastsplat.service.instances.closer_look import best_positions, closer_look, mean_votes, things_in_map, votes_for
 from fastsplat.service.instances.scene_things import NAME_OVERLAP, votes_of_views
 from fastsplat.service.instances.second_look import add_names, choose_views, shares_seen
 from fastsplat.service.perception.capture_detection import spread
@@ -209,11 +203,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     """
     before = index.things.scene
     assert before.things is not None
-    added = add_names(
-        before.things,
-        sightings.found,
-        name_probability=settings.look_again.name_probability,
-    )
+    added = add_names(before.things, sightings.found, name_probability=settings.look_again.name_probability)
     scene, table = before, []
     for thing in added.things.table:
         if thing.id in added.named:

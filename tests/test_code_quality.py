@@ -26,12 +26,7 @@ _WORDS_OF_PEOPLE = Path("service/query/language/common_things.txt")
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ("ruff", "check", "."),
-        ("ruff", "format", "--check", "."),
-        ("mypy",),
-        ("lint-imports",),
-    ],
+    [("ruff", "check", "."), ("ruff", "format", "--check", "."), ("mypy",), ("lint-imports",)],
     ids=lambda command: " ".join(command),
 )
 def test_tool_has_no_complaint(command: tuple[str, ...]) -> None:

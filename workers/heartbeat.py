@@ -97,13 +97,7 @@ def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, t
 
 
 def prune_stalled_workers(
-    store: Store,
-    executor_id: str,
-    heartbeats: Observer,
-    owners: Observer,
-    timeout_s: float,
-    *,
-    trust_timeout: bool,
+    store: Store, executor_id: str, heartbeats: Observer, owners: Observer, timeout_s: float, *, trust_timeout: bool
 ) -> None:
     """Let others claim the jobs of dead workers, and unregister dead workers without jobs.
 

@@ -122,7 +122,7 @@ SOUGHT: Bodies = {
     "texts": (
         "name what looks like one of these",
         LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
-    ),
+    )
 }
 SUGGESTED: Bodies = {
     "an assistant": (
@@ -134,7 +134,7 @@ SUGGESTED: Bodies = {
             ),
             "a-name-for-these-suggestions",
         ),
-    ),
+    )
 }
 NAMER_ASKED: Bodies = {"all": ("about all things without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}

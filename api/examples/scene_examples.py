@@ -214,11 +214,7 @@ PICTURES: Bodies = {
     "tinted": (
         "a quick picture in which a thing glows",
         RenderIn(
-            "rgb",
-            camera=_VIEWPOINT,
-            format="jpeg",
-            tints=(Tint((1,), Color(1.0, 0.56, 0.06), 0.75),),
-            dimming=0.5,
+            "rgb", camera=_VIEWPOINT, format="jpeg", tints=(Tint((1,), Color(1.0, 0.56, 0.06), 0.75),), dimming=0.5
         ),
     ),
 }
@@ -231,10 +227,7 @@ EDITS: Bodies = {
         "move all balls half a unit along x",
         EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
     ),
-    "name": (
-        "name a thing that had no name, or another",
-        EditIn((Edit("name", things=(2,), name="ball"),)),
-    ),
+    "name": ("name a thing that had no name, or another", EditIn((Edit("name", things=(2,), name="ball"),))),
     "split": (
         "take two things apart that were one",
         EditIn(
@@ -249,11 +242,7 @@ EDITS: Bodies = {
         EditIn(
             (
                 Edit("discard", things=(2,)),
-                Edit(
-                    "add",
-                    prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)),
-                    name="ball",
-                ),
+                Edit("add", prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)), name="ball"),
             )
         ),
     ),

@@ -63,10 +63,7 @@ _FORMS = {"localize": LOCALIZE_FORM, "observe_scene": OBSERVE_FORM}
 def add_examples(document: dict[str, Any]) -> None:
     """Put an example beside every body, parameter and answer of an OpenAPI document that is not plain bytes."""
     document["components"]["examples"] = {
-        name: {
-            "summary": error.message,
-            "value": to_plain(refusal_of(error, "0b6a4d2c8e1f4a3d").as_problem()),
-        }
+        name: {"summary": error.message, "value": to_plain(refusal_of(error, "0b6a4d2c8e1f4a3d").as_problem())}
         for errors in PROBLEMS.values()
         for name, error in errors.items()
     }

@@ -104,9 +104,7 @@ def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | N
     """
     if "transfer-encoding" in headers and "content-length" in headers:
         return InvalidInputError(
-            "a request with Transfer-Encoding and Content-Length",
-            field="content-length",
-            hint="Send one of the two.",
+            "a request with Transfer-Encoding and Content-Length", field="content-length", hint="Send one of the two."
         )
     hosts = headers.getlist("host")
     if (http_version == "1.0" and not hosts) or (len(hosts) == 1 and _HOST.fullmatch(hosts[0])):

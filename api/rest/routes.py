@@ -9,13 +9,7 @@ from starlette.responses import Response
 
 from fastsplat.api.operation_waits import MAX_WAIT_S, Operations
 from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
-from fastsplat.api.rest.responses import (
-    PROBLEMS,
-    accepted,
-    file_response,
-    json_response,
-    while_connected,
-)
+from fastsplat.api.rest.responses import PROBLEMS, accepted, file_response, json_response, while_connected
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads

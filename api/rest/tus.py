@@ -19,20 +19,13 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.uploading.upload_piece import ALGORITHMS, Algorithm, Piece
-from fastsplat_contract.errors import (
-    FastSplatError,
-    InvalidInputError,
-    TusVersionError,
-    UnsupportedMediaTypeError,
-)
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, TusVersionError, UnsupportedMediaTypeError
 
 _VERSION = "1.0.0"
 _PIECE = "application/offset+octet-stream"
 _MAX_METADATA = 4_096
 _PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
-_BODY: dict[str, Any] = {
-    "requestBody": {"content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}}},
-}
+_BODY: dict[str, Any] = {"requestBody": {"content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
 _Handler = Callable[..., Awaitable[Response]]

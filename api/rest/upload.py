@@ -49,8 +49,8 @@ BODY_SCHEMA: dict[str, Any] = {
                         "capture": {
                             "type": "string",
                             "format": "binary",
-                            "description": "one zip, tar, video or splat (PLY or SPZ); images alone, a COLMAP model or "
-                            "nerfstudio's transforms.json with its images",
+                            "description": "one zip, tar, video or splat (PLY, SPZ, SOG); images alone, a COLMAP model "
+                            "or nerfstudio's transforms.json with its images",
                         },
                         "images": {
                             "type": "array",

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from fastsplat_contract.errors import InvalidInputError
 
 _PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"}
-_SPLATS = {".ply", ".spz"}
+_SPLATS = {".ply", ".spz", ".sog", ".splat", ".ksplat"}
 _VIDEOS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"}
 _NOT_READ = {".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
 """The server says what to do about these."""
@@ -25,8 +25,8 @@ _LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 class CaptureFiles:
     """The files of a folder that make a capture, under their names in the folder; none of a file, which travels alone.
 
-    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points or a splat as
-    PLY or SPZ; hidden files and what operating systems leave behind stay. A context manager.
+    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points or a splat; hidden
+    files and what operating systems leave behind stay. A context manager.
 
     Args:
         capture: the folder, or a file.

@@ -39,11 +39,7 @@ from fastsplat_contract.operations import Operation, OperationState, SceneOption
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.pictures import PictureKind, PictureRequest, Tint
 from fastsplat_contract.queries import Answer, Output, QueryOut, QueryRequest
-from fastsplat_contract.scenes import (
-    DictionaryEntry,
-    Scene,
-    SceneSummary,
-)
+from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.server_status import ServerStatus
 

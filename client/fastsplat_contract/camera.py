@@ -85,10 +85,7 @@ class PosedCamera:
         """Position and quaternion x y z w with w ≥ 0, in OpenCV axes and the world frame."""
         pose = self.world_from_camera
         return viewpoint.PosedCamera(
-            viewpoint.Intrinsics(**vars(self.camera)),
-            vector3(pose[:3, 3]),
-            quaternion_of(pose[:3, :3]),
-            name=self.name,
+            viewpoint.Intrinsics(**vars(self.camera)), vector3(pose[:3, 3]), quaternion_of(pose[:3, :3]), name=self.name
         )
 
     @classmethod
@@ -117,10 +114,10 @@ def check_rigid(pose: NDArray[np.float64], *, field: str, tolerance: float = 1e-
         raise InvalidInputError(f"{field}: the matrix has NaN or infinite numbers", field=field)
     rotation = pose[:3, :3]
     if np.abs(rotation @ rotation.T - _IDENTITY).max() > tolerance or np.linalg.det(rotation) < 0:
-        raise InvalidInputError(
-            f"{field}: the upper 3×3 block is not a rotation",
-            field=field,
-            hint="Send world-from-camera with orthonormal axes and determinant +1; remove scale and mirroring.",
+        raise InvalidInputError.of(
+            field,
+            ": the upper 3×3 block is not a rotation",
+            "Send world-from-camera with orthonormal axes and determinant +1; remove scale and mirroring.",
         )
     if np.abs(pose[3] - np.array([0.0, 0.0, 0.0, 1.0])).max() > tolerance:
         raise InvalidInputError(f"{field}: the last row is {pose[3].tolist()}, expected 0 0 0 1", field=field)

@@ -43,7 +43,7 @@ The server maps each class to an HTTP and a gRPC status; a client gets back the 
 from __future__ import annotations
 
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Self
 
 
 class Kind(Enum):
@@ -91,6 +91,12 @@ class FastSplatError(Exception):
         self.hint = hint or self.usual_hint
         self.field = field or self.usual_field
         self.limit = limit
+
+    @classmethod
+    def of(cls, field: str, problem: str, hint: str = "", limit: str = "") -> Self:
+        """The error whose message is its field and what is wrong with it: "has ...", or after a colon ": ..."."""
+        between = "" if problem.startswith(":") else " "
+        return cls(f"{field}{between}{problem}", hint=hint, field=field, limit=limit)
 
     def details(self) -> dict[str, str]:
         """The non-empty parts besides the message, ready for problem+json and google.rpc.ErrorInfo."""

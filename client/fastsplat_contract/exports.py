@@ -13,7 +13,7 @@ from fastsplat_contract.wire import Many, Request
 
 ExportFormat = Literal[
     "ply", "spz", "html", "points", "mesh", "cameras", "sog", "mcap", "map",
-    "camera_list", "transforms", "colmap", "things",
+    "camera_list", "transforms", "colmap", "things", "spz4",
 ]  # fmt: skip
 """The rows of `FORMATS`."""
 
@@ -94,6 +94,9 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "application/octet-stream",
         "which thing each Gaussian belongs to, little-endian uint16 by row, 0 for none",
         whole="ids",
+    ),
+    "spz4": FormatFacts(
+        "v4.spz", "application/octet-stream", "SPZ of version 4, one zstd stream a column; rows as in spz"
     ),
 }
 """All that is known of a format but what writes it, which is in the service."""

@@ -22,6 +22,6 @@ class GaussianFilter(Request):
         float | None,
         Field(
             description="floaters: whose eighth nearest neighbor is more than so many times farther away than the "
-            "scene's median has it, center to center; above 0, and from 4 on few belong to a surface",
+            "scene's median has it, center to center; above 0, and from 4 on few belong to a surface"
         ),
     ] = None

@@ -120,8 +120,7 @@ class LocalizedPhoto(Response):
     refined: Annotated[bool, Field(description="whether comparing the two pictures has made the pose better")]
     things: Annotated[Many[ThingInView], Field(description="seen from there, those with most pixels first")]
     differences: Annotated[
-        Many[PhotoDifference],
-        Field(description="the changes of the answer that this photo shows, where it shows them"),
+        Many[PhotoDifference], Field(description="the changes of the answer that this photo shows, where it shows them")
     ]
 
 

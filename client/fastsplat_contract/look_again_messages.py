@@ -17,8 +17,7 @@ class LookAgainIn(Request):
     proto: ClassVar[str] = "LookAgainRequest"
 
     texts: Annotated[
-        Many[str],
-        Field(description="what to look for, in plain words: at least one, each one line and only once"),
+        Many[str], Field(description="what to look for, in plain words: at least one, each one line and only once")
     ]
     request_id: Annotated[
         str, Field(description="same id, same texts: the first operation is returned again (AIP-155)")
@@ -41,10 +40,7 @@ class LookAgainResult(Response):
     version: Annotated[str, Field(description="the version that it made")]
     texts: Annotated[Many[str], Field(description="what was looked for")]
     views: Annotated[Many[str], Field(description="the scene's cameras from which was looked")]
-    rendered: Annotated[
-        bool,
-        Field(description="whether renderings of the scene were looked at, not photos"),
-    ]
+    rendered: Annotated[bool, Field(description="whether renderings of the scene were looked at, not photos")]
     named: Annotated[Many[FoundName], Field(description="things whose name is one of the texts by this")]
     suggested: Annotated[
         Many[FoundName],

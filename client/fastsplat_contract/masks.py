@@ -76,8 +76,7 @@ class ViewMaskPiece(ViewMask):
     proto: ClassVar[str] = "ViewMask"
 
     continues: Annotated[
-        bool,
-        Field(description="append this one's counts or png to those of the mask before; nothing else is new"),
+        bool, Field(description="append this one's counts or png to those of the mask before; nothing else is new")
     ] = False
 
 

@@ -202,8 +202,7 @@ class Operation(Response):
         PlacedInfo | None, Field(description="the cameras that can be looked at; absent if there are none (any more)")
     ] = None
     draft: Annotated[
-        DraftInfo | None,
-        Field(description="the newest draft of its scene; absent without one, and once it is done"),
+        DraftInfo | None, Field(description="the newest draft of its scene; absent without one, and once it is done")
     ] = None
     create_scene: Annotated[
         CreateSceneResult | None,

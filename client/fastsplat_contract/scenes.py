@@ -172,10 +172,7 @@ class Scene(SceneSummary):
         SceneScaling | None,
         Field(description="absent where the poses came in meters, or nothing says how long a unit is"),
     ] = None
-    vertical: Annotated[
-        SceneVertical | None,
-        Field(description="absent where nothing says what is up"),
-    ] = None
+    vertical: Annotated[SceneVertical | None, Field(description="absent where nothing says what is up")] = None
     alignment: Annotated[
         SceneAlignment | None, Field(description="absent where the scene was not put into the frame of a map")
     ] = None
@@ -269,8 +266,7 @@ class Edit(Request):
         ),
     ] = ()
     source: Annotated[
-        InsertSource | None,
-        Field(description="for insert: the other scene; label and things are then of that one"),
+        InsertSource | None, Field(description="for insert: the other scene; label and things are then of that one")
     ] = None
     prompt: Annotated[
         ThingPrompt | None,

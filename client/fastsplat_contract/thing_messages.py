@@ -70,8 +70,7 @@ class SceneThing(Response):
         ThingKind, Field(description="surface: a floor, a wall, the top of a table or the like; part: of another thing")
     ]
     surface: Annotated[
-        str,
-        Field(description="of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"),
+        str, Field(description="of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing")
     ]
     consensus: Annotated[float, Field(description="share of the views that see it in which it was proposed, 0..1")]
     gaussian_count: Int64
@@ -93,8 +92,7 @@ class SceneThing(Response):
         ),
     ] = ()
     reads: Annotated[
-        Many[ThingRead],
-        Field(description="what photos show written on it, the surest first, at most 24"),
+        Many[ThingRead], Field(description="what photos show written on it, the surest first, at most 24")
     ] = ()
     last_seen: Annotated[
         datetime | None,

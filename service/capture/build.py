@@ -21,13 +21,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.geometry import normalize_world
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
-from fastsplat.service.capture.sfm.sfm_images import (
-    SfmImage,
-    frame_width,
-    photo_ups,
-    upright_photos,
-    video_frames,
-)
+from fastsplat.service.capture.sfm.sfm_images import SfmImage, frame_width, photo_ups, upright_photos, video_frames
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import Listener, run_sandboxed
@@ -38,14 +32,7 @@ from fastsplat.service.capture.uploads.posed_validation import read_validated_da
 from fastsplat.service.capture.uploads.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.views.lens_views import ViewLog, test_views
 from fastsplat.service.capture.views.view_sources import ViewSources
-from fastsplat.service.capture.views.view_writer import (
-    IMAGES,
-    LABELS,
-    MASKS,
-    SourceImage,
-    WrittenViews,
-    write_view,
-)
+from fastsplat.service.capture.views.view_writer import IMAGES, LABELS, MASKS, SourceImage, WrittenViews, write_view
 from fastsplat.service.capture.world.gps_scale import with_gps
 from fastsplat.service.capture.world.gravity import vertical_of_capture
 from fastsplat.service.capture.world.posed_geometry import PosedTask, SfmAnswer, posed_geometry

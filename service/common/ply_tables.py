@@ -70,7 +70,7 @@ class PlyHeader:
         return next((element for element in self.elements if element.name == name), None)
 
 
-def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE, ASCII)) -> PlyHeader:
+def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE, BIG, ASCII)) -> PlyHeader:
     """The header in the first `MAX_HEADER_BYTES` bytes of a file.
 
     Args:

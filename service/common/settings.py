@@ -129,10 +129,8 @@ def settings_error(error: ValidationError, settings: type[BaseModel]) -> Invalid
     variable = _variable([str(part) for part in first["loc"]])
     if first["type"] == "extra_forbidden":
         return _no_setting(variable, settings)
-    return InvalidInputError(
-        f"{variable} is not valid: {first['msg']}",
-        field=variable,
-        hint="Correct the variable, or unset it for the default.",
+    return InvalidInputError.of(
+        variable, f"is not valid: {first['msg']}", "Correct the variable, or unset it for the default."
     )
 
 
@@ -140,9 +138,7 @@ def _no_setting(variable: str, settings: type[BaseModel]) -> InvalidInputError:
     names = [name.removeprefix(ENV_PREFIX) for name in (*_variables_of(settings), *OTHER_VARIABLES)]
     near = get_close_matches(variable.removeprefix(ENV_PREFIX), names, n=1)
     guess = f"Did you mean {ENV_PREFIX}{near[0]}? " if near else ""
-    return InvalidInputError(
-        f"{variable} is no setting", field=variable, hint=f"{guess}Correct the variable, or unset it."
-    )
+    return InvalidInputError.of(variable, "is no setting", f"{guess}Correct the variable, or unset it.")
 
 
 def _variables_of(settings: type[BaseModel]) -> Iterator[str]:

@@ -118,10 +118,7 @@ def _things(
 ) -> Things:
     overlaps = overlaps_of(lifted)
     candidates = find_candidates(
-        overlaps,
-        np.concatenate(quality),
-        min_overlap=settings.min_overlap,
-        min_views=settings.min_views,
+        overlaps, np.concatenate(quality), min_overlap=settings.min_overlap, min_views=settings.min_views
     )
     selection = select_things(candidates, gaussians, overlaps.size, settings)
     membership = refined_membership(

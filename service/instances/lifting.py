@@ -57,13 +57,7 @@ def lift_masks(
 
 
 def lift_regions_of(
-    splats: Splats,
-    viewmat: Tensor,
-    camera: Camera,
-    ids: NDArray[np.integer],
-    count: int,
-    *,
-    backend: Backend = "cpu",
+    splats: Splats, viewmat: Tensor, camera: Camera, ids: NDArray[np.integer], count: int, *, backend: Backend = "cpu"
 ) -> LiftedRegions:
     """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
     none."""

@@ -97,12 +97,7 @@ def count_votes(
     return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched, voted)
 
 
-def name_things(
-    things: Things,
-    votes: NameVotes,
-    names: Sequence[str],
-    source: NameSource,
-) -> Things:
+def name_things(things: Things, votes: NameVotes, names: Sequence[str], source: NameSource) -> Things:
     """The same things, named from `NAMED_FROM` of `name_probability` (of exact label maps: the share of views), else
     with suggestions; a name by a person stays.
 
@@ -118,12 +113,7 @@ def name_things(
     return replace(things, table=table)
 
 
-def _named(
-    thing: Thing,
-    row: F64,
-    names: Sequence[str],
-    source: NameSource,
-) -> Thing:
+def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource) -> Thing:
     order = np.argsort(-row, kind="stable")
     order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
     suggestions = tuple(Suggestion(names[label - 1], float(row[label])) for label in order)

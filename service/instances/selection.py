@@ -9,20 +9,9 @@ import numpy as np
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.hierarchy import find_hierarchy
-from fastsplat.service.instances.ownership import (
-    NOBODY,
-    STRAY_SHARE,
-    Owners,
-    assign_owners,
-    without_strays,
-)
+from fastsplat.service.instances.ownership import NOBODY, STRAY_SHARE, Owners, assign_owners, without_strays
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.instances.surfaces import (
-    Plane,
-    find_surfaces,
-    join_surfaces,
-    lies_off,
-)
+from fastsplat.service.instances.surfaces import Plane, find_surfaces, join_surfaces, lies_off
 from fastsplat.service.scene.types import Gaussians
 
 _GROWN_SHARE = 0.6

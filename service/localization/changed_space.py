@@ -57,11 +57,7 @@ class ChangedPiece:
 
 
 def changed_pieces(
-    comparisons: Sequence[Comparison],
-    differing: Sequence[tuple[Bools, Bools]],
-    place: F64,
-    *,
-    on_surface: bool = False,
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, *, on_surface: bool = False
 ) -> tuple[ChangedPiece, ...]:
     """Pieces of space that are changed in three of four photos that see them, at least two, as a visual hull is carved
     (Laurentini 1994); only before the scene's surfaces, or on them.

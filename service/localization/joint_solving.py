@@ -9,12 +9,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.localization.matching import Matches
-from fastsplat.service.localization.pose_solving import (
-    SolvedPose,
-    colmap_camera,
-    error_px,
-    refine_pose,
-)
+from fastsplat.service.localization.pose_solving import SolvedPose, colmap_camera, error_px, refine_pose
 from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource

@@ -67,9 +67,7 @@ class Landmarks:
 
 
 def find_landmarks(
-    photos: Sequence[Photo],
-    geometry: Callable[[PosedCamera], ViewGeometry],
-    lens: RadialLens | None = None,
+    photos: Sequence[Photo], geometry: Callable[[PosedCamera], ViewGeometry], lens: RadialLens | None = None
 ) -> Landmarks:
     """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture, so that
     any capture has places for it; other photos that show it make it exact (`triangulate`). It is left out where the

@@ -10,13 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.localization.acceptance import (
-    FEWEST_KEYPOINTS,
-    Evidence,
-    agreement_of,
-    refusal_of,
-    spread_of,
-)
+from fastsplat.service.localization.acceptance import FEWEST_KEYPOINTS, Evidence, agreement_of, refusal_of, spread_of
 from fastsplat.service.localization.joint_solving import solve_jointly
 from fastsplat.service.localization.keypoints import find_keypoints
 from fastsplat.service.localization.landmarks import KEYPOINTS_PER_PHOTO, Landmarks
@@ -116,10 +110,7 @@ class _Matched:
 
 
 def place_photos(
-    photos: Sequence[Photo],
-    landmarks: Landmarks,
-    geometry: Geometry,
-    rough: Sequence[F64] = (),
+    photos: Sequence[Photo], landmarks: Landmarks, geometry: Geometry, rough: Sequence[F64] = ()
 ) -> tuple[PlacedPhoto, ...]:
     """Where photos were taken.
 

@@ -55,11 +55,7 @@ def error_px(camera: Camera) -> float:
 
 
 def solve_pose(
-    pixels: F64,
-    points: F64,
-    matches: Matches,
-    size: tuple[int, int],
-    focals: Sequence[tuple[FocalSource, float]],
+    pixels: F64, points: F64, matches: Matches, size: tuple[int, int], focals: Sequence[tuple[FocalSource, float]]
 ) -> SolvedPose | None:
     """The pose that most keypoints agree with; None where no pose fits six.
 
@@ -174,10 +170,7 @@ def _with_lens(
     """
     rows, before = solved.inliers, solved.posed.camera
     camera = pycolmap.Camera(
-        model="SIMPLE_RADIAL",
-        width=before.width,
-        height=before.height,
-        params=[before.fx, before.cx, before.cy, k1],
+        model="SIMPLE_RADIAL", width=before.width, height=before.height, params=[before.fx, before.cx, before.cy, k1]
     )
     options = pycolmap.AbsolutePoseRefinementOptions()
     options.refine_focal_length, options.refine_extra_params, options.print_summary = focal, lens, False
@@ -213,8 +206,5 @@ def pinhole(size: tuple[int, int], focal: float) -> Camera:
 def colmap_camera(camera: Camera) -> Any:
     """The same as pycolmap has it, whose pixel centers are at +0.5 as well."""
     return pycolmap.Camera(
-        model="SIMPLE_PINHOLE",
-        width=camera.width,
-        height=camera.height,
-        params=[camera.fx, camera.cx, camera.cy],
+        model="SIMPLE_PINHOLE", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy]
     )

@@ -30,10 +30,7 @@ def square_around(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Ima
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     scale = side / (_AROUND * max(width, height))
     matrix = np.array(
-        [
-            [scale, 0, side / 2 - (left + width / 2) * scale],
-            [0, scale, side / 2 - (top + height / 2) * scale],
-        ]
+        [[scale, 0, side / 2 - (left + width / 2) * scale], [0, scale, side / 2 - (top + height / 2) * scale]]
     )
     how = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
     crop = cv2.warpAffine(image, matrix, (side, side), flags=how, borderValue=_GRAY)

@@ -15,14 +15,7 @@ from fastsplat.service.perception.mask_postprocessing import upsampled
 from fastsplat.service.perception.prompt_points import CutImage, open_points
 from fastsplat.service.perception.segmenters.mask_selection import best_answers
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import (
-    Detections,
-    MaskLogits,
-    Segmenter,
-    ViewMasks,
-    box_prompts,
-    point_prompts,
-)
+from fastsplat.service.perception.types import Detections, MaskLogits, Segmenter, ViewMasks, box_prompts, point_prompts
 
 _PROPOSAL_OVERLAP = 0.75
 """Masks without a name of one view that overlap more are one."""

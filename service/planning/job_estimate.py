@@ -6,13 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fastsplat.service.planning.cost_model import (
-    PerceptionCost,
-    SceneSize,
-    Speed,
-    export_seconds,
-    run_seconds,
-)
+from fastsplat.service.planning.cost_model import PerceptionCost, SceneSize, Speed, export_seconds, run_seconds
 from fastsplat.service.settings import Settings
 
 USUAL_LABELS = 30

@@ -12,13 +12,7 @@ from typing import Generic, TypeVar
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.planning.cost_model import (
-    Speed,
-    export_seconds,
-    fit_training,
-    scene_size,
-    views_within_budget,
-)
+from fastsplat.service.planning.cost_model import Speed, export_seconds, fit_training, scene_size, views_within_budget
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.raster.types import Backend
@@ -66,11 +60,7 @@ def plan_perception(
     progress(ProgressEvent("perception", 0.0, "labelling one view to measure the time it takes"))
     cost = perception_cost(capture, settings, labels, progress)
     views, tradeoffs = views_within_budget(
-        perception.max_views,
-        len(capture.views),
-        time_budget_s,
-        overhead_s=time.monotonic() - started,
-        cost=cost,
+        perception.max_views, len(capture.views), time_budget_s, overhead_s=time.monotonic() - started, cost=cost
     )
     return StagePlan(perception.model_copy(update={"max_views": views}), tradeoffs)
 

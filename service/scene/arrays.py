@@ -146,6 +146,4 @@ def _chunks(array: Array) -> Iterator[Array]:
 
 
 def _damaged(path: Path, what: str) -> SceneFileError:
-    return SceneFileError(
-        f"{path.name} {what}", field=path.name, hint="Restore the scene's folder from a backup, or train it again."
-    )
+    return SceneFileError.of(path.name, f"{what}", "Restore the scene's folder from a backup, or train it again.")

@@ -40,9 +40,7 @@ def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.i
     np.minimum(scales, _WIDEST * usual, out=scales)
     cell, widest = _cells(gaussians.means[members].astype(np.float64), scales.max(axis=1), _CELL * usual)
     return _joined(
-        gaussians.means[members[widest]].astype(np.float64),
-        scales[widest],
-        gaussians.quats[members[widest]],
+        gaussians.means[members[widest]].astype(np.float64), scales[widest], gaussians.quats[members[widest]]
     )[cell]
 
 

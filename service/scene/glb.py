@@ -81,12 +81,7 @@ class GlbBuilder:
         return len(entries) - 1
 
     def accessor(
-        self,
-        values: NDArray[Any],
-        *,
-        normalized: bool = False,
-        bounds: bool = False,
-        target: int | None = ARRAY_BUFFER,
+        self, values: NDArray[Any], *, normalized: bool = False, bounds: bool = False, target: int | None = ARRAY_BUFFER
     ) -> int:
         """The index of an accessor of an array [K], or [K, 1..4], of float32, uint8, uint16 or uint32; rows of vertex
         attributes are padded to multiples of four bytes, as glTF asks.

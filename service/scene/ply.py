@@ -20,11 +20,7 @@ _COUNT_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
 """Coefficients of a color by the number of f_rest properties."""
 
 
-def write_ply(
-    gaussians: Gaussians,
-    path: Path,
-    rows: NDArray[np.bool_] | NDArray[np.integer] | None = None,
-) -> None:
+def write_ply(gaussians: Gaussians, path: Path, rows: NDArray[np.bool_] | NDArray[np.integer] | None = None) -> None:
     """Write a binary little-endian PLY, float32: x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*.
 
     Normals are zero; f_rest is channel-major (all red coefficients, then green, then blue); opacity is the logit,
@@ -163,6 +159,4 @@ def _check_properties(path: Path, layout: np.dtype[np.void]) -> int:
 
 
 def _bad(path: Path, what: str) -> InvalidInputError:
-    return InvalidInputError(
-        f"{path.name} {what}", field=path.name, hint="Send a binary little-endian 3D Gaussian splatting PLY."
-    )
+    return InvalidInputError.of(path.name, f"{what}", "Send a binary little-endian 3D Gaussian splatting PLY.")

@@ -209,9 +209,7 @@ def _read_things(folder: Path, manifest: Manifest) -> Things | None:
     path = folder / _THINGS
     classes, shapes = manifest.things_classes, evidence_shapes(manifest.gaussians, manifest.things_entries)
     arrays = _mapped(
-        path,
-        shapes if classes is None else {**shapes, **head_shapes(classes, manifest.code)},
-        manifest.things_sha256,
+        path, shapes if classes is None else {**shapes, **head_shapes(classes, manifest.code)}, manifest.things_sha256
     )
     head = None
     if classes is not None:

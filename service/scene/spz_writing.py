@@ -1,4 +1,5 @@
-"""Gaussians as Niantic's SPZ, version 3: a gzip stream of fixed-point columns, less than a quarter of the PLY.
+"""Gaussians as Niantic's SPZ: fixed-point columns, less than a quarter of the PLY, in one gzip stream (version 3) or in
+a zstd stream each (version 4).
 
 The layout is the one published with the reference library; its axes are right, up, back, those of 3DGS files right,
 down, front, so that y and z change their signs. `service.capture.uploads.splat_files.spz` reads it.
@@ -8,8 +9,10 @@ from __future__ import annotations
 
 import gzip
 import struct
+from typing import Literal
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
@@ -21,8 +24,9 @@ MOST_FRACTIONAL_BITS = 16
 _LEAST_FRACTIONAL_BITS = 8
 _LARGEST = (1 << 23) - 1
 _HEADER = struct.Struct("<4sIIBBBB")
-_VERSION = 3
+_HEADER_REST = struct.Struct("<I12x")
 _LEVEL = 6
+_ZSTD_LEVEL = 12
 _COLOR_SCALE = 0.15
 _POWERS_OF_YZ = (1, 1, 0, 1, 2, 2, 1, 2, 3, 2, 3, 3, 2, 3, 2)
 """How often y and z are factors of each harmonic from degree 1 on: y, z, x; xy, yz, z², xz, x² − y²; …"""
@@ -30,7 +34,7 @@ _POWERS_OF_YZ = (1, 1, 0, 1, 2, 2, 1, 2, 3, 2, 3, 3, 2, 3, 2)
 U8 = NDArray[np.uint8]
 
 
-def spz_bytes(gaussians: Gaussians) -> bytes:
+def spz_bytes(gaussians: Gaussians, version: Literal[3, 4] = 3) -> bytes:
     """The file of all Gaussians, in their order; the same bytes for the same Gaussians.
 
     What comes back differs from what went in by at most half a step: positions 2^−(bits + 1) scene units with
@@ -42,7 +46,7 @@ def spz_bytes(gaussians: Gaussians) -> bytes:
         gaussians: with at most 2³² − 1 rows.
     """
     count, bits = len(gaussians), fractional_bits(gaussians.means)
-    parts = [_HEADER.pack(b"NGSP", _VERSION, count, gaussians.sh_degree, bits, 0, 0)]
+    parts = list[bytes]()
     for column in (
         lambda: _positions(gaussians.means, bits),
         lambda: _bytes(255 / (1 + np.exp(-gaussians.logit_opacities.astype(np.float64)))),
@@ -53,7 +57,13 @@ def spz_bytes(gaussians: Gaussians) -> bytes:
     ):
         check_cancelled()
         parts.append(column().tobytes())
-    return gzip.compress(b"".join(parts), _LEVEL, mtime=0)
+    parts = [part for part in parts if part or version == 3]
+    head = _HEADER.pack(b"NGSP", version, count, gaussians.sh_degree, bits, 0, len(parts) if version == 4 else 0)
+    if version == 3:
+        return gzip.compress(b"".join([head, *parts]), _LEVEL, mtime=0)
+    streams = [zstandard.ZstdCompressor(_ZSTD_LEVEL).compress(part) for part in parts]
+    table = [struct.pack("<QQ", len(own), len(part)) for own, part in zip(streams, parts, strict=True)]
+    return b"".join([head, _HEADER_REST.pack(_HEADER.size + _HEADER_REST.size), *table, *streams])
 
 
 def fractional_bits(means: F32) -> int:

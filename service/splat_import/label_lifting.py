@@ -25,13 +25,7 @@ from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import psnr
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.semantics import (
-    class_weights,
-    code_size,
-    ghost_share,
-    separated_codes,
-    start_head,
-)
+from fastsplat.service.splatting.semantics import class_weights, code_size, ghost_share, separated_codes, start_head
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views

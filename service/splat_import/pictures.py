@@ -123,10 +123,7 @@ class Painter:
 
 
 def render_pictures(
-    paint: Paint,
-    cameras: Sequence[PosedCamera],
-    folder: Path,
-    on_picture: Callable[[int], None] = lambda done: None,
+    paint: Paint, cameras: Sequence[PosedCamera], folder: Path, on_picture: Callable[[int], None] = lambda done: None
 ) -> tuple[View, ...]:
     """Pictures as views of a capture: `images/` and `masks/` in `folder`. Pixels in which little is seen are marked as
     having no content.

@@ -111,10 +111,7 @@ def _seal(metadata: Mapping[str, str], tensors: Mapping[str, Tensor]) -> str:
 
 
 def fingerprint_of(
-    settings: Mapping[str, Any],
-    labels: Sequence[str],
-    views: Sequence[TrainingView],
-    arrays: Iterable[NDArray[Any]],
+    settings: Mapping[str, Any], labels: Sequence[str], views: Sequence[TrainingView], arrays: Iterable[NDArray[Any]]
 ) -> str:
     """Hex digest of what must agree between a run and its continuation.
 

@@ -18,10 +18,7 @@ from fastsplat.service.splatting.view_evidence import views_evidence
 
 
 def splats_under_way(
-    parameters: Mapping[str, Tensor],
-    labelling: Labelling,
-    views: Sequence[TrainingView],
-    settings: TrainingSettings,
+    parameters: Mapping[str, Tensor], labelling: Labelling, views: Sequence[TrainingView], settings: TrainingSettings
 ) -> TrainedSplats:
     """A scene of parameters as they are, without what a finished run measures, corrects and leaves out.
 

@@ -27,11 +27,7 @@ from fastsplat.service.splatting.initial import StartPoints, scene_extent, start
 from fastsplat.service.splatting.label_refit import refit_codes
 from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
-from fastsplat.service.splatting.photometric_training import (
-    CORRECTIONS,
-    photo_corrections,
-    start_corrections,
-)
+from fastsplat.service.splatting.photometric_training import CORRECTIONS, photo_corrections, start_corrections
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
@@ -44,12 +40,7 @@ from fastsplat.service.splatting.semantics import ghost_share, start_codes, star
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
-from fastsplat.service.splatting.training_views import (
-    TrainingView,
-    capture_split,
-    drop_empty_label_maps,
-    load_views,
-)
+from fastsplat.service.splatting.training_views import TrainingView, capture_split, drop_empty_label_maps, load_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
 from fastsplat_contract.errors import InvalidInputError

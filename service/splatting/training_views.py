@@ -103,11 +103,7 @@ def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[
 
 
 def load_views(
-    capture: Capture,
-    labelling: Labelling,
-    indices: tuple[int, ...],
-    max_side: int,
-    scales: tuple[float, ...],
+    capture: Capture, labelling: Labelling, indices: tuple[int, ...], max_side: int, scales: tuple[float, ...]
 ) -> tuple[TrainingView, ...]:
     """Views `indices` of a capture at each of `scales` (ascending, the last is 1) of the training size, which is the
     image's own, reduced to `max_side` pixels on the longer side.
@@ -168,10 +164,10 @@ def _load_view(
 
 def _check_size(pixels: NDArray[np.generic], camera: Camera, what: str) -> None:
     if pixels.shape[:2] != (camera.height, camera.width):
-        raise InvalidInputError(
-            f"{what} has {pixels.shape[1]}×{pixels.shape[0]} pixels, its camera {camera.width}×{camera.height}",
-            field=what,
-            hint="Give every image, mask and label map the size its camera states.",
+        raise InvalidInputError.of(
+            what,
+            f"has {pixels.shape[1]}×{pixels.shape[0]} pixels, its camera {camera.width}×{camera.height}",
+            "Give every image, mask and label map the size its camera states.",
         )
 
 

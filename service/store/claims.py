@@ -38,9 +38,7 @@ class Claim:
 def fenced(claim: Claim) -> Update:
     """An update of the operation, if the claim is its newest and it is not over."""
     return update(operations).where(
-        operations.c.id == claim.operation.id,
-        operations.c.attempt == claim.attempt,
-        operations.c.state == "RUNNING",
+        operations.c.id == claim.operation.id, operations.c.attempt == claim.attempt, operations.c.state == "RUNNING"
     )
 
 

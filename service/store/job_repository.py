@@ -8,15 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, delete, exists, insert, select, update
 
-from fastsplat.service.store.claims import (
-    Claim,
-    FencedError,
-    JobQueue,
-    JobRequest,
-    execute_fenced,
-    fenced,
-    uncancelled,
-)
+from fastsplat.service.store.claims import Claim, FencedError, JobQueue, JobRequest, execute_fenced, fenced, uncancelled
 from fastsplat.service.store.damaged_rows import each_readable
 from fastsplat.service.store.made_scenes import publish_made_within
 from fastsplat.service.store.photo_repository import record_photos

@@ -354,8 +354,7 @@ def _stop(connection: Connection, operation_id: str) -> None:
 def _check_trains(operation: OperationRecord) -> None:
     if operation.state not in ("QUEUED", "RUNNING"):
         raise NotReadyError(
-            f"operation {operation.id!r} is {operation.state}: there is no training to end",
-            field="operation",
+            f"operation {operation.id!r} is {operation.state}: there is no training to end", field="operation"
         )
     training = next((row for row in operation.stages if row["stage"] == "training"), None)
     if training is None or not training["metrics"].get("iteration"):

@@ -146,10 +146,7 @@ known_names = Table(
 
 # Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.
 scene_photos = Table(
-    "scene_photos",
-    metadata,
-    Column("scene_id", String(40), primary_key=True),
-    Column("photos", JSON, nullable=False),
+    "scene_photos", metadata, Column("scene_id", String(40), primary_key=True), Column("photos", JSON, nullable=False)
 )
 
 api_keys = Table(

@@ -12,12 +12,7 @@ import pytest
 
 from fastsplat.service.application.admin import project_keys
 from fastsplat.service.application.service import SceneService
-from fastsplat_client import (
-    Client,
-    InvalidInputError,
-    NotFoundError,
-    PermissionDeniedError,
-)
+from fastsplat_client import Client, InvalidInputError, NotFoundError, PermissionDeniedError
 from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.keys import NewKey, Role
 from fastsplat_contract.proto_codec import from_proto

@@ -69,11 +69,7 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
 
 @pytest.mark.parametrize(
     ("lexicon", "query", "state", "used"),
-    [
-        ("wordnet", {}, "ready", True),
-        ("wordnet", {"threshold": 0.4}, "ready", False),
-        ("", {}, "unset", None),
-    ],
+    [("wordnet", {}, "ready", True), ("wordnet", {"threshold": 0.4}, "ready", False), ("", {}, "unset", None)],
 )
 def test_the_status_says_whether_answers_use_the_lexicon(
     lexicon_models_dir: Path, tmp_path: Path, lexicon: str, query: dict[str, object], state: str, used: bool | None

@@ -125,11 +125,17 @@ def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, 
         assert caught.value.field == field
 
 
-def test_answers_do_not_wait_for_acknowledgements() -> None:
-    with _listen("127.0.0.1", 0) as listener, socket.create_connection(listener.getsockname()):
-        accepted, _ = listener.accept()
-        with accepted:
-            assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_a_loopback_is_both_and_answers_do_not_wait_for_acknowledgements(host: str) -> None:
+    listeners = _listen(host, 0)
+    assert {one.getsockname()[0] for one in listeners} == (
+        {"127.0.0.1", "::1"} if socket.has_dualstack_ipv6() else {host}
+    )
+    for listener in listeners:
+        with listener, socket.create_connection(listener.getsockname()[:2]):
+            accepted, _ = listener.accept()
+            with accepted:
+                assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 _SERVE = """

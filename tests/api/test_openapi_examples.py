@@ -118,10 +118,7 @@ def _sent(place: _Place, name: str, body: Any, ids: dict[str, str]) -> httpx.Res
     return place.faces.rest.request(method, path.format(**in_path), params=params, json=body)
 
 
-@pytest.mark.parametrize(
-    "name",
-    sorted(set(_OPERATIONS) - _TUS - {"create_scene", "localize", "observe_scene"}),
-)
+@pytest.mark.parametrize("name", sorted(set(_OPERATIONS) - _TUS - {"create_scene", "localize", "observe_scene"}))
 def test_a_server_takes_every_example_and_answers_as_described(place: _Place, name: str) -> None:
     operation = _OPERATIONS[name][2]
     contents = operation.get("requestBody", {}).get("content", {})

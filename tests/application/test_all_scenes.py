@@ -229,10 +229,7 @@ def test_with_room_for_one_scene_all_are_answered(
 
 
 def test_a_second_scene_with_the_same_labels_asks_the_encoder_for_nothing(
-    settings: Settings,
-    lexicon_models_dir: Path,
-    scenes: dict[str, Scene],
-    monkeypatch: pytest.MonkeyPatch,
+    settings: Settings, lexicon_models_dir: Path, scenes: dict[str, Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with open_service(settings.model_copy(update={"models": lexicon_models_dir})) as service:
         encoder, texts = service._scenes._encoder(ENCODER), list[str]()

@@ -105,15 +105,7 @@ def _measured(
 
 def test_the_truth_is_perfect() -> None:
     figures = figures_of(_measured())
-    for name in (
-        "recall_50",
-        "recall_75",
-        "precision",
-        "mean_iou",
-        "clicks_miou",
-        "selected_miou",
-        "surfaces_iou",
-    ):
+    for name in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou", "selected_miou", "surfaces_iou"):
         assert figures[name] == 1, name
     assert figures["wall_iou"] == 1 and figures["outside_box"] == 0 and figures["things_true"] == 4
     assert figures["covered"] > 0.95 and figures["alone_miou"] > 0.7

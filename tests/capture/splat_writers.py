@@ -55,7 +55,7 @@ def write_compressed(path: Path, gaussians: Gaussians, *, chunk_colors: bool = T
         shares.append((values - low[chunk]) / np.maximum(high - low, 1e-9)[chunk])
     if not chunk_colors:
         bounds, shares[2] = bounds[:2], np.clip(colors, 0, 1)
-    opacity = 1 / (1 + np.exp(-gaussians.logit_opacities))
+    opacity = _opacities(gaussians)
     vertex = np.stack(
         [
             _packed(shares[0], (11, 10, 11)),
@@ -84,6 +84,38 @@ def write_spz(path: Path, gaussians: Gaussians, version: int = 3, *, bits: int =
     path.write_bytes(gzip.compress(spz_content(gaussians, version, bits=bits)))
 
 
+def write_ksplat(path: Path, gaussians: Gaussians, level: int) -> None:
+    """A `.ksplat` of two sections, the first 20 without harmonics; buckets of 8 around centers on whole numbers."""
+    body, heads = b"", b""
+    for begin, end, degree in ((0, 20, 0), (20, len(gaussians), 1)):
+        part, sizes = slice(begin, end), [8] * ((end - begin) // 8)
+        rest = end - begin - sum(sizes)
+        bucket = np.repeat(np.arange(len(sizes) + 1), [*sizes, rest])[: end - begin]
+        centers = np.round(gaussians.means[part][np.arange(0, end - begin, 8)])
+        steps, block = 32_767, 16.0
+        means = np.rint((gaussians.means[part] - centers[bucket]) / (block / 2) * steps + steps) if level else None
+        kinds = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))[level]
+        sh = gaussians.sh[part, 1:4].transpose(0, 2, 1).reshape(end - begin, -1)[:, : 9 * degree]
+        rgba = np.concatenate([gaussians.sh[part, 0] * SH_C0 + 0.5, _opacities(gaussians)[part, None]], axis=1)
+        columns = [
+            (gaussians.means[part] if means is None else means).astype(kinds[0]),
+            np.exp(gaussians.log_scales[part]).astype(kinds[1]),
+            gaussians.quats[part].astype(kinds[1]),
+            _bytes(rgba * 255),
+            _bytes((sh + 1.5) / 3 * 255) if level == 2 else sh.astype(kinds[2]),
+        ]
+        rows = np.concatenate([np.ascontiguousarray(column).view(np.uint8) for column in columns], axis=1)
+        body += (struct.pack("<I", rest) if rest else b"") + centers.astype("<f4").tobytes() + rows.tobytes()
+        head = struct.pack("<IIIIfHxxI", end - begin, end - begin, 8, len(centers), block, 12, steps)
+        heads += (head + struct.pack("<4xIIH", len(sizes), int(rest > 0), degree)).ljust(1024, b"\0")
+    top = struct.pack("<BB2xII4xIH14xff", 0, 1, 2, 2, len(gaussians), level, -1.5, 1.5).ljust(4096, b"\0")
+    path.write_bytes(top + heads + body)
+
+
+def _opacities(gaussians: Gaussians) -> np.ndarray:
+    return np.asarray(1 / (1 + np.exp(-gaussians.logit_opacities)))
+
+
 def spz_content(gaussians: Gaussians, version: int = 3, *, bits: int = 12) -> bytes:
     """What is inside the gzip stream."""
     count, flip = len(gaussians), np.array([1, -1, -1])
@@ -102,7 +134,7 @@ def spz_content(gaussians: Gaussians, version: int = 3, *, bits: int = 12) -> by
         [
             struct.pack("<4sIIBBBB", b"NGSP", version, count, gaussians.sh_degree, bits, 0, 0),
             fixed.reshape(-1, 1).view(np.uint8)[:, :3].tobytes(),
-            _bytes(255 / (1 + np.exp(-gaussians.logit_opacities))).tobytes(),
+            _bytes(255 * _opacities(gaussians)).tobytes(),
             _bytes(gaussians.sh[:, 0] * 0.15 * 255 + 127.5).tobytes(),
             _bytes((gaussians.log_scales + 10) * 16).tobytes(),
             rotations.tobytes(),

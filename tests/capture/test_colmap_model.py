@@ -78,18 +78,6 @@ def test_round_trip(text: bool, sparse: str, upload, photo, settings) -> None:
     assert by_position == {tuple(np.float32(written.points3D[i].xyz)): tuple(written.points3D[i].color) for i in order}
 
 
-def test_text_is_binary(tmp_path: Path, upload, photo, settings) -> None:
-    folder = _upload(upload, photo, text=False)
-    _model(folder / "text", _NAMES, text=True)
-    binary, text = (
-        read_colmap(folder, model, "images", settings, LeftOut(strict=True)) for model in ("sparse/0", "text")
-    )
-    for one, other in zip(binary.images, text.images, strict=True):
-        assert one.camera_model == other.camera_model
-        np.testing.assert_allclose(one.world_from_camera, other.world_from_camera, atol=1e-12)
-    np.testing.assert_allclose(np.sort(binary.points, axis=0), np.sort(text.points, axis=0))
-
-
 def test_built_views_are_undistorted_and_keep_the_world(upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=False)
     capture = captured(folder, settings)

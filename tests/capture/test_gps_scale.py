@@ -11,12 +11,7 @@ from PIL import ExifTags
 
 from fastsplat.service.capture.photos.photo_metadata import PhotoPlace, place_of_exif
 from fastsplat.service.capture.types import Capture, CaptureReport, ScaleEstimate, VerticalEstimate, View
-from fastsplat.service.capture.world.gps_scale import (
-    PlacedPhoto,
-    estimate_gps_scale,
-    local_meters,
-    with_gps,
-)
+from fastsplat.service.capture.world.gps_scale import PlacedPhoto, estimate_gps_scale, local_meters, with_gps
 from fastsplat.service.capture.world.scale_estimates import combined_estimate, metric_capture
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.scene.scaling import ScaledLength, combined

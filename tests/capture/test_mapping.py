@@ -28,12 +28,7 @@ def _mapping(folder: Path) -> Mapping:
     with pycolmap.Database.open(folder / "features.db") as reader:
         names = [image.name for image in reader.read_all_images()]
     return Mapping(
-        folder / "features.db",
-        folder,
-        folder,
-        [{"file": name} for name in names],
-        lambda *_: None,
-        lambda *_: None,
+        folder / "features.db", folder, folder, [{"file": name} for name in names], lambda *_: None, lambda *_: None
     )
 
 

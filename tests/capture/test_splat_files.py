@@ -21,10 +21,12 @@ from fastsplat.service.capture.uploads.splat_files.splat_reading import (
     read_splat_file,
 )
 from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.sog_writing import sog_bytes
+from fastsplat.service.scene.spz_writing import spz_bytes
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.raster.rendering import sh_to_rgb
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
-from tests.capture.splat_writers import columns_of, spz_content, write_compressed, write_spz, write_table
+from tests.capture.splat_writers import columns_of, spz_content, write_compressed, write_ksplat, write_spz, write_table
 from tests.scene.conftest import make_gaussians
 
 _LIMITS = SplatLimits(100_000, "SOME_SETTING")
@@ -46,6 +48,16 @@ def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) ->
     own, expected = (quats / np.linalg.norm(quats, axis=1, keepdims=True) for quats in (own, expected))
     signs = np.sign((own * expected).sum(axis=1, keepdims=True))
     np.testing.assert_allclose(own * signs, expected, atol=atol)
+
+
+def assert_close(own: SplatRows, expected: Gaussians, means: float, scales: float, quats: float, color: float) -> None:
+    """Within these errors; opacities and constant colors are bytes."""
+    np.testing.assert_allclose(own.means, expected.means, atol=means)
+    np.testing.assert_allclose(own.log_scales, expected.log_scales, atol=scales)
+    assert_same_rotations(own.quats, expected.quats, quats)
+    shares = [1 / (1 + np.exp(-logits)) for logits in (own.logit_opacities, expected.logit_opacities)]
+    np.testing.assert_allclose(*shares, atol=0.5 / 255 + 1e-5)
+    np.testing.assert_allclose(own.sh[:, 0], expected.sh[:, 0], atol=0.5 / 255 / color + 1e-5)
 
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
@@ -100,13 +112,7 @@ def test_a_compressed_ply_comes_back_within_its_steps(tmp_path: Path, sh: int, c
     file = read(tmp_path / "a.compressed.ply")
     assert file.format == "compressed PLY" and file.invisible == 0
     own = file.rows
-    np.testing.assert_allclose(own.means, gaussians.means, atol=8 / 1023 / 2 + 1e-5)
-    np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=8 / 1023 / 2 + 1e-5)
-    assert_same_rotations(own.quats, gaussians.quats, 4e-3)
-    np.testing.assert_allclose(
-        1 / (1 + np.exp(-own.logit_opacities)), 1 / (1 + np.exp(-gaussians.logit_opacities)), atol=0.5 / 255 + 1e-5
-    )
-    np.testing.assert_allclose(own.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / SH_C0 + 1e-5)
+    assert_close(own, gaussians, 8 / 1023 / 2 + 1e-5, 8 / 1023 / 2 + 1e-5, 4e-3, SH_C0)
     np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=8 / 256 / 2 + 1e-5)
 
 
@@ -118,13 +124,7 @@ def test_spz_comes_back_within_its_steps(tmp_path: Path, sh: int, version: int, 
     write_spz(tmp_path / "a.spz", gaussians, version)
     assert is_splat_file(tmp_path / "a.spz")
     own = read(tmp_path / "a.spz").rows
-    np.testing.assert_allclose(own.means, gaussians.means, atol=0.5 / 4096 + 1e-6)
-    np.testing.assert_allclose(own.log_scales, gaussians.log_scales, atol=1 / 32 + 1e-5)
-    assert_same_rotations(own.quats, gaussians.quats, rotation)
-    np.testing.assert_allclose(
-        1 / (1 + np.exp(-own.logit_opacities)), 1 / (1 + np.exp(-gaussians.logit_opacities)), atol=0.5 / 255 + 1e-5
-    )
-    np.testing.assert_allclose(own.sh[:, 0], gaussians.sh[:, 0], atol=0.5 / 255 / 0.15 + 1e-5)
+    assert_close(own, gaussians, 0.5 / 4096 + 1e-6, 1 / 32 + 1e-5, rotation, 0.15)
     np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=0.5 / 128 + 1e-5)
 
 
@@ -205,7 +205,7 @@ def _without(name: str) -> Callable[[bytes], bytes]:
         (_without("opacity"), "no property opacity"),
         (_without("rot_0"), "no property rot_0"),
         (_without("f_rest_3"), "f_rest"),
-        (lambda data: data.replace(b"little", b"big"), "binary_big_endian"),
+        (lambda data: data.replace(b"little", b"middle"), "binary_middle_endian"),
         (lambda data: data.replace(b"vertex 9", b"vertex 0"), "no Gaussians"),
         (lambda data: data.replace(b"vertex 9", b"vertex -9"), "element vertex -9"),
         (lambda data: data.replace(b"vertex 9", b"vertex 10"), "bytes where"),
@@ -233,29 +233,71 @@ def test_ascii_rows_of_another_length_or_without_numbers(tmp_path: Path) -> None
             read(tmp_path / "a.ply")
 
 
-def test_versions_and_extensions_of_spz_that_are_not_read(tmp_path: Path) -> None:
-    content = spz_content(make_gaussians(5, 4, 0))
+def test_spz_that_is_not_read(tmp_path: Path) -> None:
+    gaussians = make_gaussians(5, 4, 0)
+    content, streams = spz_content(gaussians), spz_bytes(gaussians, 4)
     path = tmp_path / "a.spz"
     for data, message in (
-        (gzip.compress(content[:4] + b"\x04" + content[5:]), "version 4"),
-        (gzip.compress(content[:14] + b"\x02" + content[15:]), "extensions"),
+        (gzip.compress(content[:4] + b"\x04" + content[5:]), "version 4 with gzip"),
+        (gzip.compress(content[:4] + b"\x01" + content[5:]), "version 1"),
         (gzip.compress(content[:12] + b"\x04" + content[13:]), "degree 4"),
         (gzip.compress(content[:13] + b"\x20" + content[14:]), "fractional bits"),
         (gzip.compress(content + b"\0"), "goes on"),
         (gzip.compress(content[:-1]), "ends within its sh"),
-        (content, "without gzip"),
+        (streams[:-1], "other sizes"),
+        (streams[:40], "other sizes"),
+        (streams[:16] + b"\x08" + streams[17:], "no table"),
+        (streams[:128] + bytes(4) + streams[132:], "not a whole stream"),
+        (streams[:14] + b"\2" + streams[15:16] + b"\x2c" + streams[17:32] + _system(9) + streams[32:], "swapped"),
     ):
         path.write_bytes(data)
         with pytest.raises(InvalidInputError, match=message):
             read(path)
 
 
-@pytest.mark.parametrize("kind", ["plain", "text", "compressed", "spz"])
+def _system(number: int) -> bytes:
+    """The record of an extension of SPZ that says what the axes are."""
+    return struct.pack("<III", 0xADBE0003, 4, number)
+
+
+def test_axes_that_an_spz_states_become_those_of_a_ply(tmp_path: Path) -> None:
+    """Right, down, front as in a PLY: what is stored stays; in each container, without gzip, too."""
+    gaussians = make_gaussians(50, 16, 0)
+    content, streams = spz_content(gaussians, bits=12), spz_bytes(gaussians, 4)
+    unknown = struct.pack("<II", 1, 2) + b"??"
+    old = content[:14] + b"\2" + content[15:]
+    new = streams[:14] + b"\2" + streams[15:16] + b"\x36" + streams[17:32] + unknown + _system(6) + streams[32:]
+    for name, plain, stated in (("old", content, old + _system(6) + unknown), ("new", streams, new)):
+        (tmp_path / "plain.spz").write_bytes(plain)
+        (tmp_path / f"{name}.spz").write_bytes(stated)
+        one, other = read(tmp_path / "plain.spz").rows, read(tmp_path / f"{name}.spz").rows
+        np.testing.assert_array_equal(other.means * (1, -1, -1), one.means)
+        np.testing.assert_array_equal(other.quats * (1, 1, -1, -1), one.quats)
+        assert (other.sh[:, 0] == one.sh[:, 0]).all() and (other.sh[:, 1] == -one.sh[:, 1]).all()
+
+
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_ksplat_comes_back_within_its_steps(tmp_path: Path, level: int) -> None:
+    """Two sections: of full buckets and one that is not full, without and with harmonics."""
+    gaussians = replace(made := make_gaussians(44, 4, 0), sh=np.clip(made.sh, -1.4, 1.4))
+    write_ksplat(tmp_path / "a.ksplat", gaussians, level)
+    own = read(tmp_path / "a.ksplat").rows
+    assert_close(own, gaussians, 2e-3 if level else 0, 1e-3, 1e-3, SH_C0)
+    np.testing.assert_allclose(own.sh[20:, 1:], gaussians.sh[20:, 1:], atol=(1e-6, 1e-3, 0.01)[level])
+    assert not own.sh[:20, 1:].any()
+
+
+@pytest.mark.parametrize("kind", ["plain", "text", "compressed", "spz", "spz4", "sog", "ksplat"])
 def test_damaged_bytes_give_typed_errors_or_gaussians(tmp_path: Path, kind: str) -> None:
     gaussians = make_gaussians(260, 4, 0)
-    path = tmp_path / ("a.spz" if kind == "spz" else "a.ply")
+    path = tmp_path / {"spz": "a.spz", "spz4": "a.spz", "sog": "a.sog", "ksplat": "a.ksplat"}.get(kind, "a.ply")
     if kind == "spz":
         content = spz_content(gaussians)
+    elif kind in ("spz4", "sog"):
+        content = spz_bytes(gaussians, 4) if kind == "spz4" else sog_bytes(gaussians)
+    elif kind == "ksplat":
+        write_ksplat(path, gaussians, 1)
+        content = path.read_bytes()
     else:
         if kind == "compressed":
             write_compressed(path, gaussians)
@@ -297,11 +339,10 @@ def test_a_file_of_another_program_shows_what_the_same_program_wrote_in_another_
         pytest.skip("the data folder has no import_fixtures")
     row = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
     truth = np.fromfile(folder / "minimal.splat", row)
-    own = read(folder / "minimal-v3.spz").rows
-    np.testing.assert_array_equal(own.means, truth["means"])
-    np.testing.assert_allclose(np.exp(own.log_scales), truth["scales"], rtol=1 / 30)
-    rgba = np.concatenate([0.5 + SH_C0 * own.sh[:, 0], 1 / (1 + np.exp(-own.logit_opacities[:, None]))], axis=1)
-    np.testing.assert_allclose(rgba, truth["rgba"] / 255, atol=0.01)
-    assert len(read(folder / "minimal-v2.spz").rows) == len(truth)
-    with pytest.raises(InvalidInputError, match="version 4"):
-        read(folder / "minimal-v4.spz")
+    for name in ("minimal.splat", "minimal.ksplat", "minimal-v3.spz", "minimal-v4.spz"):
+        own = read(folder / name).rows
+        np.testing.assert_array_equal(own.means, truth["means"])
+        np.testing.assert_allclose(np.exp(own.log_scales), truth["scales"], rtol=1 / 30)
+        rgba = np.concatenate([0.5 + SH_C0 * own.sh[:, 0], 1 / (1 + np.exp(-own.logit_opacities[:, None]))], axis=1)
+        np.testing.assert_allclose(rgba, truth["rgba"] / 255, atol=0.01)
+    assert len(read(folder / "minimal-v2.spz").rows) == len(read(folder / "minimal-raw.spz").rows) == len(truth)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import gzip
-import io
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +14,11 @@ from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from tests.capture.splat_writers import columns_of, spz_content, write_table
+from tests.capture.splat_writers import columns_of, write_table
+from tests.capture.upload_files import PINHOLE, frames_of
 from tests.scene.conftest import make_gaussians
 
 
@@ -33,39 +32,20 @@ def splat_bytes(tmp_path: Path, gaussians: Gaussians | None = None) -> bytes:
 def _transforms(names: list[str], **others: object) -> bytes:
     pose = np.eye(4)
     pose[2, 3] = 3.0
-    frames = [{"file_path": name, "transform_matrix": pose.tolist()} for name in names]
-    numbers = {"fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "w": 64, "h": 48}
-    return json.dumps({**numbers, "frames": frames, **others}).encode()
+    return json.dumps({**PINHOLE, "frames": frames_of(names, pose), **others}).encode()
 
 
-@pytest.mark.parametrize("sent", ["ply", "spz", "zip"])
+@pytest.mark.parametrize("sent", ["desk.ply", "desk.zip"])
 def test_a_splat_alone(sent: str, upload, settings, tmp_path: Path) -> None:
     gaussians = make_gaussians(40, 4, 0)
     content = splat_bytes(tmp_path, gaussians)
-    if sent == "spz":
-        files = {"desk.spz": gzip.compress(spz_content(gaussians))}
-    elif sent == "zip":
-        stream = io.BytesIO()
-        with zipfile.ZipFile(stream, "w") as archive:
-            archive.writestr("export/desk.ply", content)
-        files = {"desk.zip": stream.getvalue()}
-    else:
-        files = {"desk.ply": content}
-    folder = upload(files)
-    validated = validate_in_sandbox(folder, settings)
+    sent_bytes = content if sent.endswith(".ply") else zipped({"export/desk.ply": content})
+    validated = validate_in_sandbox(upload({sent: sent_bytes}), settings)
     assert (validated.source, validated.images, validated.gaussians) == ("splat", 0, 40)
     rows = load_splat(validated.folder / "splat.safetensors")
-    assert len(rows) == 40
-    if sent != "spz":
-        np.testing.assert_array_equal(rows.means, gaussians.means)
+    np.testing.assert_array_equal(rows.means, gaussians.means)
     with pytest.raises(InvalidInputError, match="has no views"):
         build_capture(validated.folder, tmp_path / "capture", settings, silent)
-
-
-def test_photos_without_poses_beside_a_splat_are_named(upload, photo, settings, tmp_path: Path) -> None:
-    folder = upload({"desk.ply": splat_bytes(tmp_path), "a.jpg": photo(1), "b.jpg": photo(2)})
-    validated = validate_upload(folder, settings)
-    assert validated.source == "splat" and "a.jpg" in validated.warnings[0]
 
 
 def test_posed_photos_and_a_splat_are_one_capture(upload, photo, settings, tmp_path: Path) -> None:

@@ -110,12 +110,6 @@ def test_intrinsics_forms(send, settings) -> None:
         assert (camera.cx, camera.cy) != (31.0, 25.0)
 
 
-def test_file_path_without_extension(send, settings) -> None:
-    document = _document()
-    document["frames"][0]["file_path"] = "./images/0"
-    assert captured(send(document), settings).views[0].posed.name == "images/0.jpg"
-
-
 def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
     folder = send(_document())
     capture = captured(folder, settings)
@@ -129,14 +123,7 @@ def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
     pixels = photo(4, _SIZE, "PNG", exif=turned(6))
     document = _document(frames=frames_of(["a.png"]))
     view = captured(
-        upload(
-            {
-                "a.png": pixels,
-                "transforms.json": json.dumps(document).encode(),
-                "points3d.ply": _POINTS,
-            }
-        ),
-        settings,
+        upload({"a.png": pixels, "transforms.json": json.dumps(document).encode(), "points3d.ply": _POINTS}), settings
     ).views[0]
     assert (view.posed.camera.width, view.posed.camera.height) == _SIZE[::-1]
     with Image.open(io.BytesIO(pixels)) as image:
@@ -246,13 +233,7 @@ def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
     for frame in document["frames"]:
         frame["file_path"] = f"../{frame['file_path']}"
     files = {f"images/{i}.jpg": photo(i, _SIZE) for i in range(3)}
-    folder = upload(
-        {
-            **files,
-            "poses/transforms.json": json.dumps(document).encode(),
-            "poses/points3d.ply": _POINTS,
-        }
-    )
+    folder = upload({**files, "poses/transforms.json": json.dumps(document).encode(), "poses/points3d.ply": _POINTS})
     assert [view.posed.name for view in captured(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
 
 

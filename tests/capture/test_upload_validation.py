@@ -215,8 +215,7 @@ def test_building_over_foreign_files(upload, photo, settings, refused) -> None:
 
 
 @pytest.mark.parametrize(
-    "document",
-    [{"labels": {"Mug": 1, "red table": 5}}, {"red table": 5, "Mug": 1, "background": 0}],
+    "document", [{"labels": {"Mug": 1, "red table": 5}}, {"red table": 5, "Mug": 1, "background": 0}]
 )
 def test_label_tables(document: Any) -> None:
     table = parse_label_table(document, field="labels.json")

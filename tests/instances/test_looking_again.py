@@ -30,9 +30,7 @@ _WORDS = {  # what the label table of the development machine calls these
 Table = tuple[SceneIndex, dict[int, str]]
 Looked = tuple[Sightings, list[ProgressEvent]]
 _DETECTOR = PerceptionSettings(
-    open_set_detector="yolo_world:yolo_world_s",
-    prompt_encoder="label_table:clip_text_vocab",
-    open_score_threshold=0.15,
+    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", open_score_threshold=0.15
 )
 
 

@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.instances.hierarchy import find_hierarchy
-from fastsplat.service.instances.ownership import (
-    NOBODY,
-    assign_owners,
-    with_neighbors,
-    without_strays,
-)
+from fastsplat.service.instances.ownership import NOBODY, assign_owners, with_neighbors, without_strays
 from fastsplat.service.instances.selection import select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import Plane, fit_plane, join_surfaces, lies_in, surface_kinds

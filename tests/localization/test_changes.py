@@ -62,10 +62,7 @@ def _box(at: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _events(
-    scene: Renderer,
-    empty: Renderer,
-    photos: Sequence[NDArray[np.uint8]],
-    boxes: dict[int, NDArray[np.float64]],
+    scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]], boxes: dict[int, NDArray[np.float64]]
 ) -> tuple[Change, ...]:
     views = _later(scene, empty, photos)
     if _BLOCK not in boxes:

@@ -8,13 +8,7 @@ import pytest
 
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, fit_training
-from fastsplat.service.planning.presets import (
-    PERCEPTION_PRESETS,
-    PRESETS,
-    PresetName,
-    apply_preset,
-    override_training,
-)
+from fastsplat.service.planning.presets import PERCEPTION_PRESETS, PRESETS, PresetName, apply_preset, override_training
 from fastsplat.service.planning.time_budget import clock_tradeoff
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.settings import Settings

@@ -146,8 +146,7 @@ def test_alignments_and_scales_follow_each_other(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "alignment",
-    [Alignment("map"), Alignment("two\nlines", Pose(Vector3(0, 0, 0), quaternion_of(np.eye(3))))],
+    "alignment", [Alignment("map"), Alignment("two\nlines", Pose(Vector3(0, 0, 0), quaternion_of(np.eye(3))))]
 )
 def test_orders_that_make_no_sense_are_refused(alignment: Alignment) -> None:
     with pytest.raises(InvalidInputError):

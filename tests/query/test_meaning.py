@@ -286,12 +286,7 @@ def test_the_relation_is_said_in_field_and_sentence(
     ],
 )
 def test_words_before_a_name_leave_it_what_it_is_or_do_not(
-    meanings: Callable[..., LabelMeanings],
-    question: str,
-    kept: str,
-    feigned: str,
-    other: str,
-    before: str,
+    meanings: Callable[..., LabelMeanings], question: str, kept: str, feigned: str, other: str, before: str
 ) -> None:
     found = _compounds(meanings(LABELS), LABELS, question)
     for mask, label in ((found.kept, kept), (found.feigned, feigned), (found.other, other)):

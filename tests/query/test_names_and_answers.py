@@ -209,10 +209,7 @@ def room() -> SceneIndex:
     room.place("cup", box((0.09, 0.09, 0.1)), (-0.4, -0.1, 0.75), 0.2, white)
     scene = scene_of(room, 0, np.eye(4))
     assert scene.things is not None
-    suggested = {
-        3: (Suggestion("kettle", 0.19),),
-        4: (Suggestion("kettle", 0.15), Suggestion("stool", 0.3)),
-    }
+    suggested = {3: (Suggestion("kettle", 0.19),), 4: (Suggestion("kettle", 0.15), Suggestion("stool", 0.3))}
     rows = tuple(
         Thing(thing.id, name, "person" if name else None, float(bool(name)), suggestions=suggested.get(thing.id, ()))
         for thing, name in zip(scene.things.table, names, strict=True)

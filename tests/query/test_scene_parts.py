@@ -128,10 +128,7 @@ def test_what_a_person_named_is_guarded_for_parts_too(scene: Scene) -> None:
     after = edited(before, name(RIM, "rim"))
     with pytest.raises(ConflictError, match="has named thing 6"):
         apply_edit(after, name(RIM, "lip"), before.things.table)
-    assert (
-        edited(after, name(RIM, "lip")).things.get(RIM).name,
-        after.things.get(RIM).name,
-    ) == ("lip", "rim")
+    assert (edited(after, name(RIM, "lip")).things.get(RIM).name, after.things.get(RIM).name) == ("lip", "rim")
 
 
 def test_edits_of_what_is_seen_take_the_gaussians_of_a_part(scene: Scene) -> None:

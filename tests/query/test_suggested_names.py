@@ -151,13 +151,7 @@ def test_sources_that_agree_count_more_and_never_make_sure(one: float, other: fl
     assert len(merged.told) == 2
 
 
-@given(
-    st.lists(
-        st.tuples(st.booleans(), st.floats(0.05, 1.0)),
-        min_size=1,
-        max_size=20,
-    )
-)
+@given(st.lists(st.tuples(st.booleans(), st.floats(0.05, 1.0)), min_size=1, max_size=20))
 def test_trust_falls_with_every_name_that_a_person_gave_otherwise(confirmed: list[tuple[bool, float]]) -> None:
     def trust(rows: list[tuple[bool, float]]) -> float:
         things = [

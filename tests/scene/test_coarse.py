@@ -34,13 +34,7 @@ def _floor(opacity: float = 3.0) -> Scene:
     sh = np.zeros((_GAUSSIANS, 4, 3), np.float32)
     sh[:, 0] = (colors - 0.5) / SH_C0
     return labelled_scene(
-        means,
-        np.where(left, 1, 2),
-        ("cup", "book"),
-        scales=0.012,
-        logit_opacities=opacity,
-        sh=sh,
-        cameras=[_VIEW],
+        means, np.where(left, 1, 2), ("cup", "book"), scales=0.012, logit_opacities=opacity, sh=sh, cameras=[_VIEW]
     )
 
 

@@ -13,7 +13,8 @@ from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable, match_label_maps, read_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
-from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, resolve_file
+from fastsplat.service.capture.uploads.named_files import NamedFiles
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.uploads.transforms import name_keys
 from fastsplat.service.capture.uploads.upload_kind import UploadContents, detect_kind
@@ -124,7 +125,7 @@ def _masks_beside(root: Path, photos: tuple[PosedImage, ...]) -> dict[str, str]:
         named = PurePosixPath("masks") / photo.name
         for candidate in (named.with_suffix(".png"), PurePosixPath(f"{named}.png")):
             if (root / candidate).is_file():
-                by_path[photo.path] = resolve_file(root, ".", candidate.as_posix(), photo.name)
+                by_path[photo.path] = NamedFiles(root, "masks").file(".", candidate.as_posix(), photo.name)
     return by_path
 
 
@@ -140,7 +141,7 @@ def _paths(
         where = f"{name}: {path}"
         if not isinstance(stated, str):
             raise InvalidInputError(f"{where}: the {what} is no text", field=where, hint="Name a file.")
-        by_path[path] = resolve_file(root, PurePosixPath(name).parent.as_posix(), stated, where)
+        by_path[path] = NamedFiles(root, name).file(PurePosixPath(name).parent.as_posix(), stated, where)
     return by_path
 
 

@@ -130,8 +130,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
             ),
         ],
         view: Annotated[
-            str,
-            Field(description="name of the photo from whose place left, right, in front and behind are meant"),
+            str, Field(description="name of the photo from whose place left, right, in front and behind are meant")
         ] = "",
         scene: _Scene = "",
     ) -> tool_results.Related:
@@ -225,8 +224,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ) -> tool_results.Named:
         """Give a thing its name, when the user says what it is; it is then found by that name and by its meaning."""
         return await answered(
-            context,
-            lambda client: tools.name_thing(client, thing, name, aliases or [], kinds or [], replaces, scene),
+            context, lambda client: tools.name_thing(client, thing, name, aliases or [], kinds or [], replaces, scene)
         )
 
     @server.tool(annotations=_CHANGES)

@@ -292,6 +292,7 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_TRANSFORMS: _ClassVar[ExportFormat]
     EXPORT_FORMAT_COLMAP: _ClassVar[ExportFormat]
     EXPORT_FORMAT_THINGS: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_SPZ4: _ClassVar[ExportFormat]
 
 class NextPhotoReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -559,6 +560,7 @@ EXPORT_FORMAT_CAMERA_LIST: ExportFormat
 EXPORT_FORMAT_TRANSFORMS: ExportFormat
 EXPORT_FORMAT_COLMAP: ExportFormat
 EXPORT_FORMAT_THINGS: ExportFormat
+EXPORT_FORMAT_SPZ4: ExportFormat
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason
 NEXT_PHOTO_REASON_GAP: NextPhotoReason
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason

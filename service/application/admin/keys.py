@@ -36,12 +36,7 @@ class Keys:
         self._projects = projects
 
     def create(
-        self,
-        name: str,
-        role: Role,
-        lifetime_s: float | None = None,
-        project: str = DEFAULT_PROJECT,
-        scene_id: str = "",
+        self, name: str, role: Role, lifetime_s: float | None = None, project: str = DEFAULT_PROJECT, scene_id: str = ""
     ) -> tuple[KeyRecord, str]:
         """Make a key. Returns its record, and the key itself, which nobody can tell again.
 

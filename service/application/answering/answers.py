@@ -22,12 +22,7 @@ from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import (
-    InvalidInputError,
-    LimitExceededError,
-    NotFoundError,
-    SceneFileError,
-)
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.pictures import PictureRequest

@@ -18,12 +18,7 @@ from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, p
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.localize_messages import (
-    Localization,
-    LocalizedPhoto,
-    PhotoDifference,
-    ThingInView,
-)
+from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, ThingInView
 from fastsplat_contract.thing_prompts import PixelBox
 
 

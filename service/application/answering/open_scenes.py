@@ -18,12 +18,7 @@ from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.errors import (
-    InvalidInputError,
-    NotFoundError,
-    NotReadyError,
-    SceneFileError,
-)
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.poses import F64
 from fastsplat_contract.queries import QueryIn
 from fastsplat_contract.scenes import SceneState

@@ -46,9 +46,7 @@ def question_of(request: PictureRequest) -> str:
         raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
     if request.format == "npy" and kind not in _ARRAYS:
         raise InvalidInputError(
-            f'"{kind}" is a picture, not an array',
-            field="format",
-            hint=f'Use "png", or ask for {", ".join(_ARRAYS)}.',
+            f'"{kind}" is a picture, not an array', field="format", hint=f'Use "png", or ask for {", ".join(_ARRAYS)}.'
         )
     if request.format == "jpeg" and kind in _EXACT:
         raise InvalidInputError(

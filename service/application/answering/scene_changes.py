@@ -34,11 +34,7 @@ _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoDifference, ...]]]
 
 
-def scene_changes(
-    index: SceneIndex,
-    placed: Sequence[PlacedPhoto],
-    sizes: Sequence[tuple[int, int]],
-) -> Seen:
+def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Sequence[tuple[int, int]]) -> Seen:
     """The events that two of the photos agree on, where the scene's own photos looked; the things that two should show;
     and where each photo, by its number, shows an event.
 

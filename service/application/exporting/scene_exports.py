@@ -136,6 +136,11 @@ class Exports:
         size = 32 * len(index.scene.gaussians)
         return self._splats.get((request.scene_id, version), lambda: size, make)
 
+    def _spz4(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        gaussians = _of_things(index, request.things)
+        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+            return spz_bytes(gaussians, 4)
+
     def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         gaussians = _of_things(index, request.things)
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
@@ -241,6 +246,7 @@ class Exports:
 _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {
     "ply": Exports._ply,
     "spz": Exports._spz,
+    "spz4": Exports._spz4,
     "html": Exports._html,
     "points": Exports._points,
     "mesh": Exports._mesh,

@@ -26,14 +26,7 @@ from fastsplat_contract.job_watching import DraftInfo, PlacedInfo, PreviewInfo, 
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
-from fastsplat_contract.scenes import (
-    DictionaryEntry,
-    ScaleSource,
-    Scene,
-    SceneAlignment,
-    SceneScaling,
-    SceneSummary,
-)
+from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, SceneAlignment, SceneScaling, SceneSummary
 
 _LEFT_OUT = "left_out"
 _MAX_LEFT_OUT = 100

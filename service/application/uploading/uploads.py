@@ -34,11 +34,7 @@ class UploadSession:
     """
 
     def __init__(
-        self,
-        upload_id: str,
-        folder: Path,
-        settings: CaptureSettings,
-        check_space: Callable[[], None] = lambda: None,
+        self, upload_id: str, folder: Path, settings: CaptureSettings, check_space: Callable[[], None] = lambda: None
     ) -> None:
         self.id = upload_id
         self.folder = folder

@@ -23,11 +23,11 @@ def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
         LimitExceededError: more than `max_json_bytes`.
     """
     if path.stat().st_size > settings.max_json_bytes:
-        raise LimitExceededError(
-            f"{name} has {path.stat().st_size} bytes",
-            field=name,
-            limit=f"{settings.max_json_bytes} bytes",
-            hint="Send poses only, not measurements.",
+        raise LimitExceededError.of(
+            name,
+            f"has {path.stat().st_size} bytes",
+            "Send poses only, not measurements.",
+            f"{settings.max_json_bytes} bytes",
         )
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -35,13 +35,9 @@ def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
             raise RecursionError
         return json.loads(text)
     except RecursionError as error:
-        raise InvalidInputError(
-            f"{name} is nested too deeply", field=name, limit=f"{_MAX_DEPTH} levels", hint="Flatten it."
-        ) from error
+        raise InvalidInputError.of(name, "is nested too deeply", "Flatten it.", f"{_MAX_DEPTH} levels") from error
     except ValueError as error:
-        raise InvalidInputError(
-            f"{name} is not JSON: {error}", field=name, hint="Check it with a JSON tool."
-        ) from error
+        raise InvalidInputError.of(name, f"is not JSON: {error}", "Check it with a JSON tool.") from error
 
 
 def _depth(text: str) -> int:

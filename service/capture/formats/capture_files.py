@@ -113,11 +113,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         "valid": _relative(view.valid_path, folder),
         "depth": None
         if view.depth is None
-        else {
-            "map": _relative(view.depth.path, folder),
-            "camera": asdict(view.depth.camera),
-            "unit": view.depth.unit,
-        },
+        else {"map": _relative(view.depth.path, folder), "camera": asdict(view.depth.camera), "unit": view.depth.unit},
         "exposure_ev": view.exposure_ev,
         "taken_at": view.taken_at,
         "lens": None if view.lens is None else asdict(view.lens),

@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.formats.image_io import open_map, read_size
+from fastsplat.service.capture.formats.image_io import open_map, read_size, too_many_pixels
 from fastsplat.service.capture.formats.lzfse_files import unpack_lzfse
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 
 ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"
 IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
@@ -78,12 +78,7 @@ def depth_size(root: Path, file: DepthFile, settings: CaptureSettings) -> tuple[
     else:
         return read_size(root, file.path, settings)
     if width * height > settings.max_image_pixels:
-        raise LimitExceededError(
-            f"{file.path} has {width}×{height} pixels",
-            field=file.path,
-            limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
-            hint="Send smaller depth maps.",
-        )
+        raise too_many_pixels(file.path, f"{width}×{height}", settings)
     return int(width), int(height)
 
 
@@ -103,7 +98,7 @@ def read_depth(root: Path, file: DepthFile, settings: CaptureSettings) -> NDArra
     elif suffix == COMPRESSED_SUFFIX:
         stored = np.frombuffer(_decompressed(root, file.path, 4 * width * height), "<f4").reshape(height, width)
     else:
-        stored = open_map(root, file.path, settings)
+        stored = open_map(root, file.path, settings, depth=True)
     with np.errstate(over="ignore", invalid="ignore"):
         depth = (stored.astype(np.float64) * file.unit).astype(np.float32)
         depth[~((depth > 0) & (depth <= _FARTHEST))] = 0.0  # false for NaN too
@@ -128,15 +123,11 @@ def _open_array(path: Path, name: str) -> NDArray[Any]:
             f"{name} is not a readable array: {error}"[:300], field=name, hint="Save it again by numpy.save."
         ) from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fu" or math.prod(array.shape) == 0:
-        raise CorruptImageError(
-            f"{name} is not an array of depths", field=name, hint="Save float or unsigned numbers [H, W]."
-        )
+        raise CorruptImageError.of(name, "is not an array of depths", "Save float or unsigned numbers [H, W].")
     if array.ndim == 3 and array.shape[2] == 1:
         array = array[..., 0]
     if array.ndim != 2:
-        raise CorruptImageError(
-            f"{name} has the shape {array.shape}", field=name, hint="Save one number per pixel, [H, W]."
-        )
+        raise CorruptImageError.of(name, f"has the shape {array.shape}", "Save one number per pixel, [H, W].")
     return np.asarray(array)
 
 
@@ -144,10 +135,10 @@ def _confidence(root: Path, name: str, size: tuple[int, int], settings: CaptureS
     if PurePosixPath(name).suffix.lower() in IMAGE_SUFFIXES:
         levels = open_map(root, name, settings)
         if levels.shape[1::-1] != size:
-            raise InvalidInputError(
-                f"{name} has {levels.shape[1]}×{levels.shape[0]} pixels, its depth map {size[0]}×{size[1]}",
-                field=name,
-                hint="Send confidence maps of exactly their depth map's size, or none.",
+            raise InvalidInputError.of(
+                name,
+                f"has {levels.shape[1]}×{levels.shape[0]} pixels, its depth map {size[0]}×{size[1]}",
+                "Send confidence maps of exactly their depth map's size, or none.",
             )
         return levels
     return np.frombuffer(_decompressed(root, name, size[0] * size[1]), np.uint8).reshape(size[1], size[0])
@@ -156,11 +147,11 @@ def _confidence(root: Path, name: str, size: tuple[int, int], settings: CaptureS
 def _decompressed(root: Path, name: str, expected_bytes: int) -> bytes:
     path = root / name
     if path.stat().st_size > expected_bytes + _SLACK_BYTES:
-        raise CorruptImageError(
-            f"{name} has {path.stat().st_size} bytes, more than it may unpack to",
-            field=name,
-            limit=f"{expected_bytes} bytes",
-            hint="Export the recording again.",
+        raise CorruptImageError.of(
+            name,
+            f"has {path.stat().st_size} bytes, more than it may unpack to",
+            "Export the recording again.",
+            f"{expected_bytes} bytes",
         )
     packed = path.read_bytes()
     if len(packed) == expected_bytes:  # some exports leave it as it is

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import importlib
 import math
+import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, UnidentifiedImageError
+from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
 from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
 from fastsplat.service.capture.settings import CaptureSettings
@@ -43,6 +45,7 @@ class PhotoInfo:
         exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
             bias that the photographer set is in these three already.)
         taken_at: when it was taken, seconds since 1970; None where the photo does not say it with its time zone.
+        transparent: whether some pixels are wholly transparent, as far as `check_image` has looked.
     """
 
     path: str
@@ -53,6 +56,7 @@ class PhotoInfo:
     focal_35mm: float
     exposure_ev: float | None = None
     taken_at: float | None = None
+    transparent: bool = False
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -92,7 +96,8 @@ def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
         _decode(image, name)
         # Whether its colors can be read says one pixel; of gray values beyond 8 bits, whose range counts, all.
         _rgb(image if image.mode.startswith("I") else image.crop((0, 0, 1, 1)), name)
-        return info or _info(image, name)
+        alpha = _alpha(image)
+        return replace(info or _info(image, name), transparent=alpha is not None and not alpha.all())
 
 
 def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
@@ -120,6 +125,15 @@ def load_stored(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.
         return _rgb(image, name)
 
 
+def load_opaque(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
+    """uint8 [H, W], upright: 0 where a pixel is wholly transparent, else 255."""
+    with _open(root / info.path, info.path, settings) as image:
+        _decode(image, info.path)
+        alpha = _alpha(image)
+        opaque = np.ones(image.size[::-1], np.bool_) if alpha is None else alpha > 0
+    return apply_orientation(np.where(opaque, np.uint8(255), np.uint8(0)), info.orientation)
+
+
 def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
     """Upright pixels by EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
     upright = {
@@ -135,26 +149,36 @@ def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Nu
     return np.ascontiguousarray(upright)
 
 
-def open_map(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint16]:
-    """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, or as palette indices.
+def open_map(root: Path, name: str, settings: CaptureSettings, *, depth: bool = False) -> NDArray[np.uint16]:
+    """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, as palette indices, or as gray in
+    three channels.
+
+    Args:
+        depth: it is a depth map, for which 8 bits are too few.
 
     Raises:
-        InvalidInputError: it has colors instead of ids.
+        InvalidInputError: it has colors instead of ids, or too few bits.
         CorruptImageError, LimitExceededError: as `check_image`.
     """
     with _open(root / name, name, settings) as image:
         _decode(image, name)
-        if image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
-            raise InvalidInputError(
-                f"{name} has colors ({image.mode}) where one label id per pixel is expected",
-                field=name,
-                hint="Save label maps as 8- or 16-bit gray PNG.",
+        if depth and not image.mode.startswith("I"):
+            raise InvalidInputError.of(
+                name,
+                "has 8 bits a channel: it is a picture of depth, not a depth map",
+                "Save 16-bit gray PNG, in millimeters unless depth_unit_scale_factor says otherwise, or .npy.",
             )
         values = np.asarray(image)
+        if image.mode in ("RGB", "RGBA") and (values[..., :3] == values[..., :1]).all():
+            values = values[..., 0]
+        elif image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
+            raise InvalidInputError.of(
+                name,
+                f"has colors ({image.mode}) where one label id per pixel is expected",
+                "Save label maps as 8- or 16-bit gray PNG.",
+            )
     if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
-        raise InvalidInputError(
-            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit gray PNG."
-        )
+        raise InvalidInputError.of(name, "has label ids outside 0..65535", "Save it as 16-bit gray PNG.")
     return values.astype(np.uint16)
 
 
@@ -181,16 +205,18 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
             _register_heif()
         image = Image.open(path, formats=("HEIF",) if is_heif else IMAGE_FORMATS)
     except Image.DecompressionBombError as error:
-        raise _too_many_pixels(name, "far too many", settings) from error
+        raise too_many_pixels(name, "far too many", settings) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
-        raise CorruptImageError(
-            f"{name} is not an image this service can read",
-            field=name,
-            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
+        if _has_floats(path):
+            raise _floats(name) from error
+        raise CorruptImageError.of(
+            name,
+            "is not an image this service can read",
+            "Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
         ) from error
     if image.width * image.height > settings.max_image_pixels:
         image.close()
-        raise _too_many_pixels(name, f"{image.width}×{image.height}", settings)
+        raise too_many_pixels(name, f"{image.width}×{image.height}", settings)
     return image
 
 
@@ -202,12 +228,13 @@ def _register_heif() -> None:
     pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
 
 
-def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError(
-        f"{name} has {size} pixels",
-        field=name,
-        limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
-        hint="Send a smaller version.",
+def too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
+    """The error of an image of so many pixels."""
+    return LimitExceededError.of(
+        name,
+        f"has {size} pixels",
+        "Send a smaller version.",
+        f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
     )
 
 
@@ -226,8 +253,8 @@ def _decode(image: Image.Image, name: str) -> None:
         IndexError,
         Image.DecompressionBombError,
     ) as error:
-        raise CorruptImageError(
-            f"{name} is cut short or damaged: {error}", field=name, hint="Copy it again from the camera, or remove it."
+        raise CorruptImageError.of(
+            name, f"is cut short or damaged: {error}", "Copy it again from the camera, or remove it."
         ) from error
 
 
@@ -249,6 +276,29 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
     return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal, exposure_ev, taken_at)
 
 
+def _has_floats(path: Path) -> bool:
+    """Whether a file is a TIFF of floating-point numbers, by its first directory."""
+    with suppress(SyntaxError, OSError, ValueError, struct.error, KeyError, EOFError), path.open("rb") as file:
+        tags = TiffImagePlugin.ImageFileDirectory_v2(file.read(8))
+        file.seek(tags.next)
+        tags.load(file)
+        return 3 in np.atleast_1d(tags.get(TiffImagePlugin.SAMPLEFORMAT, 1))
+    return False
+
+
+def _floats(name: str) -> CorruptImageError:
+    return CorruptImageError.of(
+        name, "has floating-point pixels, whose brightness nothing says", "Save it as 8-bit RGB."
+    )
+
+
+def _alpha(image: Image.Image) -> NDArray[np.uint8] | None:
+    """uint8 [H, W] of a decoded image; None where its format has no transparency."""
+    if image.mode not in ("RGBA", "LA", "PA", "RGBa", "La") and "transparency" not in image.info:
+        return None
+    return np.asarray(image.convert("RGBA").getchannel("A"))
+
+
 def _exposure_ev(detail: Mapping[int, Any]) -> float | None:
     """See `PhotoInfo.exposure_ev`, of the tags of the Exif IFD (CIPA DC-008, 4.6.5)."""
     speed = detail.get(ExifTags.Base.ISOSpeedRatings)
@@ -264,19 +314,21 @@ def _exposure_ev(detail: Mapping[int, Any]) -> float | None:
 
 
 def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
+    if image.mode == "F":
+        raise _floats(name)
     if image.mode in ("I;16", "I;16B", "I;16L", "I"):
         wide = np.asarray(image).astype(np.int64)
         if wide.min() < 0 or wide.max() > 65535:
             raise CorruptImageError(f"{name} has gray values outside 0..65535", field=name, hint="Save it as 8 bits.")
         gray = (wide >> 8).astype(np.uint8)
         return np.repeat(gray[..., None], 3, axis=2)
-    if image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info:
+    if _alpha(image) is not None:
         rgba = image.convert("RGBA")
         black = Image.new("RGBA", rgba.size, (0, 0, 0, 255))
         return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
     try:
         return np.asarray(image.convert("RGB"))
     except ValueError as error:
-        raise CorruptImageError(
-            f"{name} has a color mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
+        raise CorruptImageError.of(
+            name, f"has a color mode {image.mode} that cannot be read", "Save it as 8-bit RGB."
         ) from error

@@ -62,9 +62,6 @@ def _unpacked_bytes(packed: bytes) -> int | None:
 
 
 def _wrong_size(name: str, size: int, expected_bytes: int) -> CorruptImageError:
-    return CorruptImageError(
-        f"{name} unpacks to {size} bytes",
-        field=name,
-        limit=f"{expected_bytes} bytes, by the size in the metadata",
-        hint=_HINT,
+    return CorruptImageError.of(
+        name, f"unpacks to {size} bytes", _HINT, f"{expected_bytes} bytes, by the size in the metadata"
     )

@@ -8,15 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.ply_tables import (
-    ASCII,
-    BIG,
-    LITTLE,
-    MAX_HEADER_BYTES,
-    check_size,
-    read_element,
-    read_header,
-)
+from fastsplat.service.common.ply_tables import MAX_HEADER_BYTES, check_size, read_element, read_header
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _COLOR = ("red", "green", "blue")
@@ -35,17 +27,12 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
         return InvalidInputError(f"{name} {problem}", field=name, hint=hint)
 
     with path.open("rb") as file:
-        header = read_header(file.read(MAX_HEADER_BYTES), refuse, (LITTLE, BIG, ASCII))
+        header = read_header(file.read(MAX_HEADER_BYTES), refuse)
     vertices = header.element("vertex")
     if vertices is None or not {"x", "y", "z"}.issubset(vertices.layout.names or ()):
         raise refuse("has no vertices with x, y, z")
     if vertices.count > settings.max_model_points:
-        raise LimitExceededError(
-            f"{name} claims {vertices.count} points",
-            field=name,
-            limit=f"{settings.max_model_points} points",
-            hint="Send a sparse model.",
-        )
+        raise too_many_points(name, vertices.count, settings)
     check_size(path, header, vertices)
     points = np.empty((vertices.count, 3), np.float32)
     colors = np.full((vertices.count, 3), 128, np.uint8)
@@ -60,3 +47,8 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
     if not np.isfinite(points).all():
         raise refuse("has NaN or infinite positions")
     return points, colors
+
+
+def too_many_points(name: str, count: int, settings: CaptureSettings) -> LimitExceededError:
+    """The error of a file of so many points."""
+    return LimitExceededError.of(name, f"has {count} points", "Send fewer.", f"{settings.max_model_points} points")

@@ -136,58 +136,54 @@ def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
     model, width, height = camera_model.model, camera_model.width, camera_model.height
     if model not in _parameter_counts():
         known = ", ".join(sorted(_parameter_counts()))
-        raise InvalidInputError(
-            f"{field}: the camera model {model[:40]!r} is unknown", field=field, hint=f"Use one of {known}."
-        )
+        raise InvalidInputError.of(field, f": the camera model {model[:40]!r} is unknown", f"Use one of {known}.")
     count = _parameter_counts()[model]
     values = np.array(camera_model.params, dtype=np.float64)
     if len(values) != count or not np.isfinite(values).all():
-        raise InvalidInputError(
-            f"{field}: a {model} camera with parameters {list(camera_model.params)[:16]}",
-            field=field,
-            hint=f"{model} needs {count} finite numbers.",
+        raise InvalidInputError.of(
+            field,
+            f": a {model} camera with parameters {list(camera_model.params)[:16]}",
+            f"{model} needs {count} finite numbers.",
         )
     if not 1 <= min(width, height) <= max(width, height) <= _MAX_SIDE:
-        raise InvalidInputError(
-            f"{field}: an image of {width}×{height} pixels", field=field, hint="Give its size in pixels."
-        )
+        raise InvalidInputError.of(field, f": an image of {width}×{height} pixels", "Give its size in pixels.")
     camera = _colmap_camera(camera_model)
     focal = np.array([camera.focal_length_x, camera.focal_length_y])
     size = np.array([width, height])
     if (focal < 0.02 * size.max()).any() or (focal > 100 * size.max()).any() or focal.max() > 10 * focal.min():
-        raise InvalidInputError(
-            f"{field}: focal lengths {focal.tolist()} for an image of {width}×{height} pixels",
-            field=field,
-            hint="Give focal lengths in pixels of the image.",
+        raise InvalidInputError.of(
+            field,
+            f": focal lengths {focal.tolist()} for an image of {width}×{height} pixels",
+            "Give focal lengths in pixels of the image.",
         )
     center = np.array([camera.principal_point_x, camera.principal_point_y])
     if (center < -size).any() or (center > 2 * size).any():
-        raise InvalidInputError(
-            f"{field}: the principal point {center.tolist()} lies far outside {width}×{height} pixels",
-            field=field,
-            hint="Give cx and cy in pixels of the image.",
+        raise InvalidInputError.of(
+            field,
+            f": the principal point {center.tolist()} lies far outside {width}×{height} pixels",
+            "Give cx and cy in pixels of the image.",
         )
     if camera_model.circle_px is not None and not camera_model.circle_px > 0:  # NaN too
-        raise InvalidInputError(
-            f"{field}: an image circle of radius {camera_model.circle_px:g}", field=field, hint="Give it in pixels."
+        raise InvalidInputError.of(
+            field, f": an image circle of radius {camera_model.circle_px:g}", "Give it in pixels."
         )
     distortion = _distortion(camera_model)
     if any(abs(value) > _MAX_DISTORTION for value in distortion):
-        raise InvalidInputError(
-            f"{field}: distortion {list(distortion)} is larger than any lens has",
-            field=field,
-            limit=f"{_MAX_DISTORTION:g} a parameter",
-            hint="Check the order of the parameters.",
+        raise InvalidInputError.of(
+            field,
+            f": distortion {list(distortion)} is larger than any lens has",
+            "Check the order of the parameters.",
+            f"{_MAX_DISTORTION:g} a parameter",
         )
 
 
 def aspect_error(name: str, camera_model: CameraModel, width: int, height: int) -> InvalidInputError:
     """The refusal of intrinsics that cannot be scaled to their image; see `CameraModel.fits`."""
-    return InvalidInputError(
-        f"{name} has {width}×{height} pixels, its intrinsics are for {camera_model.width}×{camera_model.height}: "
+    return InvalidInputError.of(
+        name,
+        f"has {width}×{height} pixels, its intrinsics are for {camera_model.width}×{camera_model.height}: "
         "another aspect ratio",
-        field=name,
-        hint="Send the images that the intrinsics were made for, or a resized, never a cropped or rotated, version.",
+        "Send the images that the intrinsics were made for, or a resized, never a cropped or rotated, version.",
     )
 
 
@@ -265,10 +261,10 @@ def _check_invertible(
     round_trip = np.asarray(camera.cam_from_img(sampled[inside]))
     error_px = np.abs(round_trip - expected[inside]).max(axis=1) * camera.mean_focal_length()
     if not (error_px < _MAX_ROUND_TRIP_PX).all():  # NaN counts as an error too
-        raise InvalidInputError(
-            f"{field}: the distortion {camera.params_to_string()} folds the image over itself",
-            field=field,
-            hint="Check the distortion parameters and their order.",
+        raise InvalidInputError.of(
+            field,
+            f": the distortion {camera.params_to_string()} folds the image over itself",
+            "Check the distortion parameters and their order.",
         )
 
 

@@ -118,10 +118,10 @@ def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideL
     """
     lens = _wide_lens(camera_model, max_side)
     if lens is None:
-        raise InvalidInputError(
-            f"{field}: the distortion {list(camera_model.params)[:16]} folds the image over itself",
-            field=field,
-            hint="Check the distortion parameters and their order.",
+        raise InvalidInputError.of(
+            field,
+            f": the distortion {list(camera_model.params)[:16]} folds the image over itself",
+            "Check the distortion parameters and their order.",
         )
     if not lens.faces:
         undistortion = compute_undistortion(camera_model, max_side, field=field)

@@ -84,11 +84,11 @@ def full_frame(name: str, width: int, height: int) -> PanoramaFrame:
         InvalidInputError: it is not twice as wide as high.
     """
     if min(width, height) < _LEAST_SIDE or abs(width - 2 * height) > _RATIO_TOLERANCE * width:
-        raise InvalidInputError(
-            f"{name} has {width}×{height} pixels, a 360° panorama is twice as wide as high",
-            field=name,
-            limit="an aspect of 2:1",
-            hint="Export the photos or the video as equirectangular 360° × 180°, for one eye, or leave the lens away.",
+        raise InvalidInputError.of(
+            name,
+            f"has {width}×{height} pixels, a 360° panorama is twice as wide as high",
+            "Export the photos or the video as equirectangular 360° × 180°, for one eye, or leave the lens away.",
+            "an aspect of 2:1",
         )
     return PanoramaFrame(width, height, 0, 0, width, height)
 

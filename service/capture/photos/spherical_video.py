@@ -34,10 +34,8 @@ def is_spherical(path: Path, name: str) -> bool:
         kinds = [*_stated_by_xml(boxes), *_stated_by_boxes(boxes)]
     other = next((kind for kind in kinds if kind != "sphere"), None)
     if other is not None:
-        raise InvalidInputError(
-            f"{name} says that it is {other}",
-            field=name,
-            hint="Export it as an equirectangular video of 360° × 180° for one eye.",
+        raise InvalidInputError.of(
+            name, f"says that it is {other}", "Export it as an equirectangular video of 360° × 180° for one eye."
         )
     return bool(kinds)
 

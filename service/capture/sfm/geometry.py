@@ -63,9 +63,7 @@ def validate_reconstruction(
         )
     if points < min_points:
         raise ReconstructionError(
-            f"only {points} points are seen by several images",
-            limit=f"{min_points} points",
-            hint=PHOTO_HINT,
+            f"only {points} points are seen by several images", limit=f"{min_points} points", hint=PHOTO_HINT
         )
     _refuse_degenerate(reconstruction)
     warnings = []

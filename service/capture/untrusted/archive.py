@@ -21,6 +21,7 @@ _CHUNK = 1 << 20
 _RATIO_FREE_BYTES = 4 << 20  # below this the compression ratio is not limited
 _DIRECTORY_BYTES_PER_ENTRY = 1_024
 _UNSUPPORTED = (".7z", ".rar", ".tar.xz", ".txz", ".tar.bz2", ".tbz2", ".tar.zst", ".gz", ".xz", ".bz2", ".zst")
+ARCHIVE_SUFFIXES = (".zip", ".tar", ".tgz", *_UNSUPPORTED)
 
 _DAMAGE = (
     zipfile.BadZipFile,
@@ -45,10 +46,8 @@ def is_archive(path: Path) -> bool:
         head = file.read(512)
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b")) or head[257:262] == b"ustar":
         return True
-    if path.name.lower().endswith((".zip", ".tar", ".tgz", *_UNSUPPORTED)):
-        raise InvalidInputError(
-            f"{path.name} is not a readable archive", field=path.name, hint="Send a zip, tar or tar.gz file."
-        )
+    if path.name.lower().endswith(ARCHIVE_SUFFIXES):
+        raise InvalidInputError.of(path.name, "is not a readable archive", "Send a zip, tar or tar.gz file.")
     return False
 
 
@@ -67,12 +66,21 @@ def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
             zipped = file.read(2) == b"PK"
         if zipped:
             _unpack_zip(archive, writer, settings)
+        elif _is_packed_ply(archive):
+            with gzip.open(archive) as stream:
+                writer.write(archive.stem, writer.counted(stream.read))
         else:
             _unpack_tar(archive, writer)
     except _DAMAGE as error:
-        raise InvalidInputError(
-            f"{archive.name} is damaged or cut short: {error}", field=archive.name, hint="Pack and send it again."
+        raise InvalidInputError.of(
+            archive.name, f"is damaged or cut short: {error}", "Pack and send it again."
         ) from error
+
+
+def _is_packed_ply(archive: Path) -> bool:
+    with archive.open("rb") as file:
+        head = file.read(512)
+    return head[:2] == b"\x1f\x8b" and zlib.decompressobj(31).decompress(head, 4).startswith(b"ply")
 
 
 class _Writer:
@@ -94,19 +102,19 @@ class _Writer:
     def count_bytes(self, size: int) -> None:
         self._bytes += size
         if self._bytes > self._settings.max_unpacked_bytes:
-            raise LimitExceededError(
-                f"{self._archive} unpacks to more than {self._settings.max_unpacked_bytes} bytes",
-                field=self._archive,
-                limit=f"{self._settings.max_unpacked_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UNPACKED_BYTES)",
-                hint="Send fewer or smaller images.",
+            raise LimitExceededError.of(
+                self._archive,
+                f"unpacks to more than {self._settings.max_unpacked_bytes} bytes",
+                "Send fewer or smaller images.",
+                f"{self._settings.max_unpacked_bytes} bytes (FASTSPLAT_CAPTURE__MAX_UNPACKED_BYTES)",
             )
         ratio = self._settings.max_compression_ratio
         if self._bytes > _RATIO_FREE_BYTES and self._bytes > ratio * self._compressed:
-            raise UnsafeArchiveError(
-                f"{self._archive} unpacks to more than {ratio} times its size, as decompression bombs do",
-                field=self._archive,
-                limit=f"{ratio} times",
-                hint="Send the images as they are.",
+            raise UnsafeArchiveError.of(
+                self._archive,
+                f"unpacks to more than {ratio} times its size, as decompression bombs do",
+                "Send the images as they are.",
+                f"{ratio} times",
             )
 
     def write(self, name: str, read: Callable[[int], bytes]) -> None:
@@ -241,11 +249,11 @@ class _Forward:
 
     def read(self, size: int) -> bytes:
         if size > _CHUNK:
-            raise UnsafeArchiveError(
-                f"{self._archive} has an extended header of {size} bytes",
-                field=self._archive,
-                limit=f"{_CHUNK} bytes",
-                hint="Pack the folder again without extended attributes.",
+            raise UnsafeArchiveError.of(
+                self._archive,
+                f"has an extended header of {size} bytes",
+                "Pack the folder again without extended attributes.",
+                f"{_CHUNK} bytes",
             )
         data = self._source.read(size)
         self._at += len(data)
@@ -283,9 +291,9 @@ def _special(archive: str, name: str) -> UnsafeArchiveError:
 
 
 def _too_many_entries(archive: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError(
-        f"{archive} has more than {settings.max_entries} entries",
-        field=archive,
-        limit=f"{settings.max_entries} entries",
-        hint="Send fewer images.",
+    return LimitExceededError.of(
+        archive,
+        f"has more than {settings.max_entries} entries",
+        "Send fewer images.",
+        f"{settings.max_entries} entries",
     )

@@ -64,6 +64,14 @@ class ImageDecoder:
         pixels = self._decode("rgb", root, photo.path, photo, size, 3)
         return np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0], 3)
 
+    def opaque(self, root: Path, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.bool_] | None:
+        """bool [H, W] of a photo as `photo` has it: false where a part of a pixel is wholly transparent; None where its
+        header says that nothing is. Raises as `photo`."""
+        if not photo.transparent:
+            return None
+        pixels = self._decode("opaque", root, photo.path, photo, size, 1)
+        return np.asarray(np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0]) == 255)
+
     def header(self, root: Path, name: str) -> PhotoInfo:
         """The size, orientation and focal length of an image below `root` that was not looked at before.
 
@@ -101,7 +109,7 @@ class ImageDecoder:
 
     def _decode(
         self,
-        kind: Literal["rgb", "map", "depth", "header"],
+        kind: Literal["rgb", "opaque", "map", "depth", "header"],
         root: Path,
         name: str,
         photo: PhotoInfo,

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.formats.depth_files import DepthFile, read_depth, sample_depth
-from fastsplat.service.capture.formats.image_io import PhotoInfo, apply_orientation, load_upright, open_map, read_header
+from fastsplat.service.capture.formats.image_io import (
+    PhotoInfo,
+    apply_orientation,
+    load_opaque,
+    load_upright,
+    open_map,
+    read_header,
+)
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import FastSplatError
 
@@ -28,9 +35,9 @@ def decode_requests(
     """Answer one request a line of stdin until it is closed.
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
-    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]), "depth" (float32 [H, W],
-    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of an image
-    without a `PhotoInfo`).
+    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "opaque" (uint8 [H, W]), "map" (uint16 [H, W]),
+    "depth" (float32 [H, W], of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation
+    and focal_35mm of an image without a `PhotoInfo`).
 
     Args:
         request: the task's: its "settings".
@@ -51,6 +58,8 @@ def decode_requests(
                 header = read_header(root, asked["name"], settings)
                 numbers = header.width, header.height, header.orientation, header.focal_35mm
                 pixels = np.array(numbers, np.float64)
+            elif asked["kind"] == "opaque":
+                pixels = reduce(load_opaque(root, photo, settings), size)
             else:
                 pixels = reduce(load_upright(root, photo, settings), size)
         except (FastSplatError, MemoryError, OSError) as error:
@@ -82,7 +91,7 @@ def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
 
 
 def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] averaged down to `size` (width, height)."""
+    """uint8 [H, W, ...] averaged down to `size` (width, height)."""
     if pixels.shape[1::-1] == size:
         return pixels
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -182,19 +182,9 @@ def _named(setting: str) -> str:
 
 def _limits(task: Task, settings: CaptureSettings) -> _Limits:
     if task in ("validate", "probe"):
-        return _Limits(
-            settings.validation_memory_bytes,
-            "",
-            settings.validation_seconds,
-            "",
-        )
+        return _Limits(settings.validation_memory_bytes, "", settings.validation_seconds, "")
     if task == "decode":  # all images of an upload; each alone has validation_seconds
-        return _Limits(
-            settings.validation_memory_bytes,
-            "",
-            settings.sfm_seconds,
-            "FASTSPLAT_CAPTURE__SFM_SECONDS",
-        )
+        return _Limits(settings.validation_memory_bytes, "", settings.sfm_seconds, "FASTSPLAT_CAPTURE__SFM_SECONDS")
     return _Limits(
         settings.sfm_memory_bytes,
         "FASTSPLAT_CAPTURE__SFM_MEMORY_BYTES",

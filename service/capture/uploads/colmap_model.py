@@ -6,18 +6,22 @@ from __future__ import annotations
 import posixpath
 import struct
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
 import numpy as np
 import pycolmap
 
+from fastsplat.service.capture.formats.ply_points import too_many_points
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model, model_names, parameter_count
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
-from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, resolve_file
+from fastsplat.service.capture.uploads.named_files import NamedFiles
+from fastsplat.service.capture.uploads.photo_validation import too_many_images
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position
 from fastsplat_contract.camera import check_rigid
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError
 
 _MAX_NAME_BYTES = 1_024
 _HINT = "Export the model again."
@@ -33,6 +37,15 @@ def model_suffix(folder: Path) -> str | None:
         if all((folder / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
             return suffix
     return None
+
+
+def count_images(folder: Path) -> int:
+    """About how many images a model has, by what its files claim and can hold; which one to read is chosen by it."""
+    path = folder / f"images{model_suffix(folder)}"
+    with path.open("rb") as file:
+        if path.suffix == ".bin":
+            return min(int.from_bytes(file.read(8), "little"), path.stat().st_size // _IMAGE_HEAD.size)
+        return sum(line.split()[9:] != [] and not _are_observations(line.decode(errors="replace")) for line in file)
 
 
 def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, left_out: LeftOut) -> PosedDataset:
@@ -54,14 +67,21 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     binary = suffix == ".bin"
     cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
     camera_models = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
-    posed_images = []
-    for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings):
+    posed_images, names = list[PosedImage](), NamedFiles(root, name["images"])
+    poses = list(
+        islice((_binary_images if binary else _text_images)(images_path, name["images"]), settings.max_images + 1)
+    )
+    if len(poses) > settings.max_images:
+        raise too_many_images(len(poses), settings)
+    names.expect(images, (pose[0] for pose in poses))
+    for pose in poses:
         with left_out.costs(posixpath.normpath(posixpath.join(images, pose[0])), f"{name['images']}: {pose[0]}"):
-            posed_images.append(_posed_image(root, images, pose, camera_models, name))
+            posed_images.append(_posed_image(names, images, pose, camera_models, name))
     if not posed_images:
         problem = InvalidInputError(f"{name['images']}: no image has a pose", field=name["images"], hint=_HINT)
         raise left_out.refusal(problem)
-    if len({image.name for image in posed_images}) != len(posed_images):
+    names_and_paths = [(image.name, image.path) for image in posed_images]
+    if any(len(set(own)) < len(own) for own in zip(*names_and_paths, strict=True)):
         raise InvalidInputError(f"{name['images']}: two images share a name", field=name["images"], hint=_HINT)
     positions: list[tuple[float, ...]] = []
     colors: list[tuple[int, ...]] = []
@@ -69,7 +89,7 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     if points_path.is_file():
         for position, color, error in (_binary_points if binary else _text_points)(points_path, name["points3D"]):
             if len(positions) >= settings.max_model_points:
-                raise _too_many_points(name["points3D"], settings)
+                raise too_many_points(name["points3D"], len(positions) + 1, settings)
             positions.append(position)
             colors.append(color)
             errors.append(error)
@@ -82,11 +102,12 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
         points=points,
         point_colors=np.array(colors, dtype=np.uint8).reshape(-1, 3),
         mean_reprojection_error_px=float(np.mean(known_errors)) if known_errors else 0.0,
+        warnings=names.warnings(),
     )
 
 
 def _posed_image(
-    root: Path, images: str, pose: _Pose, camera_models: dict[int, CameraModel], names: Mapping[str, str]
+    files: NamedFiles, images: str, pose: _Pose, camera_models: dict[int, CameraModel], names: Mapping[str, str]
 ) -> PosedImage:
     image_name, camera_id, numbers = pose
     field = names["images"]
@@ -105,29 +126,12 @@ def _posed_image(
     world_from_camera[:3, 3] = -world_from_camera[:3, :3] @ numbers[4:]
     check_rigid(world_from_camera, field=where)
     check_position(world_from_camera, where)
-    path = resolve_file(root, images, image_name, field)
-    return PosedImage(image_name, path, camera_models[camera_id], world_from_camera)
-
-
-def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pose]:
-    for count, pose in enumerate(poses, 1):
-        if count > settings.max_images:
-            raise LimitExceededError(
-                "the COLMAP model has more images than this server accepts",
-                field="images",
-                limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-                hint="Send fewer images.",
-            )
-        yield pose
-
-
-def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededError:
-    return LimitExceededError(
-        f"{field} has more points than this server accepts",
-        field=field,
-        limit=f"{settings.max_model_points} points",
-        hint="Send a sparse model.",
-    )
+    path = files.file(images, image_name, field, photo=True)
+    own = posixpath.relpath(path, images)
+    masks = (f"{folder}/{own}.png" for folder in ("masks", "mask"))  # COLMAP's own layout, beside the images
+    beside = (posixpath.normpath(posixpath.join(images, up, mask)) for mask in masks for up in ("..", "."))
+    mask = next((mask for mask in beside if not mask.startswith("..") and files.has(mask)), None)
+    return PosedImage(image_name, path, camera_models[camera_id], world_from_camera, mask=mask)
 
 
 class _Binary:
@@ -211,47 +215,62 @@ def _binary_points(path: Path, field: str) -> Iterator[_Point]:
             yield head[1:4], tuple(int(value) for value in head[4:7]), head[7]
 
 
-def _lines(path: Path, field: str) -> Iterator[list[str]]:
-    """The words of each line; a comment or an empty line has none."""
+def _lines(path: Path, field: str) -> Iterator[str]:
+    """The lines, stripped; a comment is empty."""
     try:
-        with path.open(encoding="utf-8") as file:
+        with path.open(encoding="utf-8-sig") as file:
             for line in file:
-                yield [] if line.startswith("#") else line.split()
+                yield "" if line.startswith("#") else line.strip()
     except UnicodeDecodeError as error:
         raise InvalidInputError(f"{field} is not text", field=field, hint=_HINT) from error
 
 
 def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
-    for words in _lines(path, field):
-        if words:
-            try:
-                yield int(words[0]), CameraModel(words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:])))
-            except (ValueError, IndexError) as error:
-                raise _bad_line(field, words) from error
+    for line in filter(None, _lines(path, field)):
+        words = line.split()
+        try:
+            sizes = [float(word) for word in words[2:4]]  # some programs write 480.0
+            width, height = (int(size) for size in sizes if size.is_integer())
+            yield int(words[0]), CameraModel(words[1], width, height, tuple(map(float, words[4:])))
+        except (ValueError, IndexError) as error:
+            raise _bad_line(field, line) from error
 
 
 def _text_images(path: Path, field: str) -> Iterator[_Pose]:
-    lines = _lines(path, field)
-    for words in lines:
-        if words:
-            try:
-                yield " ".join(words[9:]), int(words[8]), tuple(map(float, words[1:8]))
-            except (ValueError, IndexError) as error:
-                raise _bad_line(field, words) from error
-            next(lines, None)  # the observations, which may be an empty line
+    after_image = False
+    for line in _lines(path, field):
+        # Behind each image stands a line of observations, which may be empty; some programs leave it away.
+        if (after_image and _are_observations(line)) or not line:
+            after_image = False
+            continue
+        words = line.split(maxsplit=9)
+        try:
+            yield words[9], int(words[8]), tuple(map(float, words[1:8]))
+        except (ValueError, IndexError) as error:
+            raise _bad_line(field, line) from error
+        after_image = True
+
+
+def _are_observations(line: str) -> bool:
+    """Whether a line holds triples of numbers, by their count and the first of them; of an image, the tenth is text."""
+    words = line.split()
+    try:
+        return len(words) % 3 == 0 and [float(word) for word in words[:12]] != []
+    except ValueError:
+        return False
 
 
 def _text_points(path: Path, field: str) -> Iterator[_Point]:
-    for words in _lines(path, field):
-        if words:
-            try:
-                color = tuple(int(word) for word in words[4:7])
-                if len(words) < 8 or not all(0 <= value <= 255 for value in color):
-                    raise ValueError
-                yield tuple(map(float, words[1:4])), color, float(words[7])
-            except ValueError as error:
-                raise _bad_line(field, words) from error
+    for line in filter(None, _lines(path, field)):
+        words = line.split(maxsplit=8)
+        try:
+            color = tuple(int(word) for word in words[4:7])
+            if len(words) < 8 or not all(0 <= value <= 255 for value in color):
+                raise ValueError
+            yield tuple(map(float, words[1:4])), color, float(words[7])
+        except ValueError as error:
+            raise _bad_line(field, line) from error
 
 
-def _bad_line(field: str, words: list[str]) -> InvalidInputError:
-    return InvalidInputError(f"{field} has the line {' '.join(words)[:80]!r}", field=field, hint=_HINT)
+def _bad_line(field: str, line: str) -> InvalidInputError:
+    return InvalidInputError(f"{field} has the line {line[:80]!r}", field=field, hint=_HINT)

@@ -71,11 +71,8 @@ def parse_label_table(document: Any, *, field: str) -> LabelTable:
             raise InvalidInputError(f"{field}: {str(name)[:80]!r} is not a label name", field=field, hint=_HINT)
         check_seen(name.strip(), field)
         if type(label_id) is not int or not 1 <= label_id <= MAX_LABELS:
-            raise InvalidInputError(
-                f"{field}: the label {name!r} has the id {str(label_id)[:40]}",
-                field=field,
-                limit=f"whole numbers 1..{MAX_LABELS}",
-                hint=_HINT,
+            raise InvalidInputError.of(
+                field, f": the label {name!r} has the id {str(label_id)[:40]}", _HINT, f"whole numbers 1..{MAX_LABELS}"
             )
     pairs.sort(key=lambda pair: pair[1])
     names, ids = tuple(name.strip() for name, _ in pairs), tuple(label_id for _, label_id in pairs)
@@ -85,10 +82,10 @@ def parse_label_table(document: Any, *, field: str) -> LabelTable:
         raise InvalidInputError(f"{field}: two labels share an id", field=field, hint=_HINT)
     table = LabelTable(names, ids)
     if len(table.dictionary()) != len(names):
-        raise InvalidInputError(
-            f"{field}: two labels share a name (plural and spelling variants count as the same)",
-            field=field,
-            hint="Give every kind of object one label.",
+        raise InvalidInputError.of(
+            field,
+            ": two labels share a name (plural and spelling variants count as the same)",
+            "Give every kind of object one label.",
         )
     return table
 
@@ -116,9 +113,7 @@ def match_label_maps(label_maps: Iterable[str], images: Iterable[str], missing: 
         if key in image_by_key:
             matches[image_by_key[key]] = label_map
         elif key not in missing_keys:
-            raise InvalidInputError(
-                f"{label_map} belongs to no image", field=label_map, hint="Name each label map like its image."
-            )
+            raise InvalidInputError.of(label_map, "belongs to no image", "Name each label map like its image.")
     return matches
 
 
@@ -139,18 +134,18 @@ def check_label_map(
     height, width = user_ids.shape
     if (width, height) not in sizes:
         expected = " or ".join(f"{w}×{h}" for w, h in sorted(sizes))
-        raise InvalidInputError(
-            f"{name} has {width}×{height} pixels, its image has {expected}",
-            field=name,
-            hint="Send label maps of exactly their image's size.",
+        raise InvalidInputError.of(
+            name,
+            f"has {width}×{height} pixels, its image has {expected}",
+            "Send label maps of exactly their image's size.",
         )
     unknown = sorted(set(np.unique(user_ids).tolist()) - {UNDETECTED, *table.ids})
     if unknown:
         listed = ", ".join(str(label_id) for label_id in unknown[:_MAX_LISTED_IDS])
-        raise InvalidInputError(
-            f"{name} has label ids without a name: {listed}{' …' if len(unknown) > _MAX_LISTED_IDS else ''}",
-            field=name,
-            hint="Name every id in the labels, or set its pixels to 0.",
+        raise InvalidInputError.of(
+            name,
+            f"has label ids without a name: {listed}{' …' if len(unknown) > _MAX_LISTED_IDS else ''}",
+            "Name every id in the labels, or set its pixels to 0.",
         )
 
 

@@ -51,10 +51,7 @@ class PhotoCheck:
 
 
 def check_photos(
-    folder: Path,
-    scratch: Path,
-    settings: CaptureSettings,
-    on_photo: Callable[[int, int], None] | None = None,
+    folder: Path, scratch: Path, settings: CaptureSettings, on_photo: Callable[[int, int], None] | None = None
 ) -> PhotoCheck:
     """What photos promise, without placing or training anything: checked as any upload, with overlap by ORB features
     that fit one fundamental matrix, of which structure from motion finds more.

@@ -51,6 +51,12 @@ def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: C
             )
 
 
+def transparency_warning(photos: Sequence[PhotoInfo]) -> tuple[str, ...]:
+    """A sentence for people about pixels that are not learned from; none if there are none."""
+    count = sum(photo.transparent for photo in photos)
+    return (f"{count} of the photos have transparent pixels, which are not trained on.",) if count else ()
+
+
 def too_many_images(count: int, settings: CaptureSettings) -> LimitExceededError:
     """The error of an upload of so many images."""
     return LimitExceededError(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,11 +112,11 @@ def check_position(pose: NDArray[np.float64], field: str) -> None:
     """Raise `InvalidInputError` unless a camera's position (the pose's last column, world units) is within reach."""
     distance = float(np.abs(pose[:3, 3]).max())
     if distance > _FARTHEST:
-        raise InvalidInputError(
-            f"{field}: the camera is {distance:.3g} units from the origin",
-            field=field,
-            limit=f"{_FARTHEST:g} units",
-            hint="Move the origin to the scene, or remove the frame.",
+        raise InvalidInputError.of(
+            field,
+            f": the camera is {distance:.3g} units from the origin",
+            "Move the origin to the scene, or remove the frame.",
+            f"{_FARTHEST:g} units",
         )
 
 
@@ -139,9 +137,7 @@ def stated_similarity(
     rotation = result[:3, :3]
     is_rigid = np.isfinite(result).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID
     if not is_rigid or not np.isfinite(scale) or scale <= 0:
-        raise InvalidInputError(
-            f"{field} has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}", field=field, hint=hint
-        )
+        raise InvalidInputError.of(field, f"has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}", hint)
     return result, scale
 
 
@@ -150,44 +146,8 @@ def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
 
 
-def resolve_path(root: Path, folder: str, name: str, field: str) -> str:
-    """The path, relative to `root`, that a document means by a name relative to `folder`; nothing need be there.
-
-    Raises:
-        InvalidInputError: it is not below `root`, links followed.
-    """
-    resolved = (root / folder / name).resolve() if "\0" not in name else root.parent
-    if not resolved.is_relative_to(root.resolve()):
-        raise _not_in_upload(name, field)
-    return resolved.relative_to(root.resolve()).as_posix()
-
-
-def resolve_file(root: Path, folder: str, name: str, field: str) -> str:
-    """As `resolve_path`, of a file that is there.
-
-    Raises:
-        InvalidInputError: it is not there, or not below `root`.
-    """
-    path = resolve_path(root, folder, name, field)
-    if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
-        raise _not_in_upload(name, field)
-    return path
-
-
-def _not_in_upload(name: str, field: str) -> InvalidInputError:
-    return InvalidInputError(
-        f"{field} names the file {name[:200]!r}, which is not in the upload",
-        field=field,
-        hint="Send every image that has a pose, under the name that the poses use.",
-    )
-
-
 def mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
-    """What masks mean in a data set without labels, for people; nothing if it has no masks."""
+    """A sentence for people about masks in a data set without labels; none if it has no masks."""
     masked = sum(image.mask is not None for image in dataset.images)
-    if not masked:
-        return ()
-    return (
-        f"{masked} frames have a mask_path, but the document has no labels: pixels that are 0 in a mask are ignored. "
-        "For label maps, name their ids under labels.",
-    )
+    text = f"{masked} images have a mask: pixels that are 0 in it are ignored. Label maps need labels for their ids."
+    return (text,) if masked else ()

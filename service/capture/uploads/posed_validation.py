@@ -17,7 +17,7 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones.polycam import read_polycam
 from fastsplat.service.capture.uploads.phones.record3d import read_record3d
 from fastsplat.service.capture.uploads.phones.scanner_app import read_scanner_app
-from fastsplat.service.capture.uploads.photo_validation import check_pixels, usable_photos
+from fastsplat.service.capture.uploads.photo_validation import check_pixels, transparency_warning, usable_photos
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.uploads.transforms import read_transforms
 from fastsplat.service.capture.uploads.upload_kind import UploadContents
@@ -131,15 +131,16 @@ def validate_posed(
             hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
         )
     used = {image.path for image in images}
+    photos = tuple(photo_by_path[image.path] for image in images)
     return UploadManifest(
         source=contents.source,
-        photos=tuple(photo_by_path[image.path] for image in images),
+        photos=photos,
         names=tuple(image.name for image in images),
         poses=contents.poses,
         image_folder=contents.image_folder,
         labels=labels,
         label_maps={path: name for path, name in label_maps.items() if path in used},
-        warnings=(*contents.warnings, *dataset.warnings, *depth_warnings),
+        warnings=(*contents.warnings, *dataset.warnings, *depth_warnings, *transparency_warning(photos)),
         depth_sizes={path: size for path, size in depth_sizes.items() if path in used},
     )
 
@@ -149,10 +150,10 @@ def _check_posed_image(image: PosedImage, photo: PhotoInfo) -> None:
     if not fits_stored and not image.camera_model.fits(*photo.upright_size):
         raise aspect_error(image.path, image.camera_model, photo.width, photo.height)
     if photo.mirrored and fits_stored:
-        raise InvalidInputError(
-            f"{image.path} is stored mirrored, which no camera pose can undo",
-            field=image.path,
-            hint="Apply the orientation to the pixels before computing poses.",
+        raise InvalidInputError.of(
+            image.path,
+            "is stored mirrored, which no camera pose can undo",
+            "Apply the orientation to the pixels before computing poses.",
         )
 
 
@@ -161,10 +162,10 @@ def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSetti
     mask = open_map(files, name, settings)
     height, width = mask.shape
     if (width, height) not in (photo.upright_size, (photo.width, photo.height)):
-        raise InvalidInputError(
-            f"{name} has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
-            field=name,
-            hint="Send masks of exactly their image's size.",
+        raise InvalidInputError.of(
+            name,
+            f"has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
+            "Send masks of exactly their image's size.",
         )
     return bool(mask.any())
 

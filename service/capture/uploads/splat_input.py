@@ -16,7 +16,11 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, stated_similarity
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
-from fastsplat.service.capture.uploads.splat_files.splat_reading import describe_invisible, read_splat_file
+from fastsplat.service.capture.uploads.splat_files.splat_reading import (
+    describe_invisible,
+    describe_numbers,
+    read_splat_file,
+)
 from fastsplat.service.capture.uploads.upload_kind import UploadContents
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.atomic import link_or_copy
@@ -60,7 +64,7 @@ def admit_splat(
         splat=name,
         gaussians=len(file.rows),
         splat_frame=contents.splat_frame,
-        warnings=(*manifest.warnings, *describe_invisible(name, file)),
+        warnings=(*manifest.warnings, *describe_invisible(name, file), *describe_numbers(name, file)),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import posixpath
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,6 +22,8 @@ from fastsplat.service.capture.photos.camera_model import CameraModel, check_cam
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable, parse_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.named_files import NamedFiles
+from fastsplat.service.capture.uploads.photo_validation import too_many_images
 from fastsplat.service.capture.uploads.posed_input import (
     MissingImage,
     PosedDataset,
@@ -30,13 +31,11 @@ from fastsplat.service.capture.uploads.posed_input import (
     check_position,
     missing_warning,
     no_points,
-    resolve_file,
-    resolve_path,
     stated_similarity,
 )
 from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.camera import check_rigid
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -51,6 +50,9 @@ _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
 _MILLIMETER = 0.001
 _MAX_PATH_LETTERS = 1_024
+_CAMERA_KEYS = (*_SIZE_KEYS, *_FOCAL_KEYS, *_DISTORTION_KEYS, _CIRCLE_KEY, "camera_model")
+_SAME_FOCAL = (("fl_x", "camera_angle_x"), ("fl_y", "camera_angle_y"))
+BLENDER_DOCUMENTS = ("transforms_train.json", "transforms_val.json", "transforms_test.json")
 _IMPLIED_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -62,6 +64,7 @@ class _Document:
     opengl: bool
     labels: LabelTable | None
     depth_unit: float
+    files: NamedFiles
 
 
 def read_transforms(
@@ -86,18 +89,12 @@ def read_transforms(
             images than `min_frames_present`.
         LimitExceededError: the document or its points are larger than the settings allow.
     """
-    top = read_json(root / name, name, settings)
-    frames = top.get("frames") if isinstance(top, dict) else None
-    if not isinstance(frames, list) or not frames:
-        raise InvalidInputError(f"{name} has no list of frames", field=name, hint="Give each image one frame.")
+    top = _whole_document(root, name, settings)
+    frames = top["frames"]
     if len(frames) > settings.max_images:
-        raise LimitExceededError(
-            f"{name} has {len(frames)} frames",
-            field=name,
-            limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
-            hint="Send fewer images.",
-        )
+        raise too_many_images(len(frames), settings)
     labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
+    files = NamedFiles(root, name)
     opengl = _is_opengl(top.get("convention", "opengl"), name)
     if top.get("applied_transform") is not None:  # what it says is in the poses already, so that it is only checked
         stated = {"applied_scale": 1.0, **top}
@@ -105,9 +102,9 @@ def read_transforms(
     unit = _MILLIMETER
     if any(isinstance(frame, dict) and frame.get("depth_file_path") is not None for frame in frames):
         unit = check_depth_unit(top.get("depth_unit_scale_factor", unit), field=f"{name}: depth_unit_scale_factor")
-    document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels, unit)
-    images, missing, gone = _frames(root, document, frames, sizes, left_out)
-    warnings = missing_warning(name, missing, len(frames), settings)
+    document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels, unit, files)
+    images, missing, name_by_asked = _frames(document, frames, sizes, left_out)
+    warnings = (*missing_warning(name, missing, len(frames), settings), *files.warnings())
     if not images:
         raise left_out.refusal(InvalidInputError(f"{name} has no frame", field=name, hint="Give each image one frame."))
     points, colors = _points(root, document, settings)
@@ -117,10 +114,37 @@ def read_transforms(
         point_colors=colors,
         scale=_scale(top),
         labels=labels,
-        test_names=_test_names(document, [image.name for image in images], gone),
+        test_names=_test_names(document, [image.name for image in images], name_by_asked),
         missing=missing,
         warnings=warnings,
     )
+
+
+def _whole_document(root: Path, name: str, settings: CaptureSettings) -> dict[str, Any]:
+    """A document without what is null in it. Blender's, for training, validation and test, are one, whose frames say
+    what their own document says of the camera; the last is the test split."""
+    parts = BLENDER_DOCUMENTS if PurePosixPath(name).name in BLENDER_DOCUMENTS else (PurePosixPath(name).name,)
+    whole: dict[str, Any] = {}
+    for path in (PurePosixPath(name).with_name(part) for part in parts):
+        if not (root / path).is_file():
+            continue
+        top = read_json(root / path, str(path), settings)
+        frames = top.get("frames") if isinstance(top, dict) else None
+        if not isinstance(frames, list) or not frames:
+            raise InvalidInputError(f"{path} has no list of frames", field=str(path), hint="Give each image one frame.")
+        top = {key: value for key, value in top.items() if value is not None}
+        frames = [_with_camera(top, frame) if isinstance(frame, dict) else frame for frame in frames]
+        if path.name == BLENDER_DOCUMENTS[-1]:
+            top["split"] = {"test": [frame.get("file_path") for frame in frames if isinstance(frame, dict)]}
+        whole = {**top, **whole, "frames": [*whole.get("frames", ()), *frames]}
+    return whole
+
+
+def _with_camera(top: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
+    """A frame with what its document says of the camera and the frame does not, in whichever way it says it."""
+    own = {key: value for key, value in frame.items() if value is not None}
+    told = {key for pair in _SAME_FOCAL for key in pair if own.keys() & set(pair)}
+    return {key: top[key] for key in _CAMERA_KEYS if key in top and key not in told} | own
 
 
 def name_keys(name: str) -> tuple[str, str, str]:
@@ -129,15 +153,14 @@ def name_keys(name: str) -> tuple[str, str, str]:
 
 
 def _frames(
-    root: Path,
-    document: _Document,
-    frames: Sequence[Any],
-    sizes: Mapping[str, tuple[int, int]],
-    left_out: LeftOut,
-) -> tuple[tuple[PosedImage, ...], tuple[MissingImage, ...], list[str]]:
-    """The frames with an image, sorted by name; those without; and the names of all that are not among the first."""
+    document: _Document, frames: Sequence[Any], sizes: Mapping[str, tuple[int, int]], left_out: LeftOut
+) -> tuple[tuple[PosedImage, ...], tuple[MissingImage, ...], dict[str, str]]:
+    """The frames with an image, sorted by name; those without; and by the file_path of each, what its view is called,
+    "" where there is none."""
     images: dict[str, PosedImage] = {}
-    missing, gone = [], []
+    missing, name_by_asked = [], dict[str, str]()
+    asked = [str(frame.get("file_path")) for frame in frames if isinstance(frame, dict)]
+    document.files.expect(document.folder, (path + end for path in asked for end in ("", *_IMPLIED_SUFFIXES)))
     for index, frame in enumerate(frames):
         where, key = f"{document.name}: frame {index}", f"frame {index} of {document.name}"
         file_path = frame.get("file_path") if isinstance(frame, dict) else None
@@ -145,60 +168,59 @@ def _frames(
             where = f"{where} ({file_path[:120]})"
             path = posixpath.normpath(posixpath.join(document.folder, file_path))
             key = key if path in images else path
-            gone.append(file_path.removeprefix("./"))
+            name_by_asked.setdefault(file_path.removeprefix("./"), "")
         with left_out.costs(key, where):
-            result = _posed_image(root, document, frame, sizes, where)
+            result = _posed_image(document, frame, sizes, where)
             if isinstance(result, MissingImage):
                 missing.append(result)
                 continue
             if result.path in images:
-                raise InvalidInputError(
-                    f"{where} shows the same file as another frame", field=where, hint="Give each image one frame."
-                )
+                raise InvalidInputError.of(where, "shows the same file as another frame", "Give each image one frame.")
             images[result.path] = result
+            name_by_asked[frame["file_path"].removeprefix("./")] = result.name
     ordered = tuple(sorted(images.values(), key=lambda image: image.name))
-    return ordered, tuple(missing), gone
+    return ordered, tuple(missing), name_by_asked
 
 
 def _posed_image(
-    root: Path, document: _Document, frame: Any, sizes: Mapping[str, tuple[int, int]], where: str
+    document: _Document, frame: Any, sizes: Mapping[str, tuple[int, int]], where: str
 ) -> PosedImage | MissingImage:
     file_path = frame.get("file_path") if isinstance(frame, dict) else None
     if not isinstance(file_path, str) or not file_path:
         raise InvalidInputError(f"{where} has no file_path", field=where, hint="Name the frame's image.")
     if len(file_path) > _MAX_PATH_LETTERS:
-        raise InvalidInputError(
-            f"{where} has a file_path of {len(file_path)} characters",
-            field=where,
-            limit=f"{_MAX_PATH_LETTERS} characters",
-            hint="Name the frame's image.",
+        raise InvalidInputError.of(
+            where,
+            f"has a file_path of {len(file_path)} characters",
+            "Name the frame's image.",
+            f"{_MAX_PATH_LETTERS} characters",
         )
-    path = _image_path(root, document.folder, file_path, where)
+    # Blender's documents leave the extension away.
+    suffixes = () if PurePosixPath(file_path).suffix.lower() in IMAGE_SUFFIXES else _IMPLIED_SUFFIXES
+    path = document.files.path(document.folder, file_path, where, photo=True, suffixes=suffixes)
     name = posixpath.relpath(path, document.folder)
-    if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
+    if not document.files.has(path):
         return MissingImage(name, path)
     if path not in sizes:
-        raise InvalidInputError(
-            f"{where} is not an image", field=where, hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images."
-        )
+        raise InvalidInputError.of(where, "is not an image", "Send JPEG, PNG, WebP, TIFF, BMP or HEIC images.")
     maps = {}
     mask = frame.get("mask_path")
     if mask is not None:
         if not isinstance(mask, str):
             raise InvalidInputError(f"{where} has a mask_path that is not text", field=where, hint="Name a file.")
         key = "mask" if document.labels is None else "label_map"
-        maps[key] = resolve_file(root, document.folder, mask, where)
+        maps[key] = document.files.file(document.folder, mask, where)
     return PosedImage(
         name=name,
         path=path,
-        camera_model=_camera_model({**document.top, **frame}, sizes[path], where),
+        camera_model=_camera_model(frame, sizes[path], where),
         world_from_camera=_pose(frame.get("transform_matrix"), document.opengl, where),
-        depth=_depth_file(root, document, frame, where),
+        depth=_depth_file(document, frame, where),
         **maps,
     )
 
 
-def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
+def _depth_file(document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
     """nerfstudio's depth map of a frame (docs.nerf.studio, "Depth images"): millimeters unless the document says
     otherwise."""
     name = frame.get("depth_file_path")
@@ -208,41 +230,27 @@ def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where
         raise InvalidInputError(f"{where} has a depth_file_path that is not text", field=where, hint="Name a file.")
     suffix = PurePosixPath(name).suffix.lower()
     if suffix not in {*DEPTH_IMAGE_SUFFIXES, ARRAY_SUFFIX}:
-        raise InvalidInputError(
-            f"{where}: depth maps of the kind {suffix[:20]!r} are not read",
-            field=where,
-            hint="Send 16-bit PNG files, millimeters, or float arrays as .npy.",
+        raise InvalidInputError.of(
+            where,
+            f": depth maps of the kind {suffix[:20]!r} are not read",
+            "Send 16-bit PNG files, millimeters, or float arrays as .npy.",
         )
-    path = resolve_path(root, document.folder, name, where)
-    if not os.path.isfile(root / path):
-        raise InvalidInputError(
-            f"{where} names the depth map {name[:120]!r}, which is not in the upload",
-            field=where,
-            hint="Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
+    path = document.files.path(document.folder, name, where)
+    if not document.files.has(path):
+        raise InvalidInputError.of(
+            where,
+            f"names the depth map {name[:120]!r}, which is not in the upload",
+            "Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
         )
     return DepthFile(path, document.depth_unit)
 
 
-def _image_path(root: Path, folder: str, file_path: str, where: str) -> str:
-    """Relative to `root`; nothing need be there. Blender's documents leave the extension away."""
-    if PurePosixPath(file_path).suffix.lower() not in IMAGE_SUFFIXES:
-        for suffix in _IMPLIED_SUFFIXES:
-            path = resolve_path(root, folder, f"{file_path}{suffix}", where)
-            if os.path.isfile(root / path):
-                return path
-    return resolve_path(root, folder, file_path, where)
-
-
 def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     if matrix is None:
-        raise InvalidInputError(
-            f"{where} has no transform_matrix", field=where, hint="Give every frame a pose, or remove it."
-        )
+        raise InvalidInputError.of(where, "has no transform_matrix", "Give every frame a pose, or remove it.")
     rows_are_lists = isinstance(matrix, list) and all(isinstance(row, list) for row in matrix)
     if not rows_are_lists or not all(_is_number(value) for row in matrix for value in row):
-        raise InvalidInputError(
-            f"{where}: the transform_matrix is not a 4×4 list of numbers", field=where, hint=_POSE_HINT
-        )
+        raise InvalidInputError.of(where, ": the transform_matrix is not a 4×4 list of numbers", _POSE_HINT)
     if len(matrix) not in (3, 4) or any(len(row) != 4 for row in matrix):
         raise InvalidInputError(f"{where}: the transform_matrix is not 4×4", field=where, hint=_POSE_HINT)
     pose = np.eye(4)
@@ -260,23 +268,15 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
 
 def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) -> CameraModel:
     """Per-frame keys win over the document's; see `PosedImage.camera_model` for the resolution."""
-    numbers = {
-        key: _number(values, key, where)
-        for key in (*_SIZE_KEYS, *_FOCAL_KEYS, *_DISTORTION_KEYS, _CIRCLE_KEY)
-        if values.get(key) is not None
-    }
+    numbers = {key: _number(values, key, where) for key in _CAMERA_KEYS[:-1] if key in values}
     width, height = (int(numbers["w"]), int(numbers["h"])) if "w" in numbers and "h" in numbers else size
     if width < 1 or height < 1:
-        raise InvalidInputError(
-            f"{where}: an image of {width}×{height} pixels", field=where, hint="Give w and h in pixels."
-        )
+        raise InvalidInputError.of(where, f": an image of {width}×{height} pixels", "Give w and h in pixels.")
     fx = numbers.get("fl_x") or _focal(numbers.get("camera_angle_x"), width)
     fy = numbers.get("fl_y") or _focal(numbers.get("camera_angle_y"), height) or fx
     if not fx or not fy:
-        raise InvalidInputError(
-            f"{where} has no focal length",
-            field=where,
-            hint="Give fl_x and fl_y in pixels, or camera_angle_x in radians.",
+        raise InvalidInputError.of(
+            where, "has no focal length", "Give fl_x and fl_y in pixels, or camera_angle_x in radians."
         )
     pinhole = (fx, fy, numbers.get("cx", width / 2), numbers.get("cy", height / 2))
     model, distortion = _distortion(str(values.get("camera_model") or "").upper(), numbers, where)
@@ -295,17 +295,15 @@ def _distortion(stated: str, numbers: Mapping[str, float], where: str) -> tuple[
     if stated == "OPENCV_FISHEYE":
         return stated, parameters(_FISHEYE_KEYS)
     if stated not in ("", *_PERSPECTIVES):
-        raise InvalidInputError(
-            f"{where}: the camera model {stated[:40]!r} is unknown",
-            field=where,
-            hint=f"Use one of {', '.join((*_PERSPECTIVES, 'OPENCV_FISHEYE'))}.",
+        raise InvalidInputError.of(
+            where,
+            f": the camera model {stated[:40]!r} is unknown",
+            f"Use one of {', '.join((*_PERSPECTIVES, 'OPENCV_FISHEYE'))}.",
         )
     if not any(parameters(_DISTORTION_KEYS)):
         return "PINHOLE", ()
     if stated in _PINHOLES:
-        raise InvalidInputError(
-            f"{where}: a {stated} camera with distortion", field=where, hint='Say "camera_model": "OPENCV".'
-        )
+        raise InvalidInputError.of(where, f": a {stated} camera with distortion", 'Say "camera_model": "OPENCV".')
     if any(parameters(("k3", "k4"))):
         return "FULL_OPENCV", (*parameters((*_OPENCV_KEYS, "k3", "k4")), 0.0, 0.0)
     return "OPENCV", parameters(_OPENCV_KEYS)
@@ -318,9 +316,7 @@ def _focal(angle: float | None, pixels: int) -> float | None:
 def _number(values: Mapping[str, Any], key: str, where: str) -> float:
     value = values[key]
     if not _is_number(value) or not math.isfinite(value):
-        raise InvalidInputError(
-            f"{where}: {key} is {str(value)[:40]}", field=where, hint=f"Make {key} a finite number."
-        )
+        raise InvalidInputError(f"{where}: {key} is {value!r:.40}", field=where, hint=f"Make {key} a finite number.")
     return float(value)
 
 
@@ -355,33 +351,32 @@ def _points(
         name = "points3d.ply"
     if not isinstance(name, str):
         raise InvalidInputError(f"{document.name}: ply_file_path is not text", field=document.name, hint="Name a file.")
-    path = resolve_file(root, document.folder, name, f"{document.name}: ply_file_path")
+    path = document.files.file(document.folder, name, f"{document.name}: ply_file_path")
     return read_points(root / path, path, settings)
 
 
-def _test_names(document: _Document, names: list[str], gone: list[str]) -> tuple[str, ...]:
+def _test_names(document: _Document, names: list[str], name_by_asked: Mapping[str, str]) -> tuple[str, ...]:
     """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; frames that are not used are left out."""
     split = document.top.get("split")
     entries = split.get("test") if isinstance(split, dict) else document.top.get("test_filenames")
     if entries is None:
         return ()
     if not isinstance(entries, list) or not all(isinstance(entry, str) for entry in entries):
-        raise InvalidInputError(
-            f"{document.name}: the test split is not a list of names",
-            field=document.name,
-            hint="Give a list of file names.",
+        raise InvalidInputError.of(
+            document.name, ": the test split is not a list of names", "Give a list of file names."
         )
-    name_by_key = {key: name for name in names for key in name_keys(name)}
-    gone_keys = {key for name in gone for key in name_keys(name)}
+    name_by_key = {key: name for asked, name in name_by_asked.items() for key in name_keys(asked)}
+    name_by_key |= {key: name for name in names for key in name_keys(name)}
+    name_by_key |= {asked: name for asked, name in name_by_asked.items() if name or asked not in name_by_key}
     test_names = set()
     for entry in entries:
         key = entry.removeprefix("./")
         if key in name_by_key:
             test_names.add(name_by_key[key])
-        elif key not in gone_keys:
-            raise InvalidInputError(
-                f"{document.name}: the test split names {entry[:80]!r}, which no frame shows",
-                field=document.name,
-                hint="Name frames by their file_path.",
+        else:
+            raise InvalidInputError.of(
+                document.name,
+                f": the test split names {entry[:80]!r}, which no frame shows",
+                "Name frames by their file_path.",
             )
-    return tuple(sorted(test_names))
+    return tuple(sorted(test_names - {""}))

@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
 from fastsplat.service.capture.types import Source
-from fastsplat.service.capture.uploads.colmap_model import model_suffix
+from fastsplat.service.capture.untrusted.archive import ARCHIVE_SUFFIXES
+from fastsplat.service.capture.uploads.colmap_model import count_images, model_suffix
 from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.named_files import FOLDERS_WITHOUT_PHOTOS
 from fastsplat.service.capture.uploads.phones.polycam import find_polycam
 from fastsplat.service.capture.uploads.phones.record3d import find_record3d
 from fastsplat.service.capture.uploads.phones.scanner_app import find_scanner_app
 from fastsplat.service.capture.uploads.splat_files.splat_reading import PLY_SUFFIX, is_splat_file
-from fastsplat.service.common.file_names import is_system_file
+from fastsplat.service.capture.uploads.transforms import BLENDER_DOCUMENTS
+from fastsplat.service.common.file_names import is_system_file, list_names
 from fastsplat_contract.errors import InvalidInputError
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
-_FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths", "confidence"})
+_POSE_SUFFIXES = (".json", ".xml", ".out", ".csv")
+_OTHERS = {
+    ".glb": ("glTF", "Save its splat as PLY with the program that made it"),
+    ".obj": ("a mesh", "Send a splat, or the photos that the mesh was made from"),
+} | dict.fromkeys(ARCHIVE_SUFFIXES, ("an archive in the archive", "Unpack it, and send one archive of its files"))
+"""Files that are not read, by suffix: the kind, and what to do."""
 _IMAGES = "images"
 _SPLAT_FRAME = "dataparser_transforms.json"
 
@@ -63,6 +71,10 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
         InvalidInputError: several videos, or nothing usable.
     """
     files = _files(root)
+    if "means_l.webp" in {PurePosixPath(path).name for path in files}:
+        raise InvalidInputError(
+            "meta.json and means_l.webp are the parts of a SOG", field="meta.json", hint="Send them as one .sog file."
+        )
     splats = tuple(path for path in files if is_splat_file(root / path))
     frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splats else ""
     labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
@@ -73,60 +85,47 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
     )
     images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
     transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
+    transforms = transforms or _shallowest(path for path in files if PurePosixPath(path).name in BLENDER_DOCUMENTS)
+    read = {labels, frame, *splats, *maps}
     if transforms:
-        return UploadContents(
-            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splats=splats, splat_frame=frame
-        )
+        own = (PurePosixPath(transforms).with_name(name).as_posix() for name in BLENDER_DOCUMENTS)
+        warnings = _unread(files, {transforms, *read, *own}, _POSE_SUFFIXES)
+        return UploadContents("nerfstudio", images, transforms, ".", "", labels, maps, splats, frame, warnings)
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
         (folder for folder in folders if model_suffix(root / folder)),
-        key=lambda folder: (len(PurePosixPath(folder).parts), folder),
+        key=lambda folder: (-count_images(root / folder), len(PurePosixPath(folder).parts), folder),
     )
     if models:
-        warning = f"The upload has {len(models)} COLMAP models; only {models[0]} is used."
-        return UploadContents(
-            "colmap",
-            images,
-            models[0],
-            _image_folder(root, models[0]),
-            labels=labels,
-            label_maps=maps,
-            splats=splats,
-            splat_frame=frame,
-            warnings=(warning,) if len(models) > 1 else (),
-        )
+        warnings = _unread(files, read, _POSE_SUFFIXES)
+        if len(models) > 1:
+            most = f"The upload has {len(models)} COLMAP models; only {models[0]} is used, which has the most images."
+            warnings = (most, *warnings)
+        folder = _image_folder(root, models[0])
+        return UploadContents("colmap", images, models[0], folder, "", labels, maps, splats, frame, warnings)
     phone = _phone_recording(root, files)
     if phone is not None:
         return replace(phone, images=images, labels=labels, label_maps=maps, splats=splats)
     if splats:
-        beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
-        warning = (
-            f"{len(beside)} files beside the splat have no poses and are not used, e.g. {beside[0]}; pictures are "
-            "rendered around the splat instead."
-            if beside
-            else ""
-        )
-        return UploadContents("splat", (), splats=splats, warnings=(warning,) if warning else ())
+        return UploadContents("splat", (), splats=splats, warnings=_unread(files, read))
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
     _leave_unsupported_out(files, left_out)
     if not photos and len(videos) == 1:
-        return UploadContents("video", (), video=videos[0])
+        return UploadContents("video", (), video=videos[0], warnings=_unread(files, {*videos, *left_out.reasons}))
     if len(videos) > 1 and not photos:
         raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
     if not photos:
-        _refuse_other_plys(files)
+        _refuse_others(files)
         raise left_out.refusal(
             InvalidInputError(
                 "the upload has no images",
                 field="files",
                 hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
-                "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
+                "Polycam, Record3D or 3D Scanner App, or a splat (PLY, SPZ, SOG, .splat or .ksplat).",
             )
         )
-    used = {*photos, *maps, labels}
-    unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
-    warnings = (f"{len(unused)} files beside the photos are not used, e.g. {unused[0]}.",) if unused else ()
+    warnings = _unread(files, {*photos, *read, *left_out.reasons})
     return UploadContents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
 
 
@@ -146,21 +145,36 @@ def _files(root: Path) -> list[str]:
     return [path.as_posix() for path in relative if not is_system_file(path.parts)]
 
 
-def _refuse_other_plys(files: list[str]) -> None:
-    """Say of a PLY that is all there is why it is no splat."""
+def _unread(files: list[str], read: Collection[str], suffixes: Sequence[str] = ()) -> tuple[str, ...]:
+    """A sentence about files that nothing is read of, if there are any; with suffixes, about such alone."""
+    unread = [path for path in files if path not in read and (not suffixes or _suffix(path) in suffixes)]
+    if not unread:
+        return ()
+    said = f"{len(unread)} files are not used: {list_names(unread)}."
+    if any(_suffix(path) in _POSE_SUFFIXES for path in unread):
+        said += " Poses are read from transforms.json, Blender's transforms_train.json, and COLMAP models alone."
+    return (said,)
+
+
+def _refuse_others(files: list[str]) -> None:
+    """Say of what is all there is why it is not read."""
+    for path in files:
+        if _suffix(path) in _OTHERS:
+            kind, way = _OTHERS[_suffix(path)]
+            raise InvalidInputError(f"the upload has no images; {path} is {kind}", field=path, hint=f"{way}.")
     ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
     if ply is not None:
-        raise InvalidInputError(
-            f"{ply} is no splat: its header names no opacity and scale_0 of Gaussians",
-            field=ply,
-            hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
+        raise InvalidInputError.of(
+            ply,
+            "is no splat: its header names no opacity and scale_0 of Gaussians",
+            "Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
             "are none.",
         )
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:
     """Without masks and the like; nerfstudio's reduced copies (images_2, images_4) count only without originals."""
-    photos = [path for path in images if not _FOLDERS_WITHOUT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
+    photos = [path for path in images if not FOLDERS_WITHOUT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
     originals = [path for path in photos if _IMAGES in PurePosixPath(path).parts[:-1]]
     return tuple(originals or photos)
 
@@ -177,10 +191,10 @@ def _leave_unsupported_out(files: list[str], left_out: LeftOut) -> None:
     for path in files:
         if _suffix(path) in UNSUPPORTED_SUFFIXES:
             with left_out.costs(path):
-                raise InvalidInputError(
-                    f"{path} is of the kind {_suffix(path)[1:].upper()}, which is not supported",
-                    field=path,
-                    hint="Export the photos as JPEG (phones: 'most compatible').",
+                raise InvalidInputError.of(
+                    path,
+                    f"is of the kind {_suffix(path)[1:].upper()}, which is not supported",
+                    "Export the photos as JPEG (phones: 'most compatible').",
                 )
 
 

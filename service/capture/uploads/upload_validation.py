@@ -16,9 +16,14 @@ from fastsplat.service.capture.untrusted.archive import is_archive, unpack
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.capture.uploads.label_maps import check_label_map, match_label_maps, read_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
-from fastsplat.service.capture.uploads.photo_validation import check_pixels, too_many_images, usable_photos
+from fastsplat.service.capture.uploads.photo_validation import (
+    check_pixels,
+    too_many_images,
+    transparency_warning,
+    usable_photos,
+)
 from fastsplat.service.capture.uploads.posed_validation import validate_posed
-from fastsplat.service.capture.uploads.splat_files.splat_reading import SPZ_SUFFIX
+from fastsplat.service.capture.uploads.splat_files.splat_reading import is_splat_file
 from fastsplat.service.capture.uploads.splat_input import admit_splat, check_splats
 from fastsplat.service.capture.uploads.upload_kind import UploadContents, detect_kind
 from fastsplat.service.common.atomic import atomic_directory, link_or_copy
@@ -95,12 +100,10 @@ def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
             limit=f"{settings.max_entries} files",
             hint="Send fewer images.",
         )
-    archives = [path for path in plain if path.suffix.lower() != SPZ_SUFFIX and is_archive(path)]
+    archives = [path for path in plain if not is_splat_file(path) and is_archive(path)]
     if archives and len(plain) > 1:
         raise InvalidInputError(
-            f"the upload has {archives[0].name} and other files",
-            field=archives[0].name,
-            hint="Send one archive alone.",
+            f"the upload has {archives[0].name} and other files", field=archives[0].name, hint="Send one archive alone."
         )
     if archives:
         unpack(archives[0], files, settings)
@@ -116,9 +119,7 @@ def _validate_video(files: Path, contents: UploadContents, settings: CaptureSett
         head = file.read(16)
     # Decoders guess by content and would follow a playlist called .mp4 to other files and hosts.
     if not any(head[at:].startswith(signature) for at, signature in _VIDEO_SIGNATURES):
-        raise InvalidInputError(
-            f"{contents.video} is not a video", field=contents.video, hint="Send an MP4, MOV, WebM, MKV or AVI file."
-        )
+        raise InvalidInputError.of(contents.video, "is not a video", "Send an MP4, MOV, WebM, MKV or AVI file.")
     with tempfile.TemporaryDirectory() as folder:
         request = {"video": str(files / contents.video), "name": contents.video, **settings.model_dump()}
         size = run_sandboxed("probe", request, Path(folder), settings, lambda fraction, message: None)
@@ -170,7 +171,7 @@ def _validate_images(
         names=tuple(PurePosixPath(photo.path).relative_to(folder).as_posix() for photo in photos),
         labels=contents.labels if label_maps else "",
         label_maps=label_maps,
-        warnings=contents.warnings,
+        warnings=(*contents.warnings, *transparency_warning(photos)),
         metadata=read_metadata(files, photos),
     )
 

@@ -47,11 +47,7 @@ class ViewLog:
     _photos: set[str] = field(default_factory=set)
 
     def add(
-        self,
-        lens: WideLens,
-        quality: PhotoQuality,
-        matches: PhotoMatches | None = None,
-        image: SfmImage | None = None,
+        self, lens: WideLens, quality: PhotoQuality, matches: PhotoMatches | None = None, image: SfmImage | None = None
     ) -> None:
         """Take in an image that is about to become the views of a lens's faces."""
         if lens.field_of_view_deg:

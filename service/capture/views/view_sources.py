@@ -81,6 +81,9 @@ class ViewSources:
             self.log.left_out[image.name] = "lens"
             return
         self.log.add(lens, image.quality, matches, image)
+        opaque = None
+        if image.photo is not None and image.face is None:
+            opaque = self.decoder.opaque(self.files, image.photo, (image.width, image.height))
         source = SourceImage(
             name=image.name,
             pixels=source_pixels(image, self.images, self.decoder),
@@ -88,7 +91,7 @@ class ViewSources:
             world_from_camera=pose,
             lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
             label_ids=self._ids_of_image(image),
-            mask=both_masks(image.mask, self.held.usable(image.file)),
+            mask=both_masks(both_masks(image.mask, opaque), self.held.usable(image.file)),
             exposure_ev=None if image.photo is None else image.photo.exposure_ev,
             taken_at=None if image.photo is None else image.photo.taken_at,
         )
@@ -106,6 +109,7 @@ class ViewSources:
         try:
             decoded = self.decoder.photo(self.files, photo, size)
             mask = None if image.mask is None else self.decoder.ids(self.files, image.mask, photo, size) > 0
+            mask = both_masks(mask, self.decoder.opaque(self.files, photo, size))
         except _BROKEN:
             self.log.left_out[image.name] = "unreadable"
             return

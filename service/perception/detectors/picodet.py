@@ -25,10 +25,7 @@ class PicoDet:
     def __init__(self, model: Path, *, name: str, threads: int = 0) -> None:
         self._session = open_session(model, name=name, threads=threads)
         check_contract(
-            self._session,
-            name=name,
-            inputs={"image": (1, 3, None, None), "scale_factor": (1, 2)},
-            outputs=[(None, 6)],
+            self._session, name=name, inputs={"image": (1, 3, None, None), "scale_factor": (1, 2)}, outputs=[(None, 6)]
         )
         sides = {node.name: node.shape for node in self._session.get_inputs()}["image"][2:]
         self._side = sides[0] if isinstance(sides[0], int) else 416

@@ -18,12 +18,7 @@ from fastsplat.service.perception.model_pull.model_check import check_model
 from fastsplat.service.perception.model_pull.pull import Step, check_writable, model_state, put_in_place
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.onnx_session import file_sha256
-from fastsplat_contract.errors import (
-    ChecksumMismatchError,
-    InvalidInputError,
-    ResourceError,
-    UnsafeArchiveError,
-)
+from fastsplat_contract.errors import ChecksumMismatchError, InvalidInputError, ResourceError, UnsafeArchiveError
 
 _MOST_FILE_BYTES = 8 << 30
 _CHUNK = 1 << 20

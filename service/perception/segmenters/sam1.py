@@ -50,10 +50,7 @@ class Sam1:
         self._decoder = open_session(decoder, name=name, threads=threads)
         features = (1, 256, 64, 64)
         check_contract(
-            self._encoder,
-            name=name,
-            inputs={"image": (1, 3, _SIDE, _SIDE)},
-            outputs={"image_embeddings": features},
+            self._encoder, name=name, inputs={"image": (1, 3, _SIDE, _SIDE)}, outputs={"image_embeddings": features}
         )
         check_contract(
             self._decoder,
@@ -73,11 +70,7 @@ class Sam1:
             check_contract(
                 self._batch,
                 name=name,
-                inputs={
-                    "image_embeddings": features,
-                    "point_coords": (None, None, 2),
-                    "point_labels": (None, None),
-                },
+                inputs={"image_embeddings": features, "point_coords": (None, None, 2), "point_labels": (None, None)},
                 outputs={"low_res_masks": (None, None, _GRID, _GRID), "iou_predictions": (None, None)},
             )
 

@@ -189,10 +189,7 @@ def _suggest(order: _Order) -> Scene:
     return suggest_names(order.index.things, order.edit.suggestions)
 
 
-_CALLS = {
-    "look_again": ("looking again", "LookAgain"),
-    "observe": ("an observation", "ObserveScene"),
-}
+_CALLS = {"look_again": ("looking again", "LookAgain"), "observe": ("an observation", "ObserveScene")}
 """Actions that stand in versions and that nobody sends as edits: what they are, and by which call they are made."""
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),

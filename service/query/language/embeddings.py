@@ -121,6 +121,5 @@ class TextCaches:
 def text_caches(encoder: TextEncoder, settings: QuerySettings) -> TextCaches:
     """Empty ones of an encoder."""
     return TextCaches(
-        TextCache(encoder, settings.templates, settings.cached_texts),
-        TextCache(encoder, ("{}",), _CACHED_DEFINITIONS),
+        TextCache(encoder, settings.templates, settings.cached_texts), TextCache(encoder, ("{}",), _CACHED_DEFINITIONS)
     )

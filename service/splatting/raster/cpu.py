@@ -130,12 +130,7 @@ def share_map(
     shape = (camera.height, camera.width)
     classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
     _call(context.share_map, settings)(
-        starts=starts,
-        labels=labels,
-        shares=shares,
-        alpha_min=alpha_min,
-        classes=classes.numpy(),
-        alpha=alpha.numpy(),
+        starts=starts, labels=labels, shares=shares, alpha_min=alpha_min, classes=classes.numpy(), alpha=alpha.numpy()
     )
     alpha = alpha.to(splats.means.dtype)
     return LabelMap(classes, alpha, None, alpha.new_zeros(*shape, 0), context.non_finite)

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.evaluation.datasets.types import Dataset, TrueView
-from benchmarks.evaluation.thing_discovery import (
-    ThingCounts,
-    count_things,
-    precision_at,
-    recall_at,
-    simulate_clicks,
-)
+from benchmarks.evaluation.thing_discovery import ThingCounts, count_things, precision_at, recall_at, simulate_clicks
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat.service.splatting.blending import thing_map

@@ -80,12 +80,7 @@ def render_with_gradients(view: View, backend: Backend, dtype: torch.dtype) -> t
     parts = {name: getattr(view.splats, name).detach().to(dtype, copy=True).requires_grad_() for name in NAMES}
     background = view.background.detach().to(dtype, copy=True).requires_grad_()
     rendering = rasterize(
-        Splats(**parts),
-        view.viewmat,
-        view.camera,
-        background=background,
-        settings=view.settings,
-        backend=backend,
+        Splats(**parts), view.viewmat, view.camera, background=background, settings=view.settings, backend=backend
     )
     scalar = (
         (rendering.image * view.grad_image.to(dtype)).sum()
@@ -95,10 +90,7 @@ def render_with_gradients(view: View, backend: Backend, dtype: torch.dtype) -> t
     scalar.backward()
     parts["background"] = background
     rendering = replace(
-        rendering,
-        image=rendering.image.detach(),
-        alpha=rendering.alpha.detach(),
-        depth=rendering.depth.detach(),
+        rendering, image=rendering.image.detach(), alpha=rendering.alpha.detach(), depth=rendering.depth.detach()
     )
     return rendering, {name: part.grad for name, part in parts.items() if part.grad is not None}
 

@@ -107,8 +107,7 @@ def test_a_zero_quaternion_is_culled_but_not_called_broken(backend: Backend) -> 
 
 
 @pytest.mark.parametrize(
-    ("z", "seen"),
-    [(0.0, False), (-1.0, False), (0.01 - 1e-6, False), (0.01 + 1e-6, True), (1e9, True), (2e10, False)],
+    ("z", "seen"), [(0.0, False), (-1.0, False), (0.01 - 1e-6, False), (0.01 + 1e-6, True), (1e9, True), (2e10, False)]
 )
 def test_near_far_and_behind(backend: Backend, z: float, seen: bool) -> None:
     view = lone(means=[[0.0, 0.0, z]], scales=[[0.3 * max(z, 0.01)] * 3])

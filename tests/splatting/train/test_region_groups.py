@@ -48,9 +48,7 @@ def made_sums(
         order = np.lexsort((labels, rows))
         starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=gaussians))])
         yield LabelSums(
-            torch.from_numpy(starts),
-            torch.from_numpy(labels[order].astype(np.int32)),
-            torch.from_numpy(weights[order]),
+            torch.from_numpy(starts), torch.from_numpy(labels[order].astype(np.int32)), torch.from_numpy(weights[order])
         )
 
 

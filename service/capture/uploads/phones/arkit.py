@@ -110,10 +110,8 @@ def recording(images: Sequence[PosedImage], field: str, warnings: tuple[str, ...
     """
     if not images:
         raise left_out.refusal(
-            InvalidInputError(
-                f"{field} has no frame whose photo is in the upload",
-                field=field,
-                hint="Send photos and metadata together.",
+            InvalidInputError.of(
+                field, "has no frame whose photo is in the upload", "Send photos and metadata together."
             )
         )
     points, colors = no_points()

@@ -75,9 +75,7 @@ def _matrix(pose: Any, field: str) -> arkit.F64:
     x, y, z, w, *position = arkit.numbers(pose, 7, f"{field}: pose")
     length = float(np.sqrt(x * x + y * y + z * z + w * w))
     if not 0.5 < length < 2.0:
-        raise InvalidInputError(
-            f"{field}: the quaternion has the length {length:g}", field=field, hint="Export the recording again."
-        )
+        raise InvalidInputError.of(field, f": the quaternion has the length {length:g}", "Export the recording again.")
     orientation = Quaternion(*(float(value) / length for value in (x, y, z, w)))
     return rigid(orientation, Vector3(*map(float, position)))
 

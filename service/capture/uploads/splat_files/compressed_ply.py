@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows, logits
 from fastsplat.service.common.ply_tables import ASCII, Element, PlyHeader, check_size, read_element
 
 _CHUNK = 256
@@ -31,13 +31,8 @@ def is_compressed(header: PlyHeader) -> bool:
 
 
 def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a compressed PLY, in the file's order; opacities become logits, ±inf where the byte is 0 or 255.
-
-    Raises:
-        InvalidInputError: an element or property is missing or of another type, numbers of chunks and Gaussians do not
-            fit, or the file is too short.
-        LimitExceededError: more Gaussians than the limit.
-    """
+    """The Gaussians of a compressed PLY, in its order; logits ±inf for the bytes 0 and 255. Raises as
+    `read_splat_file`."""
     vertex = _element(name, header, "vertex", _PACKED, "<u4")
     check_count(name, vertex.count, limits)
     if header.encoding == ASCII:
@@ -62,10 +57,9 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
         result.means[rows] = _between(bounds["position"][chunk], _unpack_11_10_11(table["packed_position"]))
         result.log_scales[rows] = _between(bounds["scale"][chunk], _unpack_11_10_11(table["packed_scale"]))
         result.quats[rows] = _unpack_rotation(table["packed_rotation"])
-        color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8, 0)], axis=1)
-        result.sh[rows, 0] = (_between(bounds["color"][chunk], color[:, :3]) - 0.5) / Y00
-        with np.errstate(divide="ignore"):
-            result.logit_opacities[rows] = np.log(color[:, 3]) - np.log1p(-color[:, 3])
+        color = np.stack([_unit(table["packed_color"] >> shift, 8) for shift in (24, 16, 8)], axis=1)
+        result.sh[rows, 0] = (_between(bounds["color"][chunk], color) - 0.5) / Y00
+        result.logit_opacities[rows] = logits((table["packed_color"] & 255).astype(np.uint8))
     if sh_count > 1:
         _read_harmonics(path, header, result)
     return result

@@ -29,11 +29,11 @@ def check_count(name: str, count: int, limits: SplatLimits) -> None:
     """
     if count > limits.max_gaussians:
         setting = f" ({limits.setting})" if limits.setting else ""
-        raise LimitExceededError(
-            f"{name} announces {count} Gaussians",
-            field=name,
-            limit=f"{limits.max_gaussians} Gaussians{setting}",
-            hint="Reduce the splat in an editor, or raise the limit.",
+        raise LimitExceededError.of(
+            name,
+            f"announces {count} Gaussians",
+            "Reduce the splat in an editor, or raise the limit.",
+            f"{limits.max_gaussians} Gaussians{setting}",
         )
     if count < 1:
         raise bad_splat(name, "has no Gaussians")
@@ -41,9 +41,9 @@ def check_count(name: str, count: int, limits: SplatLimits) -> None:
 
 def bad_splat(name: str, problem: str) -> InvalidInputError:
     """The error of a file that is no splat, or a damaged one."""
-    return InvalidInputError(
-        f"{name} {problem}",
-        field=name,
-        hint="Send a 3D Gaussian splatting PLY (binary little-endian or ASCII), a compressed PLY of SuperSplat, or an "
-        "SPZ file of version 2 or 3.",
+    return InvalidInputError.of(
+        name,
+        problem,
+        "Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat, SPZ (version 2 to 4), SOG, .splat or "
+        ".ksplat.",
     )

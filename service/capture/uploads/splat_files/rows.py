@@ -20,6 +20,13 @@ SH_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
 """Coefficients of a color by the number of f_rest properties."""
 
 
+def logits(stored: NDArray[np.uint8]) -> F32:
+    """float32 logits of opacities in bytes, ±inf for 0 and 255."""
+    shares = stored.astype(np.float32) / 255
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(shares) - np.log1p(-shares))
+
+
 @dataclass(frozen=True)
 class SplatRows:
     """G Gaussians in a file's order, before activation; conventions and units of `service.scene.types.Gaussians`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.compressed_ply import is_compressed, read_compressed_ply
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
+from fastsplat.service.capture.uploads.splat_files.plain_rows import read_ksplat, read_splat_rows
 from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
-from fastsplat.service.capture.uploads.splat_files.spz import MAGIC, read_spz
+from fastsplat.service.capture.uploads.splat_files.sog import is_sog, read_sog
+from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.common.ply_tables import (
     MAX_HEADER_BYTES,
     PlyHeader,
@@ -25,11 +28,18 @@ from fastsplat.service.common.ply_tables import (
 
 _MEANS, _QUATS = ("x", "y", "z"), ("rot_0", "rot_1", "rot_2", "rot_3")
 _SCALES, _DC, _RGB = ("scale_0", "scale_1", "scale_2"), ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
-SPZ_SUFFIX, PLY_SUFFIX = ".spz", ".ply"
-SplatFormat = Literal["3DGS PLY", "compressed PLY", "SPZ"]
+PLY_SUFFIX = ".ply"
+SplatFormat = Literal["3DGS PLY", "compressed PLY", "SPZ", "SOG", ".splat", ".ksplat"]
+_BY_SUFFIX: Mapping[str, tuple[Callable[[Path, str, SplatLimits], SplatRows], SplatFormat]] = {
+    ".spz": (read_spz, "SPZ"),
+    ".sog": (read_sog, "SOG"),
+    ".splat": (read_splat_rows, ".splat"),
+    ".ksplat": (read_ksplat, ".ksplat"),
+}
 
 _MARKS = ((b" packed_position",), (b" scale_0", b" opacity"))
 _OPAQUE_LOGIT = 16.0  # the logistic function of it is 1 but for 1e-7
+_TELLING_ROWS = 16  # fewer may have any signs
 _THINNEST = -30.0  # of the natural logarithm of a standard deviation
 _WIDEST = 40.0  # its square is the largest that a float32 covariance can hold
 
@@ -56,14 +66,14 @@ def is_splat_file(path: Path) -> bool:
     """Whether a file is a splat by its name and, of a PLY file, by the properties that its header names."""
     suffix = path.suffix.lower()
     if suffix != PLY_SUFFIX:
-        return suffix == SPZ_SUFFIX
+        return suffix in _BY_SUFFIX or (suffix == ".zip" and is_sog(path))
     with path.open("rb") as file:
         header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
     return bool(end) and header.startswith(b"ply") and any(all(own in header for own in marks) for marks in _MARKS)
 
 
 def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
-    """The Gaussians of a 3DGS PLY, a compressed PLY or an SPZ file; infinite logits become opacities of 0 and 1.
+    """The Gaussians of a splat file of any format; infinite logits become opacities of 0 and 1.
 
     Args:
         name: what messages call it.
@@ -73,13 +83,12 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
         InvalidInputError: not a whole splat file, or no row of it can be shown.
         LimitExceededError: more Gaussians than the limit.
     """
+    suffix = ".sog" if path.suffix.lower() == ".zip" else path.suffix.lower()
+    if suffix in _BY_SUFFIX:
+        reader, form = _BY_SUFFIX[suffix]
+        return _settled(name, reader(path, name, limits), form)
     with path.open("rb") as file:
-        head = file.read(MAX_HEADER_BYTES)
-    if head.startswith(b"\x1f\x8b"):
-        return _settled(name, read_spz(path, name, limits), "SPZ")
-    if head.startswith(MAGIC):
-        raise bad_splat(name, f"is SPZ of version {int.from_bytes(head[4:8], 'little')} without gzip around it")
-    header = read_header(head, partial(bad_splat, name))
+        header = read_header(file.read(MAX_HEADER_BYTES), partial(bad_splat, name))
     if is_compressed(header):
         return _settled(name, read_compressed_ply(path, name, header, limits), "compressed PLY")
     return _settled(name, read_splat_ply(path, name, header, limits), "3DGS PLY")
@@ -129,6 +138,26 @@ def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
     )
 
 
+def describe_numbers(name: str, file: SplatFile) -> tuple[str, ...]:
+    """Sentences for people about columns whose signs say that they are not what a 3DGS PLY holds."""
+    rows, said = file.rows, []
+    if file.format == "3DGS PLY" and len(rows) >= _TELLING_ROWS:
+        low, high = float(rows.logit_opacities.min()), float(rows.logit_opacities.max())
+        if low >= 0 and high <= 1:
+            said.append(
+                f"The opacity of {name} lies between {low:.3g} and {high:.3g}, as if it were no logit, of which some "
+                "are negative; it is read as logits. Export it before activation."
+            )
+        if (rows.log_scales[:, :2] > 0).all():
+            said.append(
+                f"The columns scale_0 and scale_1 of {name} are all positive, as if they were no logarithms, of which "
+                "most are negative; they are read as logarithms. Export them before activation."
+            )
+        if (rows.log_scales[:, 2] == _THINNEST).all():
+            said.append(f"{name} has no scale_2, as 2D Gaussian splatting: its Gaussians are read as flat disks.")
+    return tuple(said)
+
+
 def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
     """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there (logits, logarithms of
     scales, quaternions w x y z of any length, f_rest channel by channel).
@@ -150,7 +179,8 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
         raise bad_splat(name, f"has {rest} f_rest properties, expected {', '.join(map(str, SH_OF_REST))}")
     rest_names = tuple(f"f_rest_{index}" for index in range(rest))
     colors: tuple[str, ...] = _RGB if not present.intersection(_DC) and present.issuperset(_RGB) else _DC
-    for own in (*_MEANS, *colors, *rest_names, "opacity", *_SCALES, *_QUATS):
+    scales = tuple(own for own in _SCALES if own in present or own != _SCALES[2])  # the splats of 2DGS are flat
+    for own in (*_MEANS, *colors, *rest_names, "opacity", *scales, *_QUATS):
         if own not in present:
             raise bad_splat(name, f"has no property {own}, which every Gaussian needs")
     count, sh_count = vertex.count, SH_OF_REST[rest]
@@ -159,7 +189,8 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
     for rows, table in read_element(path, header, vertex):
         _fill(result.means[rows], table, _MEANS)
         _fill(result.quats[rows], table, _QUATS)
-        _fill(result.log_scales[rows], table, _SCALES)
+        result.log_scales[rows, 2] = _THINNEST
+        _fill(result.log_scales[rows], table, scales)
         _fill(result.logit_opacities[rows, None], table, ("opacity",))
         _fill(result.sh[rows, 0], table, colors)
         if colors == _RGB:

@@ -1,101 +1,149 @@
-"""Niantic's SPZ, versions 2 and 3: a gzip stream of fixed-point columns with the axes right, up, back. As its reference
-converters do, y and z change their signs to those of 3DGS PLY files."""
+"""Niantic's SPZ, versions 2 to 4: fixed-point columns in one gzip stream, since version 4 each in a zstd stream of its
+own. Axes are right, up, back unless an extension says otherwise, and become those of 3DGS PLY files."""
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_COUNTS, SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_COUNTS, SplatRows, logits
 
 _MAX_DEGREE = len(SH_COUNTS) - 1
 _HEADER = struct.Struct("<4sIIBBBB")
 MAGIC = b"NGSP"
+_HEADER_REST = struct.Struct("<I12x")
+_STREAM = struct.Struct("<QQ")
+_RECORD = struct.Struct("<II")
 _EXTENSIONS = 2
+_COORDINATE_SYSTEM = 0xADBE0003
+_RIGHT_UP_BACK, _MOST_SYSTEMS = 4, 8
+_MAX_EXTENSION_BYTES = 1 << 20
+_MAX_WINDOW_BYTES = 1 << 27
 _MAX_FRACTIONAL_BITS = 23
 _COLOR_SCALE = 0.15
 _PIECE = 1 << 20
-_SIGNS = {
-    "means": (1, -1, -1),
-    "quats": (1, 1, -1, -1),  # w x y z: a half turn about x
-    "sh": (-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1),
-}
-"""What a half turn about x does to each number; harmonics from degree 1, m = −l..l."""
 
 U8 = NDArray[np.uint8]
 
 
 def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     """The Gaussians of an SPZ file, in its order, with the axes of 3DGS PLY files; logits ±inf for the bytes 0 and 255.
-
-    Raises:
-        InvalidInputError: not an SPZ file of version 2 or 3, with extensions, or not of the size that its header says.
-        LimitExceededError: more Gaussians than the limit.
+    Of extensions that of the coordinate system is read, others say nothing of Gaussians and are passed over.
+    Raises as `read_splat_file`, and of axes that are swapped.
     """
     with path.open("rb") as file:
-        inflater = zlib.decompressobj(16 + zlib.MAX_WBITS)
-
-        def pull(size: int) -> bytes:
-            """`size` bytes of the content, fewer only at its end."""
-            content = bytearray()
-            while len(content) < size and not inflater.eof:
-                source = inflater.unconsumed_tail or file.read(_PIECE)
-                if not source:
-                    break
-                content += inflater.decompress(source, size - len(content))
-            return bytes(content)
-
+        packed = file.read(2) == b"\x1f\x8b"
+        file.seek(0)
+        pull = _inflated(file) if packed else file.read
         try:
-            head = pull(_HEADER.size)
-            count, degree, bits, version = _read_header(name, head, limits)
+            count, degree, bits, version, flags = _read_header(name, pull(_HEADER.size), limits)
+            if packed and version == 4:
+                raise bad_splat(name, "is SPZ of version 4 with gzip around it")
             widths = {"means": 9, "alphas": 1, "colors": 3, "scales": 3, "quats": 3 if version == 2 else 4}
-            widths["sh"] = 3 * (SH_COUNTS[degree] - 1)
+            sizes = {column: count * width for column, width in widths.items()}
+            sizes["sh"] = count * 3 * (SH_COUNTS[degree] - 1)
+            if version == 4:
+                contents, records = _streams(file, name, [size for size in sizes.values() if size])
+            else:
+                contents = [pull(size) for size in sizes.values() if size]
+                records = pull(_MAX_EXTENSION_BYTES) if flags & _EXTENSIONS else b""
             columns = {}
-            for column, width in widths.items():
-                content = pull(count * width)
-                if len(content) != count * width:
+            for column, size in sizes.items():
+                content = contents.pop(0) if size else b""
+                if len(content) != size:
                     raise bad_splat(name, f"ends within its {column} of {count} Gaussians")
-                columns[column] = np.frombuffer(content, np.uint8).reshape(count, width)
-            if pull(1):
+                columns[column] = np.frombuffer(content, np.uint8).reshape(count, -1)
+            if version != 4 and pull(1):
                 raise bad_splat(name, f"goes on behind its {count} Gaussians")
-        except zlib.error as error:
-            raise bad_splat(name, f"is not a whole gzip stream: {str(error)[:80]}") from error
+        except (zlib.error, zstandard.ZstdError) as error:
+            raise bad_splat(name, f"is not a whole stream: {str(error)[:80]}") from error
+    x, y, z = _signs(records if flags & _EXTENSIONS else b"", name)
     colors = (columns["colors"].astype(np.float32) / 255 - 0.5) / _COLOR_SCALE
-    alphas = columns["alphas"][:, 0].astype(np.float32) / 255
-    with np.errstate(divide="ignore"):
-        logits = np.log(alphas) - np.log1p(-alphas)
     higher = (columns["sh"].astype(np.float32) - 128).reshape(count, -1, 3) / 128
-    signs = np.array(_SIGNS["sh"][: higher.shape[1]], np.float32)[:, None]
+    turned = np.array([y, z, x, x * y, y * z, 1, x * z, 1, y, x * y * z, y, z, x, z, x], np.float32)  # m = −l..l
     quats = _first_three(columns["quats"]) if version == 2 else _smallest_three(columns["quats"])
     return SplatRows(
-        means=_fixed_point(columns["means"], bits) * np.array(_SIGNS["means"], np.float32) + 0,  # no −0
-        quats=quats * np.array(_SIGNS["quats"], np.float32) + 0,
+        means=_fixed_point(columns["means"], bits) * np.array([x, y, z], np.float32) + 0,  # no −0
+        quats=quats * np.array([1, y * z, x * z, x * y], np.float32) + 0,
         log_scales=np.asarray(columns["scales"].astype(np.float32) / 16 - 10, np.float32),
-        logit_opacities=logits,
-        sh=np.concatenate([colors[:, None], higher * signs], axis=1),
+        logit_opacities=logits(columns["alphas"][:, 0]),
+        sh=np.concatenate([colors[:, None], higher * turned[: higher.shape[1], None]], axis=1),
     )
 
 
-def _read_header(name: str, head: bytes, limits: SplatLimits) -> tuple[int, int, int, int]:
-    """Number of Gaussians, degree of the harmonics, fractional bits of positions, and version."""
+def _inflated(file: BinaryIO) -> Callable[[int], bytes]:
+    """Reads so many bytes of what is packed in a file, fewer only at its end."""
+    inflater = zlib.decompressobj(16 + zlib.MAX_WBITS)
+
+    def pull(size: int) -> bytes:
+        content = bytearray()
+        while len(content) < size and not inflater.eof:
+            source = inflater.unconsumed_tail or file.read(_PIECE)
+            if not source:
+                break
+            content += inflater.decompress(source, size - len(content))
+        return bytes(content)
+
+    return pull
+
+
+def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], bytes]:
+    """The columns of version 4, each of a stream of its own, and the records of extensions before them."""
+    head = file.read(_HEADER_REST.size)
+    begin = _HEADER_REST.unpack(head)[0] if len(head) == _HEADER_REST.size else 0
+    if not 0 <= begin - file.tell() <= _MAX_EXTENSION_BYTES:
+        raise bad_splat(name, "has no table of its streams where its header says")
+    records = file.read(begin - file.tell())
+    table = file.read(_STREAM.size * len(sizes))
+    lengths = list(_STREAM.iter_unpack(table)) if len(table) == _STREAM.size * len(sizes) else []
+    if [whole for _, whole in lengths] != sizes or file.tell() + sum(own for own, _ in lengths) > os.fstat(
+        file.fileno()
+    ).st_size:
+        raise bad_splat(name, "has streams of other sizes than its header says")
+    contents = []
+    for (own, _), size in zip(lengths, sizes, strict=True):
+        inflater = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES)
+        with inflater.stream_reader(file.read(own)) as stream:
+            contents.append(stream.read(size))
+    return contents, records
+
+
+def _signs(records: bytes, name: str) -> tuple[int, int, int]:
+    """What x, y and z are multiplied by to be right, down, front, as in PLY files."""
+    system = _RIGHT_UP_BACK
+    while len(records) > _RECORD.size:
+        kind, size = _RECORD.unpack_from(records)
+        payload, records = records[_RECORD.size : _RECORD.size + size], records[_RECORD.size + size :]
+        if kind == _COORDINATE_SYSTEM:
+            system = int.from_bytes(payload, "little") or _RIGHT_UP_BACK
+    if system > _MOST_SYSTEMS:
+        raise bad_splat(name, f"has the coordinate system {system}, whose axes are swapped")
+    right, up, front = (system - 1) & 1, (system - 1) & 2, (system - 1) & 4
+    return 1 if right else -1, -1 if up else 1, 1 if front else -1
+
+
+def _read_header(name: str, head: bytes, limits: SplatLimits) -> tuple[int, int, int, int, int]:
+    """Number of Gaussians, degree of the harmonics, fractional bits of positions, version and flags."""
     if len(head) < _HEADER.size or head[:4] != MAGIC:
-        raise bad_splat(name, "has no SPZ header in its gzip stream")
+        raise bad_splat(name, "has no SPZ header")
     _, version, count, degree, bits, flags, _ = _HEADER.unpack(head)
-    if version not in (2, 3):
+    if version not in (2, 3, 4):
         raise bad_splat(name, f"is SPZ of version {version}")
-    if flags & _EXTENSIONS:
-        raise bad_splat(name, "is SPZ with extensions, which are not read; save it without")
     if degree > _MAX_DEGREE:
         raise bad_splat(name, f"has harmonics of degree {degree}, at most {_MAX_DEGREE} is read")
     if bits > _MAX_FRACTIONAL_BITS:
         raise bad_splat(name, f"has positions with {bits} fractional bits of 24")
     check_count(name, count, limits)
-    return count, degree, bits, version
+    return count, degree, bits, version, flags
 
 
 def _fixed_point(packed: U8, bits: int) -> F32:

@@ -1,0 +1,126 @@
+"""Finds the files of an upload that documents of other programs name, spelled as these programs spell."""
+
+from __future__ import annotations
+
+import os
+import posixpath
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from pathlib import Path
+from unicodedata import normalize
+
+from fastsplat_contract.errors import InvalidInputError
+
+FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths", "confidence"})
+
+
+class NamedFiles:
+    """The files of one upload by the names that a document gives them; what differs is kept for `warnings`.
+
+    Args:
+        root: the upload's folder.
+        document: what warnings call the document.
+    """
+
+    def __init__(self, root: Path, document: str) -> None:
+        self._root, self._document = root, document
+        self._differing: dict[str, dict[str, str]] = {}
+        self._exact = set[str | None]()
+
+    def expect(self, folder: str, names: Iterable[str]) -> None:
+        """Keep the files that these names mean by their letters from being what another name means."""
+        self._exact.update(self._inside(folder, name) for name in names)
+
+    def path(self, folder: str, name: str, field: str, *, photo: bool = False, suffixes: Sequence[str] = ()) -> str:
+        """The path, relative to the root, of the one file that a name relative to `folder` can mean: by its letters as
+        they stand, in another Unicode form, with slashes for backslashes, in another letter case, or by as many of its
+        last parts as one file alone has. Where there is none, the path that it would have.
+
+        Args:
+            photo: folders of masks and the like are searched only if the name has them.
+            suffixes: of files, where the name may leave them away.
+
+        Raises:
+            InvalidInputError: the name leads out of the upload, and to no file in it.
+        """
+        names = [*(name + suffix for suffix in suffixes), name]
+        for inside in (self._inside(folder, each) for each in names):
+            if inside is not None and self.has(inside):
+                return inside
+        for each in names:
+            if (alike := self._alike(folder, each, photo)) is not None:
+                return alike
+        if (path := self._inside(folder, name)) is None:
+            raise _not_in_upload(name, field)
+        return path
+
+    def file(self, folder: str, name: str, field: str, *, photo: bool = False) -> str:
+        """As `path`, of a file that is there; raises `InvalidInputError` where it is not."""
+        path = self.path(folder, name, field, photo=photo)
+        if not self.has(path):
+            raise _not_in_upload(name, field)
+        return path
+
+    def has(self, path: str) -> bool:
+        """Whether a file lies there; unlike `Path.is_file`, also of names that are too long."""
+        return os.path.isfile(self._root / path)
+
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for people for each way in which names differ from the files that they mean."""
+        return tuple(
+            f"{len(found)} names in {self._document} differ from the files that they mean by {how}, e.g. "
+            "{:.200} means {:.200}.".format(*next(iter(found.items())))
+            for how, found in self._differing.items()
+        )
+
+    def _inside(self, folder: str, name: str) -> str | None:
+        """Relative to the root, links followed; None outside of it."""
+        if "\0" in name:
+            return None
+        root, resolved = self._root.resolve(), (self._root / folder / name).resolve()
+        return resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else None
+
+    @cached_property
+    def _by_last_part(self) -> dict[str, list[str]]:
+        paths: dict[str, list[str]] = {}
+        for path in sorted(self._root.rglob("*")):
+            if path.is_file():
+                paths.setdefault(_folded(path.name), []).append(path.relative_to(self._root).as_posix())
+        return paths
+
+    def _alike(self, folder: str, name: str, photo: bool) -> str | None:
+        slashed = normalize("NFC", name.replace("\\", "/"))
+        whole = posixpath.normpath(posixpath.join(normalize("NFC", folder), slashed))
+        candidates = self._by_last_part.get(_folded(posixpath.basename(whole)), [])
+        candidates = [path for path in candidates if path not in self._exact]
+        parts = [part for part in _folded(slashed).split("/") if part not in ("", ".", "..")]
+        spelled = [path for path in candidates if normalize("NFC", path) == whole]
+        folded = [path for path in candidates if _folded(path) == _folded(whole)]
+        if photo and not FOLDERS_WITHOUT_PHOTOS.intersection(parts):
+            candidates = [path for path in candidates if not FOLDERS_WITHOUT_PHOTOS.intersection(path.split("/"))]
+        ends = [(begin, path) for path in candidates if (begin := _shared(path, parts))]
+        longest = [path for shared, path in ends if shared == max(ends)[0]]
+        form = "backslashes" if "\\" in name else "the Unicode form of letters"
+        for how, found in ((form, spelled), ("letter case", folded), ("folders", longest)):
+            if found:
+                if len(found) == 1:
+                    self._differing.setdefault(how, {})[name] = found[0]
+                return found[0] if len(found) == 1 else None
+        return None
+
+
+def _shared(path: str, parts: Sequence[str]) -> int:
+    """How many last parts a path shares with those of a name."""
+    return len(posixpath.commonprefix([_folded(path).split("/")[::-1], list(parts[::-1])]))
+
+
+def _folded(name: str) -> str:
+    return normalize("NFC", name).casefold()
+
+
+def _not_in_upload(name: str, field: str) -> InvalidInputError:
+    return InvalidInputError.of(
+        field,
+        f"names the file {name[:200]!r}, which is not in the upload",
+        "Send every image that has a pose, under the name that the poses use.",
+    )
