@@ -18,7 +18,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.proxy import proxied
 from tests.api.served import served
-from tests.api.test_api_tus import _capture
+from tests.api.uploaded import archive_of_photos
 
 _PREFIX = "/robots/splat"
 
@@ -63,14 +63,14 @@ def test_the_addresses_in_answers_are_the_proxys(behind: tuple[str, str]) -> Non
     upload = httpx.post(f"{url}/v1/uploads", headers=announced, timeout=60)
     there = urljoin(f"{url}/v1/uploads", upload.headers["location"])
     assert httpx.head(there, headers=announced, timeout=60).headers["upload-length"] == "3"
-    posted = httpx.post(f"{url}/v1/scenes", files={"capture": ("capture.zip", _capture())}, timeout=60)
+    posted = httpx.post(f"{url}/v1/scenes", files={"capture": ("capture.zip", archive_of_photos())}, timeout=60)
     there = urljoin(f"{url}/v1/scenes", posted.headers["location"])
     assert httpx.get(there, timeout=60).json()["id"] == posted.json()["id"]
 
 
 def test_the_client_works_through_the_proxy(behind: tuple[str, str], tmp_path: Path) -> None:
     url, scene_id = behind
-    (tmp_path / "capture.zip").write_bytes(_capture())
+    (tmp_path / "capture.zip").write_bytes(archive_of_photos())
     with Client(url, piece_bytes=1_000) as client:
         assert client.query(scene_id, "mug")[0].outcome == "here"
         operation = client.create_scene(tmp_path / "capture.zip")
