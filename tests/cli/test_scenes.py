@@ -17,7 +17,7 @@ from fastsplat.service.scene.ply import write_ply
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from tests.capture.test_splat_uploads import some_gaussians
+from tests.scene.conftest import make_gaussians
 from tests.scenes import queued_job
 
 Run = Callable[..., Result]
@@ -25,7 +25,7 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def splat(tmp_path: Path) -> Path:
-    write_ply(some_gaussians(), tmp_path / "desk.ply")
+    write_ply(make_gaussians(40, 4, 0), tmp_path / "desk.ply")
     return tmp_path / "desk.ply"
 
 
@@ -52,7 +52,7 @@ def test_a_splat_is_queued_with_what_was_said_of_it(fastsplat: Run, service: Sce
     assert service.get_scene(record.scene_id).name == "desk"
     assert (record.options["up"], record.options["labels"]) == ("-y", ["cup", "teddy bear"])
     (arrays,) = service._store.blobs.upload(record.upload_id).rglob("splat.safetensors")
-    np.testing.assert_array_equal(load_splat(arrays).means, some_gaussians().means)
+    np.testing.assert_array_equal(load_splat(arrays).means, make_gaussians(40, 4, 0).means)
 
 
 def test_a_splat_goes_with_its_photos_once(fastsplat: Run, service: SceneService, splat: Path, photos: Path) -> None:
