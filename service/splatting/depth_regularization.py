@@ -99,11 +99,7 @@ def surface_loss(
     spread_weight: float,
     smoothness_weight: float,
 ) -> Tensor:
-    """The weighted sum of `depth_spread` and `depth_roughness`, see there.
-
-    Raises:
-        InvalidInputError: there is no pixel.
-    """
+    """The weighted sum of `depth_spread` and `depth_roughness`, see there; `InvalidInputError` without a pixel."""
     if not alpha.numel():
         raise InvalidInputError(f"alpha {tuple(alpha.shape)} has no pixel", field="alpha")
     parts = (alpha, depth, squared, target)

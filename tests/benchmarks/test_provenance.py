@@ -94,15 +94,9 @@ def test_nothing_is_measured_of_what_no_commit_holds(tree: Path, monkeypatch: py
 
 def test_results_of_trials_go_into_their_own_folder(tmp_path: Path) -> None:
     program = "import benchmarks.provenance, benchmarks.splits; print(benchmarks.splits.results_file('trade', 'test'))"
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
-        env={"PYTHONPATH": str(ROOT), "DRAFT": str(tmp_path / "trial")},
-    )
-    assert done.stdout.strip() == str(tmp_path / "trial" / "trade.json")
+    settings = {"PYTHONPATH": str(ROOT), "DRAFT": str(tmp_path / "trial")}
+    said = subprocess.check_output([sys.executable, "-c", program], text=True, cwd=ROOT, env=settings)
+    assert said.strip() == str(tmp_path / "trial" / "trade.json")
 
 
 def test_a_file_of_results_holds_nothing_that_names_no_origin(

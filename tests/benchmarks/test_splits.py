@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import ast
 import json
 import subprocess
 import sys
@@ -25,8 +24,6 @@ from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.splatting.training_views import capture_split
 from fastsplat_contract.errors import InvalidInputError
 from tests.benchmarks.evaluation import made_data
-
-_CHOOSING = ("training/__main__.py", "trade/__main__.py", "things/__main__.py")
 
 
 @pytest.fixture
@@ -78,13 +75,6 @@ def test_validation_is_the_default_and_its_figures_are_not_committed() -> None:
     assert f"/{results_file('*', 'validation').relative_to(ROOT).as_posix()}" in ignored
     assert "promise nothing" in chosen_on("tabletop", "validation")
     assert "test views" in chosen_on("tabletop", "test") and "nothing" in chosen_on("kitchen", "test")
-
-
-@pytest.mark.parametrize("script", _CHOOSING)
-def test_scripts_that_choose_ask_which_views_to_measure(script: str) -> None:
-    tree = ast.parse((ROOT / "benchmarks" / script).read_text())
-    calls = {node.func.id for node in ast.walk(tree) if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)}
-    assert {"add_split", "chosen_on"} <= calls
 
 
 def test_only_the_list_measures_test_views_of_the_benchmarks_that_choose() -> None:

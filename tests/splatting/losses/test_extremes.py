@@ -29,11 +29,9 @@ _TABLE = (
     *(("semantic", name, "times", 1e17, "") for name in ("weight", "class_weights", "codes_image weight")),
     ("semantic", "class_weights", (1,), -1.0, "class_weights"),
     ("semantic", "class_weights", "times", 0.0, ""),
-    ("semantic", "bias", "cut", 3, "codes_image"),
-    ("semantic", "codes_image labels", "cut", 0, "codes_image"),
+    *(("semantic", names, "cut", rows, "codes_image") for names, rows in (("bias", 3), ("codes_image labels", 0))),
     *(("image", name, at, bad, name) for name in _COLORS for bad in _BAD for at in (_HERE, _IGNORED)),
-    *(("image", name, "times", 1e20, name) for name in _COLORS),
-    *(("image", name, "times", 1e4, "") for name in _COLORS),
+    *(("image", name, "times", size, name * (size > 1e4)) for name in _COLORS for size in (1e20, 1e4)),
     ("image", "image target", "times", 1e12, "image"),
     ("image", "valid", (), False, ""),
     ("image", "image target valid", "cut", 0, "image"),
@@ -45,36 +43,31 @@ _TABLE = (
 
 def changed_case(loss: str, names: str, where: Any, value: Any) -> dict[str, Tensor]:
     """Arguments of 14 × 15 pixels."""
-    g = torch.Generator().manual_seed(7)
-    image, target = torch.rand(2, 14, 15, 3, generator=g)
-    valid = torch.ones(14, 15, dtype=torch.bool)
+    image, target = torch.rand(2, 14, 15, 3, generator=torch.Generator().manual_seed(7))
+    valid, alpha = torch.ones(14, 15, dtype=torch.bool), image[..., 0] * 0.5 + 0.2
     valid[_IGNORED] = False
     case = {"image": image, "target": target, "valid": valid}
     if loss == "surface":
-        alpha = image[..., 0] * 0.5 + 0.2
         case = {"alpha": alpha, "depth": alpha * (2 + alpha), "squared": 60 * alpha, "target": target, "valid": valid}
     elif loss == "semantic":
-        labels = torch.randint(1, 4, (14, 15), generator=g).where(valid, 0)
-        case = dict(zip(_CODES, (image * 4 - 2, target[0, :4], target[0, 4:8, 0], labels), strict=False))
-        case["class_weights"] = torch.tensor([0.0, 1.0, 0.5, 1.0])
+        labels, weights = (alpha * 4 + 0.5).long().where(valid, 0), torch.tensor([0.0, 1.0, 0.5, 1.0])
+        case = dict(zip(_CODES, (image * 4 - 2, target[0, :4], target[0, 4:8, 0], labels, weights), strict=True))
     for name in names.split():
-        if where == "times":
-            case[name] = case[name] * value
-        elif where == "cut":
-            case[name] = case[name][:value]
-        else:
-            case[name] = case[name].clone()
-            case[name][where] = value
+        changed = case[name] * value if where == "times" else case[name].clone()
+        if isinstance(where, tuple):
+            changed[where] = value
+        case[name] = changed[:value] if where == "cut" else changed
     return case
 
 
 def outcome(loss: str, case: dict[str, Tensor], *, double: bool = False) -> list[Tensor]:
     """The loss and its gradients."""
-    case = {name: part.double() if double and part.is_floating_point() else part.clone() for name, part in case.items()}
-    inputs = [part.requires_grad_() for part in list(case.values())[: 1 if loss == "image" else 3]]
-    weights = {"image": {"ssim_weight": 0.2}, "surface": {"spread_weight": 0.3, "smoothness_weight": 0.7}}
-    function = {"image": image_loss, "surface": surface_loss, "semantic": semantic_loss}[loss]
-    value = function(**case, **weights.get(loss, {}))
+    parts = [part.double() if double and part.is_floating_point() else part.clone() for part in case.values()]
+    inputs = [part.requires_grad_() for part in parts[: 1 if loss == "image" else 3]]
+    if loss == "image":
+        value = image_loss(parts[0], parts[1], 0.2, parts[2])
+    else:
+        value = surface_loss(*parts, 0.3, 0.7) if loss == "surface" else semantic_loss(*parts)
     return [value.detach(), *torch.autograd.grad(value, inputs)]
 
 
@@ -93,8 +86,7 @@ def test_a_right_number_or_an_error_by_name(
             assert refused.value.field == field
             return
         ours = outcome(loss, case, double=double)
-    # What does not count is as if it were any number.
-    usual = changed_case(loss, names, where, 0.5) if where == _IGNORED else case
+    usual = changed_case(loss, names, where, 0.5) if where == _IGNORED else case  # any number is as good there
     for mine, theirs in zip(ours, outcome(loss, usual, double=True), strict=True):
         assert bool(mine.isfinite().all())
         if mine.ndim == 0 or where == _IGNORED:
