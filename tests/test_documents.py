@@ -62,6 +62,10 @@ def test_make_targets_that_a_document_names_exist(document: str) -> None:
 @pytest.mark.parametrize("document", [*_DOCUMENTS, *_PAGES])
 def test_settings_that_a_document_names_exist(document: str) -> None:
     names = set(re.findall(r"\bFASTSPLAT_[A-Z0-9_]*[A-Z0-9]\b(?!\*)", _text(document)))
+    for prefix, table in re.findall(r"`(FASTSPLAT_\w+__)` before each(.*?)\n#", _text(document), re.DOTALL):
+        names |= {
+            prefix + name for row in re.findall(r"^\| `[^|]*", table, re.M) for name in re.findall(r"[A-Z_]+", row)
+        }
     for name in names - _OF_A_PROCESS - _OF_THE_CLIENT:
         group: object = Settings
         for part in name.removeprefix("FASTSPLAT_").rstrip("_").lower().split("__"):

@@ -1,11 +1,12 @@
 """The scenes of the paper's tables, trained and measured here, and printed beside its figures.
 
-    python -m benchmarks.published FOLDER [--address URL --sha256 DIGEST] [--scenes bed teatime ...] [--preset thorough]
+    python -m benchmarks.published FOLDER [--address URL --sha256 DIGEST] [--scenes bed teatime ...] [--preset best]
                                    [--labels detected] [--iterations 4000]
 
 FOLDER holds scenes of 3D-OVS (`bed`, `covered_desk`) or LERF-OVS (`ramen`, `teatime`, `waldo_kitchen`, with `label/`)
-as their authors publish them, at any depth. With --address, a ZIP archive is fetched, compared with its SHA-256 digest
-and unpacked into it first: where the sets are published is said by their authors, and no copy of them is kept here.
+as their authors publish them, at any depth; cameras are read of a COLMAP model, a transforms.json or LLFF's
+`poses_bounds.npy`. With --address, a ZIP archive is fetched, compared with its SHA-256 digest and unpacked into it
+first: where the sets are published is said by their authors, and no copy of them is kept here.
 Masks and localization are counted as the tables of these sets count them (`miou_views`, `localization`), minutes are
 those of all stages. Labels are what the models of the settings find of the set's texts, which needs an open-set
 detector (FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR). Every row goes to benchmarks/results/published.json.
@@ -23,6 +24,7 @@ from typing import get_args
 from benchmarks.default_path.__main__ import measure
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.provenance import RESULTS, parser_of, put_row
+from benchmarks.published.llff import with_transforms
 from benchmarks.published.paper import PAPER, figures_of, tables
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import load_settings
@@ -38,7 +40,7 @@ def main() -> None:
     parser.add_argument("--address", default="")
     parser.add_argument("--sha256", default="")
     parser.add_argument("--scenes", nargs="*", choices=[*PAPER], default=[*PAPER])
-    parser.add_argument("--preset", choices=get_args(PresetName), default="thorough")
+    parser.add_argument("--preset", choices=get_args(PresetName), default="best")
     parser.add_argument("--labels", choices=("detected", "discovered", "default"), default="detected")
     parser.add_argument("--iterations", type=int, help="in place of the preset's seconds")
     options = parser.parse_args()
@@ -52,12 +54,13 @@ def main() -> None:
     measured = {}
     for name, folder in scenes_in(options.folder).items():
         if name in options.scenes:
-            dataset = read_dataset(folder, settings.capture)
-            if dataset.kind != PAPER[name].data_set:
-                raise SystemExit(
-                    f"{folder} has no annotations of {PAPER[name].data_set}, but is read as {dataset.kind}"
-                )
-            row = measure(dataset, settings, name, labels=options.labels, preset=options.preset)
+            with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
+                dataset = read_dataset(with_transforms(folder, Path(work)), settings.capture)
+                if dataset.kind != PAPER[name].data_set:
+                    raise SystemExit(
+                        f"{folder} has no annotations of {PAPER[name].data_set}, but is read as {dataset.kind}"
+                    )
+                row = measure(dataset, settings, name, labels=options.labels, preset=options.preset)
             put_row(RESULTS / "published.json", name, row)
             measured[name] = figures_of(row)
     if not measured:

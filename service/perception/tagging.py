@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.image_tensors import imagenet_tensor
@@ -42,7 +43,8 @@ class PooledTag:
 
 
 class RamTagger:
-    """`image` [1, 3, S, S] → [1, T] probabilities of T tags: RAM's contract, for any size and list.
+    """`image` [1, 3, S, S] → [1, T] probabilities of T tags, or logits if its name says so: RAM's contract, for any
+    size and list.
 
     The image is resized to S × S without keeping its aspect, ImageNet's mean and deviation taken out. Beside the
     network lie `tags.txt`, a tag a line in the order of the probabilities, and, if the tags have thresholds of their
@@ -76,15 +78,16 @@ class RamTagger:
             ModelUnavailableError: the network answers with something else than T probabilities.
         """
         output = np.asarray(self._session.run(None, {"image": imagenet_tensor(image, self._side)})[0], np.float32)
+        if "logits" in self._session.get_outputs()[0].name:
+            output = expit(output)
         if output.shape != (1, len(self.tags)):
             raise self._broken(
                 f"it answers {list(output.shape)} for the {len(self.tags)} tags of {TAG_FILE}",
                 f"Put the list that the network was trained with beside it as {TAG_FILE}.",
             )
         if not ((output >= 0) & (output <= 1)).all():
-            raise self._broken(
-                "its output is no probability of 0 to 1", "Export it with the sigmoid, and without the thresholds."
-            )
+            hint = "Export it with the sigmoid, and without the thresholds, or call the output `logits`."
+            raise self._broken("its output is no probability of 0 to 1", hint)
         return np.asarray(output[0])
 
     def _thresholds(self, folder: Path, usual: float) -> F32:

@@ -15,6 +15,7 @@ from torch import Tensor
 from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
+from fastsplat_contract.errors import InvalidInputError
 
 MAX_ANCHORS = 20_000
 """Points of a capture that are used; projecting them is then a small part of a step."""
@@ -98,7 +99,9 @@ def surface_loss(
     spread_weight: float,
     smoothness_weight: float,
 ) -> Tensor:
-    """The weighted sum of `depth_spread` and `depth_roughness`, see there."""
+    """The weighted sum of `depth_spread` and `depth_roughness`, see there; `InvalidInputError` without a pixel."""
+    if not alpha.numel():
+        raise InvalidInputError(f"alpha {tuple(alpha.shape)} has no pixel", field="alpha")
     parts = (alpha, depth, squared, target)
     if any(part.dtype != torch.float32 or part.device.type != "cpu" for part in parts):
         spread, roughness = depth_spread(alpha, depth, squared), depth_roughness(alpha, depth, target, valid)
@@ -155,6 +158,7 @@ def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor 
         for start in (step, 2 * step):
             known = known & torch.narrow(covered, axis, start, size)
         edge = torch.maximum((colors[1] - colors[0]).abs(), (colors[2] - colors[1]).abs()).amax(dim=2)
+        edge = torch.where(known, edge, 0.0)  # before the exponential: the gradient of one left out is 0 × NaN
         bend = (before - 2 * here + after).abs() / torch.where(known, here.detach(), 1.0)
         total = total + torch.where(known, torch.exp(-_EDGE_SCALE * edge) * bend.clamp(max=1.0), 0.0).mean()
     return total / 2

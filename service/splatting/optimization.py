@@ -23,7 +23,7 @@ from fastsplat.service.splatting.schedule import depth_regularized, image_level,
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.training_views import TrainingView
-from fastsplat_contract.errors import TrainingDivergedError
+from fastsplat_contract.errors import InvalidInputError, TrainingDivergedError
 
 
 class Trainer:
@@ -112,14 +112,17 @@ class Trainer:
         target = frame.target()
         self._recorder.observe_image(iteration, rendering.image[..., :3].detach(), target, frame, correction)
         class_weights = self._supervision.class_weights if semantic else None
-        terms = loss_terms(
-            rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors, correction
-        )
-        loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
-        value, non_finite = loss.item(), rendering.culled_non_finite
-        if not math.isfinite(value) or non_finite:
+        try:
+            terms = loss_terms(
+                rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors, correction
+            )
+            loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
+            value, reason = loss.item(), f"{rendering.culled_non_finite} Gaussians are not finite"
+        except InvalidInputError as error:
+            value, reason = math.nan, str(error)
+        if not math.isfinite(value) or rendering.culled_non_finite:
             raise TrainingDivergedError(
-                f"at iteration {iteration} the loss is {value} and {non_finite} Gaussians are not finite",
+                f"at iteration {iteration} the loss is {value}: {reason}",
                 hint="Lower the learning rates in training.rates, and check the poses and points of the capture.",
                 field="training.rates",
             )

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import json
+import shutil
+import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from benchmarks import provenance
 from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.published import __main__ as published
 from benchmarks.published.__main__ import fetch, scenes_in
+from benchmarks.published.llff import with_transforms
 from benchmarks.published.paper import PAPER, tables
 from fastsplat.service.capture.settings import CaptureSettings
 from tests.benchmarks.evaluation import made_data
@@ -25,6 +32,36 @@ def test_scenes_of_both_layouts_are_found_and_read_as_what_the_paper_measured(tm
     made_data.three_d_ovs(tmp_path / "again" / "covered_desk", 5, ["01"])
     with pytest.raises(SystemExit, match="both called covered_desk"):
         scenes_in(tmp_path)
+
+
+def test_cameras_of_llff_are_those_of_the_same_scene_in_colmap(tmp_path: Path) -> None:
+    folder, camera, rows = made_data.three_d_ovs(tmp_path / "bed", 6, ["01", "04"]), made_data.CAMERA, []
+    wanted = read_dataset(with_transforms(folder, tmp_path / "work"), CaptureSettings())
+    shutil.rmtree(folder / "sparse")
+    for pose in made_data.poses(6):
+        right, down, forward, position = pose[:3].T
+        matrix = np.stack([down, right, -forward, position, [camera.height, camera.width, camera.fx]], axis=1)
+        rows.append([*matrix.ravel(), 0.5, 9.0])
+    np.save(folder / "poses_bounds.npy", rows)
+    read = read_dataset(with_transforms(folder, tmp_path / "work"), CaptureSettings())
+    assert read.kind == "3d_ovs" and len(read.train) == len(wanted.train)
+    for one, other in zip(read.test, wanted.test, strict=True):
+        assert one.name == f"images/{other.name}" and one.queries
+        assert one.posed is not None and other.posed is not None and one.posed.camera == other.posed.camera
+        np.testing.assert_allclose(one.posed.world_from_camera, other.posed.world_from_camera, atol=1e-12)
+
+
+def test_the_documented_command_trains_measures_and_prints(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], models_dir: Path
+) -> None:
+    made_data.three_d_ovs(tmp_path / "sets" / "bed", 6, ["01", "04"])
+    monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
+    monkeypatch.setattr(provenance, "DRAFT", str(tmp_path))  # this tree may differ from its commit
+    monkeypatch.setattr(published, "RESULTS", tmp_path)
+    monkeypatch.setattr(sys, "argv", ["", str(tmp_path / "sets"), "--labels", "default", "--iterations", "12"])
+    published.main()
+    row = json.loads((tmp_path / "published.json").read_text())["bed"]
+    assert f"{row['figures']['miou_views']:.3f}" in capsys.readouterr().out
 
 
 def test_an_archive_is_unpacked_only_where_it_is_the_one_that_was_meant(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from fastsplat.service.common.settings import (
     settings_of,
 )
 from fastsplat.service.settings import JobSettings, Settings, load_settings
+from fastsplat.service.splatting.settings import LearningRates
 from fastsplat_contract.errors import InvalidInputError
 
 ROOT = Path(__file__).parent.parent.parent
@@ -65,7 +66,7 @@ def test_variables_are_derived_from_fields_that_exist() -> None:
             environment_variable(JobSettings, name)
 
 
-@pytest.mark.parametrize("group", [Settings, *_GROUPS.values()], ids=["the service", *_GROUPS])
+@pytest.mark.parametrize("group", [Settings, LearningRates, *_GROUPS.values()])
 def test_every_setting_and_constant_is_documented_under_it(group: type[BaseModel]) -> None:
     fields = group.model_fields if group is not Settings else {name: Settings.model_fields[name] for name in _SINGLE}
     assert not [name for name, field in fields.items() if not field.description]

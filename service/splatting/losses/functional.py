@@ -3,6 +3,7 @@ of torch, and other types by torch."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import torch
@@ -11,36 +12,44 @@ from torch import Tensor
 from fastsplat.service.splatting.losses import one_pass, torch_losses
 from fastsplat_contract.errors import InvalidInputError
 
+_LARGEST = 1e18
+"""Of codes, weights and weights of classes: their products, and sums of these over an image, are finite in float32."""
+_BRIGHTEST = 1e9
+"""Of colors: products of four, which SSIM has, are finite in float32."""
+
 
 def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
     """(1 − λ)·|image − target| + λ·(1 − SSIM), mean over valid pixels and channels; 0 if none is valid.
 
     SSIM uses the 11×11 Gaussian window (σ 1.5), zero padding, C1 = 0.01², C2 = 0.03². The gradient flows to `image`.
+    SSIM also reads pixels that are not valid.
 
     Args:
-        image: [H, W, 3], 0..1.
+        image: [H, W, 3], 0..1, not empty.
         target: [H, W, 3], 0..1, of the same dtype.
         ssim_weight: λ, 0..1.
         valid: bool [H, W], or None where every pixel counts.
 
     Raises:
-        InvalidInputError: shapes that do not fit.
+        InvalidInputError: shapes that do not fit, or colors that are not finite or so large that no loss is.
     """
-    if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.shape:
+    if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.shape or not image.numel():
         raise InvalidInputError(
-            f"image {tuple(image.shape)}, target {tuple(target.shape)}; both must be [H, W, 3]", field="image"
+            f"image {tuple(image.shape)}, target {tuple(target.shape)}; both must be [H, W, 3] and not empty",
+            field="image",
         )
     if valid is not None and valid.shape != image.shape[:2]:
         raise InvalidInputError(f"valid {tuple(valid.shape)} for {tuple(image.shape)}", field="valid")
-    if not _single(image, target):
-        return torch_losses.image_loss(image, target, ssim_weight, valid)
-    way: Any = one_pass.ImageLoss
+    way: Any = one_pass.ImageLoss.apply if _single(image, target) else torch_losses.image_loss
     if _fused(image, target):
         from fastsplat.service.splatting.losses import fused
 
-        way, image, target = fused.ImageLoss, image.contiguous(), target.contiguous()
+        way, image, target = fused.ImageLoss.apply, image.contiguous(), target.contiguous()
         valid = None if valid is None else valid.to(torch.bool).contiguous()
-    loss: Tensor = way.apply(image, target, valid, ssim_weight)
+    loss: Tensor = way(image, target, ssim_weight, valid)
+    if not math.isfinite(loss.item()):
+        field = "target" if _within(image, _BRIGHTEST) else "image"
+        _check(False, field, f"±{_BRIGHTEST:g}")
     return loss
 
 
@@ -48,21 +57,22 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
     """Σ_p w[label]·CE(codes·Wᵀ + b, label) / Σ_p w[label]; 0 if that sum is 0. Gradients: codes, weight, bias.
 
     Args:
-        codes_image: [H, W, D].
+        codes_image: [H, W, D], not empty.
         weight: [N + 1, D]; row 0 is the undetected class.
         bias: [N + 1].
         labels: integers [H, W], 0..N.
-        class_weights: [N + 1], >= 0; a weight of 0 ignores that class's pixels.
+        class_weights: [N + 1], >= 0; a weight of 0 ignores that class's pixels, whatever their codes.
 
     Raises:
-        InvalidInputError: shapes that do not fit, or a label above N.
+        InvalidInputError: shapes that do not fit, a label above N, a bias that is not finite, or beyond 1e18 another
+            argument where it counts.
     """
-    classes = weight.shape[0]
     fits = (
         codes_image.ndim == 3
+        and codes_image.numel() > 0
         and weight.ndim == 2
         and weight.shape[1] == codes_image.shape[2]
-        and bias.shape == class_weights.shape == (classes,)
+        and bias.shape == class_weights.shape == weight.shape[:1]
         and labels.shape == codes_image.shape[:2]
     )
     if not fits:
@@ -71,20 +81,48 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
             f"labels {tuple(labels.shape)}, class_weights {tuple(class_weights.shape)}",
             field="codes_image",
         )
-    if _fused(codes_image, weight, bias, class_weights) and codes_image.shape[2] > 0:
+    labels = labels.to(torch.int32)
+    codes_image = _counted_codes(codes_image, weight, bias, labels, class_weights)
+    if not _single(codes_image, weight, bias, class_weights):
+        return torch_losses.semantic_loss(codes_image, weight, bias, labels, class_weights)
+    way: Any = one_pass.SemanticLoss
+    if _fused(codes_image, weight, bias, class_weights):
         from fastsplat.service.splatting.losses import fused
 
         if codes_image.shape[2] <= fused.MAX_CODE_SIZE:
-            return _fused_semantic(codes_image, weight, bias, labels, class_weights)
-    least, most = torch.stack(labels.aminmax()).tolist() if labels.numel() else (0, 0)
-    if least < 0 or most >= classes:
-        raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
-    if not _single(codes_image, weight, bias, class_weights):
-        return torch_losses.semantic_loss(codes_image, weight, bias, labels, class_weights)
-    loss: Tensor = one_pass.SemanticLoss.apply(  # type: ignore[no-untyped-call]
-        codes_image.flatten(0, 1), weight, bias, labels.reshape(-1), class_weights
-    )
+            # A slice of an image's channels is read in place: one stride from pixel to pixel is all the kernel needs.
+            even = codes_image.stride(2) == 1 and codes_image.stride(0) == codes_image.shape[1] * codes_image.stride(1)
+            way = fused.SemanticLoss
+            codes_image = codes_image if even and codes_image.shape[2] > 1 else codes_image.contiguous()
+            weight, bias, class_weights = weight.contiguous(), bias.contiguous(), class_weights.detach().contiguous()
+    loss: Tensor = way.apply(codes_image.flatten(0, 1), weight, bias, labels.reshape(-1).contiguous(), class_weights)
     return loss
+
+
+def _counted_codes(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
+    """The codes, checked with all else; where one that does not count is beyond the limit, all such are 0."""
+    parts = (codes, labels, weight, bias, class_weights)
+    # In one transfer, because each waits for the GPU.
+    bounds = torch.stack([bound.double() for part in parts for bound in part.detach().aminmax()]).tolist()
+    largest = [max(-least, most) for least, most in zip(bounds[::2], bounds[1::2], strict=True)]
+    if bounds[2] < 0 or bounds[3] >= len(bias):
+        raise InvalidInputError(f"labels outside 0..{len(bias) - 1}", field="labels")
+    _check(largest[2] <= _LARGEST, "weight", f"±{_LARGEST:g}")
+    _check(largest[3] < math.inf, "bias", "the finite numbers")
+    _check(0 <= bounds[8] <= bounds[9] <= _LARGEST, "class_weights", f"0 to {_LARGEST:g}")
+    if not largest[0] <= _LARGEST:
+        codes = torch.where((class_weights[labels] > 0)[..., None], codes, 0.0)
+        _check(_within(codes, _LARGEST), "codes_image", f"±{_LARGEST:g}")
+    return codes
+
+
+def _within(values: Tensor, limit: float) -> bool:
+    return bool((values.detach().abs() <= limit).all())
+
+
+def _check(fits: bool, field: str, limit: str) -> None:
+    if not fits:
+        raise InvalidInputError(f"{field} has numbers beyond {limit}: no loss is finite", field=field, limit=limit)
 
 
 def _single(*tensors: Tensor) -> bool:
@@ -93,25 +131,3 @@ def _single(*tensors: Tensor) -> bool:
 
 def _fused(*tensors: Tensor) -> bool:
     return _single(*tensors) and all(tensor.device.type == "cpu" for tensor in tensors)
-
-
-def _fused_semantic(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
-    from fastsplat.service.splatting.losses import fused
-
-    # A slice of an image's channels is read in place: one stride from pixel to pixel is all the kernel needs.
-    size = codes.shape[2]
-    even = codes.stride(2) == 1 and codes.stride(0) == codes.shape[1] * codes.stride(1)
-    flat = (codes if even else codes.contiguous()).flatten(0, 1)
-    if size == 1:
-        flat = flat.contiguous()
-    try:
-        loss: Tensor = fused.SemanticLoss.apply(  # type: ignore[no-untyped-call]
-            flat,
-            weight.contiguous(),
-            bias.contiguous(),
-            labels.reshape(-1).to(torch.int32).contiguous(),
-            class_weights.detach().contiguous(),
-        )
-    except IndexError:
-        raise InvalidInputError(f"labels outside 0..{weight.shape[0] - 1}", field="labels") from None
-    return loss

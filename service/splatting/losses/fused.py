@@ -7,19 +7,20 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.losses.one_pass import StoredGradients
 from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 
 MAX_CODE_SIZE: int = kernels.MAX_CODE_SIZE
 """Numbers of a code that `SemanticLoss` takes."""
 
 
-class ImageLoss(torch.autograd.Function):
-    """(image, target, valid | None, ssim_weight) -> scalar; all float32 and contiguous."""
+class ImageLoss(StoredGradients):
+    """(image, target, ssim_weight, valid | None) -> scalar; all float32 and contiguous."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         """Computes the gradient along with the value."""
-        image, target, valid, ssim_weight = inputs
+        image, target, ssim_weight, valid = inputs
         grad = torch.empty_like(image) if ctx.needs_input_grad[0] else None
         options = kernel_options()
         loss = kernels.image_loss(
@@ -35,15 +36,8 @@ class ImageLoss(torch.autograd.Function):
             ctx.save_for_backward(grad)
         return torch.tensor(loss, dtype=torch.float32)
 
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        """Scales the stored gradient."""
-        (grad,) = ctx.saved_tensors
-        return grad * grads[0], None, None, None
 
-
-class SemanticLoss(torch.autograd.Function):
+class SemanticLoss(StoredGradients):
     """(codes [P, D] any pixel stride, weight, bias, labels int32 [P], class_weights) -> scalar; float32."""
 
     @staticmethod
@@ -68,15 +62,8 @@ class SemanticLoss(torch.autograd.Function):
         ctx.save_for_backward(d_codes, d_weight, d_bias)
         return torch.tensor(loss, dtype=torch.float32)
 
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        """Scales the stored gradients."""
-        d_codes, d_weight, d_bias = ctx.saved_tensors
-        return d_codes * grads[0], d_weight * grads[0], d_bias * grads[0], None, None
 
-
-class SurfaceLoss(torch.autograd.Function):
+class SurfaceLoss(StoredGradients):
     """(alpha, depth, squared, target, valid | None, alpha_min, step, spread weight, smoothness weight) -> scalar;
     all float32, `squared` with any pixel stride, the others contiguous."""
 
@@ -104,9 +91,3 @@ class SurfaceLoss(torch.autograd.Function):
         )
         ctx.save_for_backward(*gradients)
         return torch.tensor(loss, dtype=torch.float32)
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        """Scales the stored gradients."""
-        return (*(gradient * grads[0] for gradient in ctx.saved_tensors), *(None,) * 6)

@@ -12,13 +12,24 @@ from fastsplat.service.splatting.losses.torch_losses import C1, C2, LOGIT_LIMIT,
 _LOGITS = 1 << 24
 
 
-class ImageLoss(torch.autograd.Function):
-    """(image [H, W, 3], target, valid | None, ssim_weight) -> scalar; float32, one device."""
+class StoredGradients(torch.autograd.Function):
+    """A scalar whose `forward` saves the gradients of its first inputs; the others have none."""
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        """Scales the stored gradients."""
+        scaled = [gradient * grads[0] for gradient in ctx.saved_tensors]
+        return (*scaled, *[None] * (len(ctx.needs_input_grad) - len(scaled)))
+
+
+class ImageLoss(StoredGradients):
+    """(image [H, W, 3], target, ssim_weight, valid | None) -> scalar; float32, one device."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         """With d SSIM = blur(∂μ) + 2x·blur(∂σ²) + y·blur(∂σxy), the window being even; `torch_losses` has the terms."""
-        image, target, valid, ssim_weight = inputs
+        image, target, ssim_weight, valid = inputs
         x, y = (part.detach().permute(2, 0, 1)[:, None] for part in (image, target))
         share: Tensor | float = 1.0 / max(x.numel(), 1)
         if valid is not None:
@@ -42,15 +53,8 @@ class ImageLoss(torch.autograd.Function):
             ctx.save_for_backward(slope[:, 0].permute(1, 2, 0))
         return loss
 
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        """Scales the stored gradient."""
-        (slope,) = ctx.saved_tensors
-        return slope * grads[0], None, None, None
 
-
-class SemanticLoss(torch.autograd.Function):
+class SemanticLoss(StoredGradients):
     """(codes [P, D], weight, bias, labels int [P], class_weights) -> scalar; one float dtype, one device."""
 
     @staticmethod
@@ -68,9 +72,7 @@ class SemanticLoss(torch.autograd.Function):
         for start in range(0, len(codes), step):
             piece = slice(start, start + step)
             share, picked = shares[piece], labels[piece, None]
-            logits = (
-                torch.addmm(bias, codes[piece], weight.T).nan_to_num_(-LOGIT_LIMIT).clamp_(-LOGIT_LIMIT, LOGIT_LIMIT)
-            )
+            logits = torch.addmm(bias, codes[piece], weight.T).clamp_(-LOGIT_LIMIT, LOGIT_LIMIT)
             log_p = torch.log_softmax(logits, dim=1)
             log_p_label = log_p.gather(1, picked)[:, 0]
             loss += (share * torch.where(share > 0, -log_p_label, 0.0)).sum()
@@ -82,10 +84,3 @@ class SemanticLoss(torch.autograd.Function):
             d_bias += slope.sum(dim=0)
         ctx.save_for_backward(d_codes, d_weight, d_bias)
         return loss
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
-        """Scales the stored gradients."""
-        d_codes, d_weight, d_bias = ctx.saved_tensors
-        return d_codes * grads[0], d_weight * grads[0], d_bias * grads[0], None, None

@@ -62,7 +62,4 @@ def semantic_loss(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, c
     picked = labels.reshape(-1, 1).long()
     pixel_weights = class_weights.to(logits.dtype)[picked[:, 0]]
     total = pixel_weights.sum()
-    losses = -log_p.gather(1, picked)[:, 0]
-    used = pixel_weights > 0
-    losses = torch.where(used, losses, 0.0)
-    return (pixel_weights * losses).sum() / torch.where(total > 0, total, 1.0)
+    return (pixel_weights * -log_p.gather(1, picked)[:, 0]).sum() / torch.where(total > 0, total, 1.0)

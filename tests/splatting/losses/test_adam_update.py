@@ -37,9 +37,6 @@ def test_no_gradient_ever_means_no_step() -> None:
 
 def test_what_does_not_fit_is_refused() -> None:
     parts = [torch.zeros(4) for _ in range(4)]
-    with pytest.raises(InvalidInputError):
-        adam_update(*parts, lr=0.1, step=0)
-    with pytest.raises(InvalidInputError):
-        adam_update(parts[0].double(), *parts[1:], lr=0.1, step=1)
-    with pytest.raises(InvalidInputError):
-        adam_update(parts[0], parts[1][:2], *parts[2:], lr=0.1, step=1)
+    for bad, step in ((parts, 0), ([parts[0].double(), *parts[1:]], 1), ([parts[0], parts[1][:2], *parts[2:]], 1)):
+        with pytest.raises(InvalidInputError):
+            adam_update(*bad, lr=0.1, step=step)

@@ -88,9 +88,8 @@ def test_poles_axes_and_a_gaussian_at_the_camera(degree: int, backend: str, requ
 
 def test_unused_coefficients_do_not_matter_and_short_ones_are_refused() -> None:
     means, sh = torch.randn(4, 3), torch.randn(4, 16, 3)
-    assert torch.equal(
-        sh_to_rgb(means, sh, torch.zeros(3), 1), sh_to_rgb(means, sh[:, :4].contiguous(), torch.zeros(3), 1)
-    )
+    short = sh[:, :4].contiguous()
+    assert torch.equal(sh_to_rgb(means, sh, torch.zeros(3), 1), sh_to_rgb(means, short, torch.zeros(3), 1))
     with pytest.raises(InvalidInputError):
         sh_to_rgb(means, sh[:, :4], torch.zeros(3), 2)
     with pytest.raises(InvalidInputError):

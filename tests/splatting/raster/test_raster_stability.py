@@ -117,17 +117,11 @@ def test_near_far_and_behind(backend: Backend, z: float, seen: bool) -> None:
     assert_sane(view, backend)
 
 
-@pytest.mark.parametrize("x", [0.5, 1e3, 1e9, 1e38])
-def test_far_off_axis_at_the_near_plane(backend: Backend, x: float) -> None:
-    view = lone(means=[[x, -x, 0.0101]], scales=[[0.01] * 3])
+@pytest.mark.parametrize("x", [0.0, 0.5, 1e3, 1e9, 1e38])
+def test_at_the_near_plane_inside_a_gaussian_or_far_off_its_axis(backend: Backend, x: float) -> None:
+    view = lone(means=[[x, -x, 0.0101]], scales=[[0.01 if x else 3.0] * 3])
     assert_sane(view, backend)
-    assert float(render(view, backend).alpha.max()) == 0.0
-
-
-def test_camera_inside_a_gaussian(backend: Backend) -> None:
-    view = lone(means=[[0.0, 0.0, 0.05]], scales=[[3.0, 3.0, 3.0]])
-    assert_sane(view, backend)
-    assert float(render(view, backend).alpha.min()) > 0.7
+    assert_all(render(view, backend).alpha, 0.0 if x else 0.8)
 
 
 @pytest.mark.parametrize(
@@ -152,13 +146,6 @@ def test_opacity_a_bit_beside_the_cut_off_is_drawn_faintly_or_not_at_all(backend
     alpha = render(view, backend).alpha
     assert float(alpha.max()) < 1.01 / 255 and int((alpha > 0).sum()) <= 1
     assert float(gradients["opacities"].abs().max()) < 10.0
-
-
-@pytest.mark.parametrize("logit", [-INF, -20.0, 20.0, INF])
-def test_saturated_logits(backend: Backend, logit: float) -> None:
-    view = lone(opacities=torch.sigmoid(torch.tensor([logit])).tolist(), means=[[0.0625, 0.0625, 2.0]])
-    assert_sane(view, backend)
-    assert float(render(view, backend).alpha.max()) == pytest.approx(0.99 if logit > 0 else 0.0, abs=0.02)
 
 
 @pytest.mark.parametrize("bad", [NAN, INF, -INF])
@@ -273,12 +260,8 @@ def test_the_bound_on_intersections_is_named(backend: Backend) -> None:
 
 
 def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend: Backend) -> None:
-    view = lone()
-    count = 400
-    splats = Splats(
-        *(getattr(view.splats, name).repeat(count, *[1] * (getattr(view.splats, name).ndim - 1)) for name in NAMES)
-    )
-    splats = replace(splats, scales=torch.full((count, 3), 1e6))
+    one = lone(scales=[[1e6] * 3]).splats
+    splats = Splats(*(torch.cat([getattr(one, name)] * 400) for name in NAMES))
     camera = Camera(4000, 3000, 4000.0, 4000.0, 2000.0, 1500.0)
     with pytest.raises(ResourceError):
         rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_isects=100_000), backend=backend)
@@ -286,19 +269,15 @@ def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend:
 
 def test_inputs_that_do_not_fit_are_refused(backend: Backend) -> None:
     view = crowded(0)
-    with pytest.raises(InvalidInputError):
-        rasterize(replace(view.splats, scales=view.splats.scales[:5]), view.viewmat, view.camera, backend=backend)
-    with pytest.raises(InvalidInputError):
-        rasterize(view.splats, view.viewmat * NAN, view.camera, backend=backend)
-    with pytest.raises(InvalidInputError):
-        rasterize(view.splats, view.viewmat, view.camera, background=torch.zeros(2), backend=backend)
-    for bad in (NAN, INF):
+    splats, viewmat = view.splats, view.viewmat
+    short, settings = replace(splats, scales=splats.scales[:5]), RasterSettings(alpha_min=0.0)
+    backgrounds = (torch.zeros(2), torch.full((6,), NAN), torch.full((6,), INF))
+    calls = [(short, viewmat, {}), (splats, viewmat * NAN, {}), (splats, viewmat, {"settings": settings})]
+    for parts, matrix, options in [*calls, *((splats, viewmat, {"background": color}) for color in backgrounds)]:
         with pytest.raises(InvalidInputError):
-            rasterize(view.splats, view.viewmat, view.camera, background=torch.full((6,), bad), backend=backend)
+            rasterize(parts, matrix, view.camera, backend=backend, **options)
     with pytest.raises(InvalidInputError):
-        rasterize(view.splats, view.viewmat, view.camera, settings=RasterSettings(alpha_min=0.0), backend=backend)
-    with pytest.raises(InvalidInputError):
-        accumulate_weights(view.splats, view.viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
+        accumulate_weights(splats, viewmat, view.camera, torch.ones(3, 3, 1), backend=backend)
 
 
 def test_threads_and_instruction_set_come_from_the_environment_and_bad_ones_are_refused() -> None:

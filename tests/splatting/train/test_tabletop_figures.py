@@ -118,12 +118,9 @@ def test_a_short_run_keeps_its_color_labels_and_depth(test_data: Path) -> None:
     """Four of the views that the benchmark trains on are measured, on which defaults are chosen; its own test views are
     not looked at.
 
-    When the bounds were chosen, and without what each of them guards (seed 1 in brackets):
-    depth error 0.031 (0.033), without anchors 0.046, without all terms of the depth 0.081;
-    spread 0.0119 (0.0120), without its term 0.0155, without anchors 0.0149;
-    3D mask IoU 0.986 (0.980), without the labels' last fit 0.948;
-    harmonics 0.034 (0.034), with 3DGS's rate 0.006;
-    24.3 dB (23.4) and mIoU 0.871 (0.875), 22.2 dB and 0.850 with 5,000 Gaussians.
+    When the bounds were chosen: depth error 0.031 (without anchors 0.046), spread 0.0119 (without its term 0.0155),
+    3D mask IoU 0.986 (without the labels' last fit 0.948), harmonics 0.034 (with 3DGS's rate 0.006), 24.3 dB and mIoU
+    0.871 (with 5,000 Gaussians 22.2 dB and 0.850).
     """
     root = test_data / "tabletop"
     capture, labelling, rows = _without_test_views(root)
