@@ -98,11 +98,7 @@ def link_to_share(page: str, made: NewKey) -> str:
 
 @contextmanager
 def local_store(*, adopting: bool = False) -> Iterator[Store]:
-    """The store of the settings' data folder, for what no service is asked: what mends and saves it.
-
-    Args:
-        adopting: see `open_store`.
-    """
+    """The store of the settings' data folder, for what no service is asked: what mends and saves it."""
     from fastsplat.service.store.store import open_store  # loads the database's library
 
     settings = load_settings()

@@ -37,13 +37,7 @@ def said_by(namer: NamerSettings, sheets: Iterable[ThingSheet]) -> NamedSheets:
 
 
 def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSheet]:
-    """All sheets of a version of which nothing else is known but what its folder holds.
-
-    Args:
-        index: of the version.
-        folder: on this machine.
-        version: its name.
-    """
+    """All sheets of a version of which nothing else is known but what its folder holds."""
     nameless = [thing for thing in index.things.listed if not thing.name]
     for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_THINGS):
         things = nameless[first : first + MOST_THINGS]

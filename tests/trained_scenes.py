@@ -29,14 +29,7 @@ _SUFFIXES = {".py", ".cpp", ".h", ".txt", ".json"}
 
 
 def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path = _FOLDER) -> Path:
-    """A folder with what `make` trains, made where it is not there yet. It is shared: whoever changes it copies it.
-
-    Args:
-        name: of the artefact.
-        make: trains into an empty folder; its own source file is an input.
-        *inputs: files and folders that it reads besides the product's sources and settings' defaults.
-        folder: where artefacts are kept between runs.
-    """
+    """A folder with what `make` trains, made where it is not there yet. It is shared: whoever changes it copies it."""
     digest = hashlib.sha256(_digest_of_product().encode())
     for path in (Path(inspect.getfile(make)), *inputs):
         digest.update(_digest(_files(path)).encode())
@@ -57,10 +50,6 @@ def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path
 
 def trained_tabletop(test_data: Path, models: Path) -> Path:
     """A small posed and labelled capture, and its scene by `fastsplat.train`.
-
-    Args:
-        test_data: the folder of benchmark data sets.
-        models: the model directory.
 
     Returns:
         a folder with `table top`, the capture of 8 views; `scene`, the data folder; and `progress.jsonl`, a line for

@@ -88,10 +88,6 @@ def trash_lost_versions(store: Store, now: float) -> None:
     """Move versions without a row to the trash, those of scenes that have one, if they are a day old: a process ended,
     or a database went away, between folder and row.
 
-    Args:
-        store: what to clean.
-        now: as for `trash_lost_scenes`.
-
     Raises:
         ConflictError: the database is not that of the store's files; nothing was moved.
     """

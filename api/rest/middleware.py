@@ -96,12 +96,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | None:
-    """What can be read in two ways; after the refusal the connection must end, as what follows may be part of either.
-
-    Args:
-        headers: of one request.
-        http_version: "1.0", "1.1" or "2".
-    """
+    """What can be read in two ways; after the refusal the connection must end: what follows may be part of either."""
     if "transfer-encoding" in headers and "content-length" in headers:
         return InvalidInputError(
             "a request with Transfer-Encoding and Content-Length", field="content-length", hint="Send one of the two."

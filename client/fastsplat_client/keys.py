@@ -32,12 +32,7 @@ class ClientKeys(TableCalls):
         return self.call(calls.CREATE_UPLOAD_KEY, UploadKeyIn(lifetime_s))
 
     def share(self, scene_id: str, name: str, lifetime_s: float) -> NewKey:
-        """Make a key that shows one scene alone, read-only; `share_link` makes a link to the page of it.
-
-        Args:
-            name: for whom, for people.
-            lifetime_s: seconds until it expires.
-        """
+        """Make a key that shows one scene alone, read-only; `share_link` makes a link to the page of it."""
         return self.call(calls.CREATE_KEY, KeyIn(name, "reader", lifetime_s, scene_id))
 
     def all(self, scene_id: str = "") -> Iterator[AccessKey]:

@@ -176,9 +176,6 @@ class ThingCalls(TableCalls):
     def confirm_names(self, scene_id: str, *, least: float = 0.8) -> tuple[SceneThing, ...]:
         """Give every thing without a name the likeliest one that is suggested for it, from a probability on: a person's
         word, as by `name_things`. Returns these things as they were.
-
-        Args:
-            least: 0..1, the probability.
         """
         likely = [
             thing

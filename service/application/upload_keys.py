@@ -13,12 +13,7 @@ from fastsplat_contract.operations import Operation, SceneOptions
 
 
 class OneUpload:
-    """The calls that a key for one upload may make; anything else of the service is refused here, too.
-
-    Args:
-        service: of the key's project.
-        key_id: the key's.
-    """
+    """The calls that a key for one upload may make; anything else of the service is refused here, too."""
 
     def __init__(self, service: SceneService, key_id: str) -> None:
         self._service = service

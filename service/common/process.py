@@ -75,9 +75,6 @@ def yield_to_others(niceness: int) -> None:
 def lower_priority(niceness: int) -> None:
     """Make this thread, and all that it starts from now on, so much nicer than it is; does nothing but on Linux, where
     niceness is a thread's.
-
-    Args:
-        niceness: 0 to 19.
     """
     if sys.platform != "linux":
         return

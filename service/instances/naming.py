@@ -100,10 +100,6 @@ def count_votes(
 def name_things(things: Things, votes: NameVotes, names: Sequence[str], source: NameSource) -> Things:
     """The same things, named from `NAMED_FROM` of `name_probability` (of exact label maps: the share of views), else
     with suggestions; a name by a person stays.
-
-    Args:
-        votes: see `count_votes`.
-        names: of labels 1..N.
     """
     probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(

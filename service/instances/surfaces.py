@@ -137,9 +137,6 @@ def join_surfaces(
 
     Scissors on the cloth stay: the cloth's masks end at their edges. The larger surface comes first; one in the plane
     of a larger one stays.
-
-    Args:
-        things, surfaces, gaussians, size: as for `find_surfaces`.
     """
     result = owners.copy()
     order = sorted(surfaces, key=lambda n: (-things[n].weight, n))

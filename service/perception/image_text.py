@@ -32,9 +32,6 @@ class ClipImageText:
     """`pixel_values` [N, 3, S, S] → `image_embeds` [N, E], and a text tower as `ClipTextEncoder` has it. It is a text
     encoder by itself; the network of pictures is opened with the first one.
 
-    Args:
-        words: the text tower's `tokenizer.json`.
-
     Raises:
         ModelUnavailableError: a file is missing, damaged, or does not keep this contract.
     """

@@ -32,10 +32,6 @@ _MOST_CAMERAS = 200
 def assess(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Assessment | None:
     """How good a scene is, and what keeps it from being better, the worst first.
 
-    Args:
-        quality: as in `Scene.quality`.
-        cameras: the scene's own.
-
     Returns:
         None where nothing was measured, as of a splat that came without photos.
     """

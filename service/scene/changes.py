@@ -11,11 +11,7 @@ if TYPE_CHECKING:
 
 
 def changed_views(quality: Mapping[str, Any]) -> tuple[str, ...]:
-    """The actions by which a version came to show what its photos do not, each once.
-
-    Args:
-        quality: as in `Scene.quality`.
-    """
+    """The actions by which a version came to show what its photos do not, each once."""
     changes = quality.get("changed_by")
     return tuple(str(each) for each in changes) if isinstance(changes, (list, tuple)) else ()
 

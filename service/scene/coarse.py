@@ -27,10 +27,6 @@ def coarse_scene(scene: Scene, most: int = COARSE_GAUSSIANS) -> Scene | None:
     kind: more opaque, and where that does not do, larger. The page's `draft.ts` does the same of what it has loaded.
     The same scene gives the same Gaussians.
 
-    Args:
-        scene: any.
-        most: how many Gaussians, about.
-
     Returns:
         None for a scene that is small anyway.
     """

@@ -37,9 +37,6 @@ def estimate_up(gaussians: Gaussians, bulk: Bulk) -> F64:
     The shortest axes of Gaussians, weighted by opacity and area, have peaks at the normals of floor, table and walls.
     Of the largest peaks the one is up that has most weight, more matter above its densest slab than below, and is
     nearest to a custom of splat files. Rooms whose ceiling is better seen come out upside down: users may state it.
-
-    Args:
-        bulk: of the same.
     """
     near = np.linalg.norm(gaussians.means - bulk.center, axis=1) < _REACH * bulk.radius
     rows = np.flatnonzero(near & (bulk.weights > 0))

@@ -24,12 +24,7 @@ _DIGITS = 20
 
 
 class ActivityClock:
-    """The clock of one data folder. Safe from any thread and from several processes.
-
-    Args:
-        root: the data folder.
-        wall: seconds since 1970.
-    """
+    """The clock of one data folder. Safe from any thread and from several processes."""
 
     def __init__(self, root: Path, wall: Callable[[], float] = time.time) -> None:
         self._path = root / _NAME

@@ -8,11 +8,7 @@ from contextlib import suppress
 
 
 class Line:
-    """Carries bytes to a port until it is told otherwise.
-
-    Attributes:
-        port: where it is reached.
-    """
+    """Carries bytes to a port until it is told otherwise."""
 
     def __init__(self, port: int) -> None:
         self._far_port = port

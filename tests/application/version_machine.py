@@ -60,15 +60,7 @@ _FOLDERS = {"shared": "scenes/{}/*", "apart": "scenes/{}/*/manifest.json"}
 
 @dataclass
 class Place:
-    """Two servers of one database, and the store of each.
-
-    Attributes:
-        servers: to be called.
-        stores: of the same two, to look into.
-        published: folder of the versions that are published, as the scene folders of both or their object store.
-        encoder: embeds the labels.
-        apart: whether that is an object store.
-    """
+    """Two servers of one database, and the store of each."""
 
     servers: tuple[Versions, Versions]
     stores: tuple[Store, Store]

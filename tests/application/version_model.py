@@ -69,15 +69,7 @@ class Known:
 
 @dataclass(frozen=True)
 class History:
-    """The versions of a scene by name, oldest first, and which one is current.
-
-    Attributes:
-        versions: all of them.
-        current: the name of the current one.
-        limit: so many stay, at least the first, the current and the newest one.
-        requests: what each request id asked for, and the version that it made.
-        moment: counts how often another version became current.
-    """
+    """The versions of a scene by name, oldest first, and which one is current."""
 
     versions: Mapping[str, Known]
     current: str

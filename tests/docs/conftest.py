@@ -39,16 +39,7 @@ _SMALL = {
 
 @dataclass(frozen=True)
 class Home:
-    """A server as a reader has it.
-
-    Attributes:
-        data_dir: its data folder.
-        scene_id: the sample scene of the package.
-        trained: that scene's version.
-        key: one that may do everything.
-        ports: what stands in place of 8000 and 8001.
-        environment: of a reader's shell.
-    """
+    """A server as a reader has it."""
 
     data_dir: Path
     scene_id: str

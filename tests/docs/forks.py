@@ -50,14 +50,7 @@ def forks(folder: Path) -> Iterator[Path]:
 
 
 class PythonSession:
-    """Python that keeps what is defined in it, in a process of its own.
-
-    Args:
-        programs: the folder of `forks`.
-        folder: its working folder.
-        environment: all of its environment variables.
-        sink: where what it prints goes.
-    """
+    """Python that keeps what is defined in it, in a process of its own."""
 
     def __init__(self, programs: Path, folder: Path, environment: dict[str, str], sink: BinaryIO) -> None:
         self._socket = socket.socket(socket.AF_UNIX)

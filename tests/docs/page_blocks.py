@@ -19,15 +19,7 @@ _MARK = re.compile(r"<!-- not executed: (.+?) -->\s*", re.DOTALL)
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block.
-
-    Attributes:
-        page: path from the repository's root.
-        line: of the page, where its code begins, from 1.
-        language: the first word behind the fence.
-        code: its lines.
-        reason: why it is not executed; "" for one that is.
-    """
+    """A fenced block."""
 
     page: str
     line: int

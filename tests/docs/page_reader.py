@@ -25,12 +25,6 @@ class PageReader:
     """One page's working folder with a shell and a Python session, both of which keep what was defined in them.
 
     Blocks run as they stand, but for the ports of localhost: tests must not take 8000 and 8001 from anybody.
-
-    Args:
-        folder: where the page's commands run.
-        environment: all variables of both sessions.
-        ports: what stands in place of which port.
-        programs: the folder of `forks`, first in the path.
     """
 
     def __init__(self, folder: Path, environment: dict[str, str], ports: dict[int, int], programs: Path) -> None:

@@ -23,13 +23,7 @@ _SURE_PX = 16
 
 
 def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tuple[Scene, dict[int, str]]:
-    """The scene, in which nothing has a name, and what each of its things is, by id.
-
-    Args:
-        folder: of the table top's data.
-        frames: whose photos it is made of; their cameras become the scene's.
-        encoder: of texts.
-    """
+    """The scene, in which nothing has a name, and what each of its things is, by id."""
     document = json.loads((folder / "transforms.json").read_text())
     width, height = document["w"], document["h"]
     camera = Camera(width, height, document["fl_x"], document["fl_y"], document["cx"], document["cy"])

@@ -19,11 +19,7 @@ HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
 
 
 def seen_wall(rotation: Callable[[float], NDArray[np.float64]]) -> SceneIndex:
-    """The wall, seen by three cameras that differ in pose and lens.
-
-    Args:
-        rotation: of each camera [3, 3], by its angle in radians.
-    """
+    """The wall, seen by three cameras that differ in pose and lens."""
     cameras = []
     for number, angle in enumerate((-0.1, 0.0, 0.15)):
         pose = np.eye(4)

@@ -66,11 +66,6 @@ def isect_tiles(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Which Gaussians reach which tiles, by tile and then by depth: of one view.
 
-    Args:
-        means2d: [1, N, 2], pixels.
-        radii: int32 [1, N, 2], pixels.
-        depths: float32 [1, N].
-
     Returns:
         int32 [1, N] tiles a Gaussian; int64 [M] tile above depth; int32 [M] Gaussian.
     """

@@ -62,12 +62,7 @@ def with_webgl(browser: Browser) -> Iterator[Browser]:
 
 @dataclass
 class Visit:
-    """One page under watch.
-
-    Attributes:
-        page: Playwright's.
-        expected: parts of console errors that a test is about, e.g. the browser's own line about a status 401.
-    """
+    """One page under watch."""
 
     page: Page
     expected: list[str] = field(default_factory=list)
@@ -165,14 +160,7 @@ def drawn_canvas(page: Page) -> bytes:
 
 @contextmanager
 def visiting(browser: Browser, url: str, address: str = "", **options: Any) -> Iterator[Visit]:
-    """A visit to a page with a browser profile of its own; what must always hold is checked in the end.
-
-    Args:
-        browser: which browser.
-        url: where the page is, without a slash at its end.
-        address: of the page's own, begins with `#`.
-        **options: of the browser's context, e.g. `color_scheme`.
-    """
+    """A visit to a page with a browser profile of its own; what must always hold is checked in the end."""
     context = browser.new_context(**{**_WINDOW, **options})
     try:
         visit = Visit(context.new_page())

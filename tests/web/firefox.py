@@ -40,12 +40,7 @@ _UNTIL = """(async () => {
 
 @dataclass
 class Firefox:
-    """One tab, and what went wrong in it.
-
-    Attributes:
-        troubles: lines of the console that warn or are errors, uncaught exceptions, responses of status 400 and above.
-        addresses: of all that was answered.
-    """
+    """One tab, and what went wrong in it."""
 
     _socket: ClientConnection
     _tab: str = ""

@@ -65,13 +65,7 @@ def page_view(page: Page) -> NDArray[np.float64]:
 
 
 def page_camera(page: Page, width: int, height: int, up: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> PosedCamera:
-    """Where the page looks from, as the service takes it.
-
-    Args:
-        page: of a scene, with a view in its address.
-        width, height: of the picture.
-        up: of the scene.
-    """
+    """Where the page looks from, as the service takes it."""
     return view_camera(page_view(page), width, height, up)
 
 

@@ -27,14 +27,7 @@ _OPEN_SET = "grounding_dino_tiny"  # never opened
 
 @dataclass(frozen=True)
 class Place:
-    """A running server.
-
-    Attributes:
-        url: of its page, without a slash at its end.
-        service: the service layer below.
-        settings: its settings.
-        scene_id: a scene that every test may read; "" where there is none.
-    """
+    """A running server."""
 
     url: str
     service: SceneService

@@ -28,12 +28,7 @@ _TRAINED_MS = 600_000  # a busy machine; a quiet one needs about a minute
 
 @dataclass(frozen=True)
 class Server:
-    """A running service with a worker.
-
-    Attributes:
-        url: of its page, without a slash at its end.
-        key: its first one.
-    """
+    """A running service with a worker."""
 
     url: str
     key: str

@@ -73,13 +73,7 @@ def on_both_databases(fixture: str = "deployment") -> pytest.MarkDecorator:
 
 
 def new_database(request: pytest.FixtureRequest, opened: ExitStack, database: str = "") -> str:
-    """URL of a new database, which goes with `opened`; "" for SQLite in the data folder.
-
-    Args:
-        request: of the fixture that wants it; its parameter, if it has one, says which database.
-        opened: closes what is opened.
-        database: "sqlite" or "postgresql"; "": as `request` says.
-    """
+    """URL of a new database, which goes with `opened`; "" for SQLite in the data folder."""
     if (database or getattr(request, "param", "sqlite")) == "sqlite":
         return ""
     server: PostgresServer = request.getfixturevalue("postgres")
@@ -110,15 +104,7 @@ class Deployment:
     def start_worker(
         self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None, **more: str
     ) -> subprocess.Popen[bytes]:
-        """A worker process of its own.
-
-        Args:
-            elsewhere: it takes itself to be on a machine that no other worker is on.
-            max_file: no file that it writes may grow beyond this many bytes.
-            code: Python to run in it first.
-            data_dir: a data folder of its own.
-            more: environment variables.
-        """
+        """A worker process of its own."""
         own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
         code += self.worker_code(elsewhere=elsewhere)
         worker = WORKERS.run(code, {**self.environment(), **own}, max_file)

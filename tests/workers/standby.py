@@ -25,12 +25,7 @@ exec(order["code"], {{"__name__": "__main__"}})
 
 
 class StandbyProcesses:
-    """Some processes that have imported a module; a new one takes the place of each that is used.
-
-    Args:
-        module: what they import.
-        count: how many wait.
-    """
+    """Some processes that have imported a module; a new one takes the place of each that is used."""
 
     def __init__(self, module: str, count: int) -> None:
         self._module = module
@@ -38,13 +33,7 @@ class StandbyProcesses:
         self._waiting: deque[subprocess.Popen[bytes]] = deque()
 
     def run(self, code: str, environment: dict[str, str], max_file: int = 0) -> subprocess.Popen[bytes]:
-        """Have one run Python code, in that environment and no other, in a session of its own.
-
-        Args:
-            code: what it runs, as `__main__`.
-            environment: all of its environment variables.
-            max_file: bytes that no file which it writes may exceed; 0: no limit.
-        """
+        """Have one run Python code, in that environment and no other, in a session of its own."""
         self._fill()
         process = self._waiting.popleft()
         self._fill()

@@ -76,13 +76,7 @@ class KnownNames:
         self._store.reserve.lend(lambda: self._store.known_names.forget(forgotten))
 
     def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
-        """Listed things with the names of other scenes among their suggestions.
-
-        Args:
-            scene_id: whose things they are.
-            ranked: of the scene's version.
-            listed: some of its things.
-        """
+        """Listed things with the names of other scenes among their suggestions."""
         weighed = self.suggesting(scene_id, ranked)
         if weighed is ranked:
             return tuple(listed)

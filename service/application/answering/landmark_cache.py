@@ -33,10 +33,6 @@ _KEPT = 2
 class LandmarkCache:
     """Cache of the landmarks of the versions that photos were last localized in, until others need the memory. Threads
     may share it.
-
-    Args:
-        settings: how they are found.
-        memory: counts what is kept.
     """
 
     def __init__(self, settings: LocalizationSettings, memory: MemoryBudget) -> None:

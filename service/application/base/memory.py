@@ -55,13 +55,7 @@ _PER_PIXEL: Mapping[PictureKind, int] = {
 
 
 def picture_bytes(kind: PictureKind, posed: PosedCamera, gaussians: int) -> int:
-    """Estimated peak of making one picture, in bytes.
-
-    Args:
-        kind: what it shows.
-        posed: from where.
-        gaussians: of the scene.
-    """
+    """Estimated peak of making one picture, in bytes."""
     return _FIXED_BYTES + _PER_PIXEL[kind] * _pixels(posed) + _PER_GAUSSIAN * gaussians
 
 
@@ -86,11 +80,7 @@ def mask3d_bytes(encoding: Mask3dEncoding, texts: int, gaussians: Gaussians) -> 
 
 
 def export_bytes(gaussians: Gaussians) -> int:
-    """Estimated peak of writing Gaussians into a file for other programs, in bytes.
-
-    Args:
-        gaussians: those that are written.
-    """
+    """Estimated peak of writing Gaussians into a file for other programs, in bytes."""
     return _FIXED_BYTES + 3 * _ply_row_bytes(gaussians) * len(gaussians)
 
 

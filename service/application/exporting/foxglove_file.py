@@ -58,11 +58,6 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
     `/points` (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
     `/camera/calibration`, `/camera/image`, `/tf`, and for scenes that have one `/map` (foxglove.Grid: `occupancy` as in
     nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `things`, names by id.
-
-    Args:
-        index: the scene.
-        recording: see `SceneRecording`.
-        things: ids; empty: all.
     """
     scene, buffer, context = index.scene, io.BytesIO(), Context()
     listed = [thing for thing in index.things.listed if not things or thing.id in things]

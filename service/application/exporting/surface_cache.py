@@ -13,9 +13,6 @@ from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, Surf
 class SurfaceCache:
     """Cache of the surface views of the version that was last asked for, until others need the memory. Threads may
     share it.
-
-    Args:
-        memory: counts what is kept.
     """
 
     def __init__(self, memory: MemoryBudget) -> None:
@@ -26,11 +23,6 @@ class SurfaceCache:
 
     def views(self, scene_id: str, version: str, index: SceneIndex) -> tuple[SurfaceView, ...]:
         """What `surface_views` returns of a version; kept if there is room for as much as the settings allow.
-
-        Args:
-            scene_id: of which scene.
-            version: its name.
-            index: of that version.
 
         Raises:
             InvalidInputError, CancelledError: as `surface_views`.

@@ -89,9 +89,6 @@ class UploadSession:
     def begin(self, name: str) -> UploadFile:
         """A file to write to in pieces, one at a time; until its `end` it is none of the upload's.
 
-        Args:
-            name: as in `write`.
-
         Raises:
             InvalidInputError, LimitExceededError, ResourceError: as `write`.
         """

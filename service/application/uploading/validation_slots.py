@@ -16,11 +16,7 @@ _POLL_S = 0.1
 
 
 class ValidationSlots:
-    """A bounded number of places; one owner never has them all, unless there is only one.
-
-    Args:
-        count: places of all owners.
-    """
+    """A bounded number of places; one owner never has them all, unless there is only one."""
 
     def __init__(self, count: int = CONCURRENT_VALIDATIONS) -> None:
         self._count = count

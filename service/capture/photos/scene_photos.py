@@ -88,9 +88,6 @@ def _save(picture: Image.Image, path: Path, settings: PhotoSettings) -> None:
 def kept_lenses(folder: Path) -> tuple[RadialLens, ...]:
     """The lenses of those photos of a version of which they are known.
 
-    Args:
-        folder: of the version.
-
     Raises:
         SceneFileError: the file that has them is damaged.
     """

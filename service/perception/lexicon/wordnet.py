@@ -69,9 +69,6 @@ class Verb:
 class Lexicon:
     """The nouns and verbs of WordNet. Threads may share it.
 
-    Args:
-        folder: has the `FILES`.
-
     Raises:
         ModelUnavailableError: a file is missing, empty or no file of WordNet.
     """

@@ -38,9 +38,6 @@ def embed_side_by_side(
 class TextTower(ABC):
     """An encoder of texts; texts are cut at `max_tokens`.
 
-    Args:
-        contract: see `check_contract`.
-
     Raises:
         ModelUnavailableError: on opening, when a file is missing or does not keep the contract.
     """

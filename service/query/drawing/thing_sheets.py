@@ -22,11 +22,7 @@ _OUTLINE, _GROUND = (255, 230, 0), (32, 32, 32)
 
 
 def cell_side(count: int) -> int:
-    """Pixels of the square that each of so many things has on their sheet.
-
-    Args:
-        count: 1 to `MOST_THINGS`.
-    """
+    """Pixels of the square that each of so many things has on their sheet."""
     return min(_LARGEST_CELL, _SIDE // _columns(count))
 
 

@@ -80,9 +80,6 @@ def unnamed_probability(searched: Searched) -> float:
     Before anything is looked at, it is as likely as not that the scene has what is asked for, and if so, that it is any
     of its things. That none of the n named things is it leaves (u / (n + u)) / (u / (n + u) + 1) = u / (n + 2u) for the
     u things without a name.
-
-    Args:
-        searched: n and u.
     """
     named, unnamed = searched.named_things or 0, searched.unnamed_things
     return unnamed / (named + 2 * unnamed) if unnamed else 0.0

@@ -47,10 +47,6 @@ def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
 
     Sources are taken to err independently: a name is wrong only if all that suggest it are, so two that agree count
     more than either. Of one source the most probable word counts.
-
-    Args:
-        thing: with its suggestions.
-        trust: see `source_trust`.
     """
     by_name: dict[str, dict[str, Suggestion]] = {}
     for each in () if thing.source in _SETTLED else thing.suggestions:

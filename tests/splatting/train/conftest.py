@@ -138,11 +138,7 @@ def stopping_at(iteration: int) -> Callable[[ProgressEvent], None]:
 def assert_gradients_agree(
     backend: str, seed: int, features: Callable[[Tensor, Tensor], Tensor], loss: Callable[[Rendering], Tensor]
 ) -> None:
-    """Of a loss of a rendering of 24×20 pixels: those of the backend are those of the reference in float64.
-
-    Args:
-        features: [N, C] by means [N, 3] and the pose.
-    """
+    """Of a loss of a rendering of 24×20 pixels: those of the backend are those of the reference in float64."""
     random = torch.Generator().manual_seed(seed)
     count, camera, viewmat = 40, Camera(24, 20, 22.0, 22.0, 12.0, 10.0), torch.eye(4)
     viewmat[2, 3] = 2.5

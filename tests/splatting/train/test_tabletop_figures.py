@@ -34,14 +34,7 @@ _SIDE, _STEPS = 160, 300
 
 @dataclass(frozen=True)
 class _Figures:
-    """Of a scene, means over the measured views.
-
-    Attributes:
-        psnr, miou, depth_error: as an evaluation has them, at the training size.
-        mask3d_iou: of Gaussians on true surfaces, all labels pooled, so that no label of three Gaussians decides it.
-        spread: of the depths that a pixel blends (`depth_spread`), in views that were not trained.
-        harmonics: root mean square of the harmonics beyond the constant color.
-    """
+    """Of a scene, means over the measured views."""
 
     psnr: float
     miou: float
