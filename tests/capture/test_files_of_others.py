@@ -20,8 +20,8 @@ from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.sog_writing import sog_bytes
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 from tests.capture.splat_writers import columns_of, write_table
-from tests.capture.test_splat_uploads import some_gaussians
 from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, photo_file, points_file
+from tests.scene.conftest import make_gaussians
 
 _PHOTOS = {f"images/{i}.jpg": photo_file(i) for i in range(3)}
 _POINTS = points_file((0, 0, 1), (1, 2, 3))
@@ -142,14 +142,14 @@ def test_null_is_absent_and_a_frame_wins(frame: Any, top: Any, focal: float, upl
 
 
 def _table(path: Path, **changes: np.ndarray | None) -> bytes:
-    columns = columns_of(some_gaussians()) | changes
+    columns = columns_of(make_gaussians(40, 4, 0)) | changes
     write_table(path, {name: column for name, column in columns.items() if column is not None})
     return path.read_bytes()
 
 
 def test_splats_of_other_kinds_are_read(validated, tmp_path: Path) -> None:
     """Our own SOG, alone and renamed; a gzip of a PLY; a PLY of the other byte order; flat disks; activated columns."""
-    gaussians, plain = some_gaussians(), _table(tmp_path / "own.ply")
+    gaussians, plain = make_gaussians(40, 4, 0), _table(tmp_path / "own.ply")
     shares = np.linspace(0.1, 0.9, len(gaussians), dtype=np.float32)
     swapped = plain.partition(b"end_header\n")[2]
     big = plain.replace(b"little", b"big").removesuffix(swapped) + np.frombuffer(swapped, "<f4").astype(">f4").tobytes()
