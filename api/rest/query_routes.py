@@ -72,7 +72,11 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def query(request: Request, **sent: Any) -> Response:
         """Ranked labels for a text, in one scene or in all of the project; masks of the views that are named."""
         question = from_plain(QueryRequest, {member: sent[name] for member, name in _IN_ADDRESS.items()})
-        return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
+        return await answered(request, question)
+
+    async def answered(request: Request, question: QueryRequest) -> Response:
+        run = partial(threads.answer, background="mask2d" in question.outputs)
+        return await json_of_call(request, run, lambda: service.answers.query(question))
 
     parameters = query_parameters(QueryRequest, _IN_ADDRESS, scene="")
     router.add_api_route("/query", with_parameters(query, parameters), methods=["GET"], response_model=QueryOut)
@@ -80,9 +84,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
-        question = QueryRequest(scene_id, **vars(body))
-        run = partial(threads.answer, background="mask2d" in body.outputs)
-        return await json_of_call(request, run, lambda: service.answers.query(question))
+        return await answered(request, QueryRequest(scene_id, **vars(body)))
 
     for extension, name in _OF_VIEWS.items():
         path, endpoint = f"/v1/scenes/{{scene_id}}/{{kind}}.{extension}", own_view(extension)

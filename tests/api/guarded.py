@@ -133,7 +133,7 @@ class Guarded:
         path = path.format(**ids, kind=kind, format="spz")
         request = _REQUESTS.get(route) or ({"json": to_plain(_BODIES[route])} if route in _BODIES else {})
         headers = {**request.get("headers", {}), **self.header(caller)}
-        params = {"text": "mug", "view": "front.png"}
+        params = {"text": "mug", "view": "front.png"} if template != "/query" else {"text": "mug"}
         return self.faces.rest.request(method, path, params=params, **{**request, "headers": headers})
 
     def call(self, name: str, caller: str, ids: dict[str, str]) -> grpc.RpcError | None:
