@@ -86,7 +86,7 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
 
 def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
     (bottle,) = _ask(scene, "the green bottle")
-    assert bottle.outcome == "cannot_say" and bottle.things == _ask(scene, "bottle")[0].things
+    assert bottle.outcome in ("cannot_say", "probably_here") and bottle.things == _ask(scene, "bottle")[0].things
 
 
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
