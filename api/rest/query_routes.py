@@ -21,11 +21,7 @@ from fastsplat_contract.members import description_of, members
 from fastsplat_contract.pictures import PictureFormat, PictureKind, PictureRequest, RenderIn
 from fastsplat_contract.queries import QueryIn, QueryOut, QueryRequest
 
-_MEDIA_TYPES: dict[PictureFormat, str] = {
-    "png": "image/png",
-    "npy": "application/octet-stream",
-    "jpeg": "image/jpeg",
-}
+_MEDIA_TYPES: dict[PictureFormat, str] = {"png": "image/png", "npy": "application/octet-stream", "jpeg": "image/jpeg"}
 _OF_VIEWS: dict[PictureFormat, str] = {"png": "view_picture", "npy": "view_array"}
 
 _Text = Annotated[str, Query(description="the question")]
