@@ -68,4 +68,4 @@ def test_a_repeating_wall_is_never_wrong_in_silence(repeat: bool, tmp_path: Path
     slip = _largest_slip(centers, truth[registered])
     assert capture.report.mean_reprojection_error_px < 1  # which says nothing, hence all this
     warned = any("repeat" in warning for warning in capture.report.warnings)
-    assert (slip > 0.5 and warned) if repeat else (slip < 0.02 and not warned and len(registered) == 12)
+    assert (slip < 0.5 or warned) if repeat else (slip < 0.02 and not warned and len(registered) == 12)
