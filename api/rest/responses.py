@@ -36,8 +36,8 @@ UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy tha
 
 def file_response(*media_types: str, description: str) -> dict[int | str, dict[str, Any]]:
     """What OpenAPI says of a route that answers with bytes."""
-    schema = {"type": "string", "format": "binary"}
-    content = {media_type: {"schema": schema} for media_type in media_types}
+    of_json, other = {"type": "object"}, {"type": "string", "format": "binary"}
+    content = {kind: {"schema": of_json if kind == "application/json" else other} for kind in media_types}
     return {200: {"content": content, "description": description}}
 
 
