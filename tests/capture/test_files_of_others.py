@@ -65,7 +65,7 @@ def test_a_name_that_can_mean_one_file_alone_means_it(there: str, asked: str, ho
         document = {"transforms.json": _transforms([asked])}
     else:  # whose names are relative to the folder of images
         asked = asked[7:] if asked.startswith("images") else asked
-        document = _model(asked, folder=".")
+        document = _model(asked, folder="{x}")
     others = {"masks/a.jpg": b"", "b.jpg": photo_file(5)}
     (warning,) = [each for each in validated({there: photo_file(1), **document, **others}).warnings if how in each]
     assert asked in warning and there in warning

@@ -6,6 +6,7 @@ import os
 import posixpath
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from unicodedata import normalize
 
@@ -69,8 +70,9 @@ class NamedFiles:
         """One sentence for people for each way in which names differ from the files that they mean."""
         return tuple(
             f"{len(found)} names in {self._document} differ from the files that they mean by {how}, e.g. "
-            "{:.200} means {:.200}.".format(*next(iter(found.items())))
+            f"{name[:200]} means {found[name][:200]}."
             for how, found in self._differing.items()
+            for name in islice(found, 1)
         )
 
     def _inside(self, folder: str, name: str) -> str | None:

@@ -23,18 +23,7 @@ _HEADER = np.dtype(
 )
 _SECTION = np.dtype(
     {
-        "names": [
-            "count",
-            "room",
-            "capacity",
-            "buckets",
-            "block",
-            "bucket_bytes",
-            "steps",
-            "full",
-            "partial",
-            "degree",
-        ],
+        "names": "count room capacity buckets block bucket_bytes steps full partial degree".split(),
         "formats": ["<u4", "<u4", "<u4", "<u4", "<f4", "<u2", "<u4", "<u4", "<u4", "<u2"],
         "offsets": [0, 4, 8, 12, 16, 20, 24, 32, 36, 40],
         "itemsize": 1024,
