@@ -64,7 +64,7 @@ def _query_of(answer: Answer) -> dict[str, Any]:
         "probability": answer.probability,
         "sentence": answer.sentence,
         "results": [
-            {name: getattr(match, name) for name in ("label", "relevancy", "gaussian_count", "relevant")}
+            {name: getattr(match, name) for name in ("label", "probability", "relevancy", "gaussian_count", "relevant")}
             for match in answer.matches
         ],
         "objects": [
@@ -117,14 +117,15 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
         "query",
         "outcome",
         "answer",
-        "relevancy",
+        "probability",
         "Gaussians",
         title="Questions and answers, the same over REST and gRPC; dim: not relevant",
     )
     for query in report["queries"]:
         for rank, match in enumerate(query["results"][:_SHOWN]):
             first = (query["text"], query["outcome"]) if rank == 0 else ("", "")
-            figures = (match["label"], f"{match['relevancy']:.3f}", str(match["gaussian_count"]))
+            likely = match["relevancy"] if match["probability"] is None else match["probability"]
+            figures = (match["label"], f"{likely:.3f}", str(match["gaussian_count"]))
             table.add_row(*first, *figures, style="" if match["relevant"] else "dim")
         table.add_section()
     console.print(table)
