@@ -25,8 +25,8 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "api": (6870, 12009),
     "application": (7611, 3236),
     "benchmarks": (0, 2512),
-    "capture": (11789, 7094),
-    "cli": (3838, 2046),
+    "capture": (11780, 7094),
+    "cli": (3839, 2046),
     "client": (9330, 1745),
     "common": (1351, 721),
     "demo": (0, 210),
@@ -51,7 +51,7 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "workers": (2813, 3703),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 84506, "tests": 63863, "page": 15956, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 84498, "tests": 63863, "page": 15956, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
