@@ -43,7 +43,10 @@ The server maps each class to an HTTP and a gRPC status; a client gets back the 
 from __future__ import annotations
 
 from enum import Enum
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar
+
+if TYPE_CHECKING:
+    from typing import Self  # Python 3.10, which the client runs on, lacks it
 
 
 class Kind(Enum):
