@@ -126,9 +126,9 @@ def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
         squared: [H, W], Σ w z².
     """
     covered = alpha.detach() > _ALPHA_MIN
+    depth, squared = depth.where(covered, 0.0), squared.where(covered, 0.0)  # the gradient of one left out is 0 × NaN
     expected = torch.where(covered, depth / alpha.clamp_min(_ALPHA_MIN), 1.0).detach()
-    spread = (alpha * squared - depth * depth).clamp_min(0.0) / (expected * expected)
-    return torch.where(covered, spread, 0.0).mean()
+    return ((alpha * squared - depth * depth).clamp_min(0.0) / (expected * expected)).where(covered, 0.0).mean()
 
 
 def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:

@@ -15,7 +15,7 @@ from fastsplat.service.splatting.losses.functional import image_loss, semantic_l
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 from fastsplat_contract.errors import InvalidInputError
 
-_HERE, _IGNORED = (5, 6), (3, 4)  # pixels, of which one does not count
+_HERE, _IGNORED, _UNCOVERED = (5, 6), (3, 4), (7, 2)  # pixels, of which one does not count, and one shows nothing
 _COLORS, _CODES = ("image", "target"), ("codes_image", "weight", "bias", "labels", "class_weights")
 _BAD = (nan, inf, -inf)
 # Loss, argument, where, what is put there ("times": what all is multiplied by; "cut": rows that are left), refused by.
@@ -37,6 +37,7 @@ _TABLE = (
     ("image", "image target valid", "cut", 0, "image"),
     *(("image", name, "cut", 5, field) for name, field in (("target", "image"), ("valid", "valid"))),
     *(("surface", "target", _IGNORED, bad, "") for bad in _BAD),
+    *(("surface", name, _UNCOVERED, bad, "") for name in ("depth", "squared") for bad in _BAD),
     ("surface", "alpha depth squared target valid", "cut", 0, "alpha"),
 )  # fmt: skip
 
@@ -45,7 +46,7 @@ def changed_case(loss: str, names: str, where: Any, value: Any) -> dict[str, Ten
     """Arguments of 14 × 15 pixels."""
     image, target = torch.rand(2, 14, 15, 3, generator=torch.Generator().manual_seed(7))
     valid, alpha = torch.ones(14, 15, dtype=torch.bool), image[..., 0] * 0.5 + 0.2
-    valid[_IGNORED] = False
+    valid[_IGNORED], alpha[_UNCOVERED] = False, 0.0
     case = {"image": image, "target": target, "valid": valid}
     if loss == "surface":
         case = {"alpha": alpha, "depth": alpha * (2 + alpha), "squared": 60 * alpha, "target": target, "valid": valid}
@@ -86,8 +87,9 @@ def test_a_right_number_or_an_error_by_name(
             assert refused.value.field == field
             return
         ours = outcome(loss, case, double=double)
-    usual = changed_case(loss, names, where, 0.5) if where == _IGNORED else case  # any number is as good there
+    free = where in (_IGNORED, _UNCOVERED)  # any number is as good there
+    usual = changed_case(loss, names, where, 0.5) if free else case
     for mine, theirs in zip(ours, outcome(loss, usual, double=True), strict=True):
         assert bool(mine.isfinite().all())
-        if mine.ndim == 0 or where == _IGNORED:
+        if mine.ndim == 0 or free:
             assert torch.allclose(mine.double(), theirs, rtol=1e-4, atol=1e-6)

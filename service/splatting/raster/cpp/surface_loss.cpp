@@ -89,13 +89,13 @@ double surface_gradient(const SurfaceJob& job, int32_t y, float* scratch) {
     for (int64_t x = 0; x < width; x++) slope[x] += bend_y[x + apart];
   for (int64_t x = 0; x < width; x++) {
     const bool covered = alpha[x] > job.alpha_min && depth[x] != 0;
-    const float z = depth[x] != 0 ? depth[x] : 1.0f, share = alpha[x] / z, mean = squared[x * job.squared_stride];
-    const float spread = alpha[x] * mean - depth[x] * depth[x];
+    const float a = covered ? alpha[x] : 0.0f, z = covered ? depth[x] : 1.0f, share = a / z;
+    const float mean = covered ? squared[x * job.squared_stride] : 0.0f, spread = a * mean - z * z;
     const float scale = covered && spread >= 0 ? job.spread_scale * share * share : 0.0f;
     const float bent = inverse[x] > 0 ? slope[x] / z : 0.0f;
     d_alpha[x] = scale * mean + bent;
-    d_depth[x] = -2 * scale * depth[x] - bent * share;
-    d_squared[x] = scale * alpha[x];
+    d_depth[x] = -2 * scale * z - bent * share;
+    d_squared[x] = scale * a;
     slope[x] = scale * spread;
   }
   double loss = 0;
