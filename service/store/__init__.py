@@ -1,1 +1,1 @@
-"""Durable state: rows in a database, blobs on disk."""
+"""Durable state: rows in a database and files in folders."""

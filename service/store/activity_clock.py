@@ -1,11 +1,10 @@
-"""Clock for ages: no jump of the wall clock makes anything old at once.
+"""A clock for ages, robust to jumps of the wall clock.
 
-It goes with the wall clock, but by at most an hour from one look to the next, and not back. A wall clock that is set
-forward by a day, or a machine that was off for a week, so ages nothing by more than an hour; where there is something
-to age, a worker looks once a minute. How far it has come is kept in the data folder, so that all processes on it, now
-and after a restart, have the same time. What is compared with it must have been marked by it.
+It follows the wall clock by at most an hour from one reading to the next, and never backwards; workers read it once a
+minute. So a wall clock set forward, or a machine that was off for a week, ages nothing by more than an hour. All
+processes share its state in the data folder. Only times marked by this clock may be compared with it.
 
-data folder/.clock   two numbers of 20 digits: this clock's time, and the wall clock's at the last look; microseconds
+data folder/.clock   two numbers of 20 digits, in microseconds: this clock's time, and the wall clock's at that reading
 """
 
 from __future__ import annotations
@@ -24,18 +23,18 @@ _DIGITS = 20
 
 
 class ActivityClock:
-    """The clock of one data folder. Safe from any thread and from several processes."""
+    """The clock of one data folder; safe from any thread and from several processes."""
 
     def __init__(self, root: Path, wall: Callable[[], float] = time.time) -> None:
         self._path = root / _NAME
         self._wall = wall
 
     def now(self) -> float:
-        """Seconds since 1970, as this clock counts them."""
+        """Returns seconds since 1970 by this clock."""
         wall = self._wall()
         try:
             handle = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-        except OSError:  # there is no folder yet, or it is read only
+        except OSError:  # no folder yet, or a read-only one
             return wall
         try:
             fcntl.flock(handle, fcntl.LOCK_EX)
@@ -47,13 +46,13 @@ class ActivityClock:
                 return wall
             passed = wall - last_wall
             now = last + min(max(passed, 0.0), _LONGEST_STEP_S)
-            # A wall clock that is a little behind is another machine's; one far behind was set back.
+            # A wall clock slightly behind is another machine's; one far behind was set back.
             if passed >= _WRITE_EVERY_S or passed < -_LONGEST_STEP_S:
                 self._write(handle, now, wall)
             return now
         finally:
-            os.close(handle)  # and with it the lock
+            os.close(handle)  # releases the lock
 
     def _write(self, handle: int, now: float, wall: float) -> None:
-        with suppress(OSError):  # in place: one sector changes at once
+        with suppress(OSError):  # in place: a sector is written atomically
             os.pwrite(handle, f"{round(now * 1e6):0{_DIGITS}d}{round(wall * 1e6):0{_DIGITS}d}".encode(), 0)

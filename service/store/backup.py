@@ -2,17 +2,16 @@
 
 A backup is a folder:
 
-    backup.json           what it holds, with sizes and digests; written last, so that a folder without it is no backup
-    fastsplat.sqlite      the database (SQLite's backup API); of PostgreSQL its rows at one moment, in the same tables:
-                          no program of PostgreSQL's, of whichever version, is needed
-    files/                versions of scenes and uploads of unfinished jobs, as in the data folder: hard links where the
-                          backup lies on the same disk (they never change once there), copies elsewhere
+    backup.json           contents with sizes and digests; written last: a folder without it is no backup
+    fastsplat.sqlite      the database (SQLite's backup API); for PostgreSQL a snapshot of its rows in the same tables,
+                          without the need for any PostgreSQL program
+    files/                scene versions and uploads of unfinished jobs, as in the data folder: hard links (they never
+                          change) on the same disk, copies elsewhere
     files/key             the first key
 
-Rows are saved first and files after, so what a row names is there, or was deleted meanwhile; in the latter case both
-are saved again. What is not saved: stage results of running jobs (which start over), uploads of failed jobs and those
-that are not whole, and logs. With an object store, scenes and uploads stay there, and its own versioning is their
-backup.
+Rows are saved before files, so a file that a row names is there or was deleted meanwhile; then both are saved again.
+Not saved: stage results of running jobs (they start over), uploads that are incomplete or of failed jobs, and logs.
+With an object store, scenes and uploads stay there, to be backed up by its own versioning.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ _UNFINISHED = ("QUEUED", "RUNNING")
 
 
 def back_up(store: Store, data_dir: Path, database_url: str, target: Path) -> BackupReport:
-    """Save everything durable of a data folder to `target`, a new folder; the service may run meanwhile.
+    """Saves all durable state of a data folder, possibly in use, to a new one.
 
     Raises:
         ConflictError: `target` is there already.
@@ -79,15 +78,14 @@ def back_up(store: Store, data_dir: Path, database_url: str, target: Path) -> Ba
 
 
 def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
-    """Make a data folder, and its database, of a backup. No service may use either.
+    """Restores a data folder and its database, which no service may use.
 
-    Jobs that were running begin again, and those that waited wait.
+    Running jobs begin again; waiting ones still wait.
 
     Raises:
         NotFoundError: there is no backup.
         InvalidInputError: it is damaged, or of the other kind of database.
-        ConflictError: the data folder is not empty.
-        ConflictError: there are scenes, jobs or keys in the PostgreSQL database.
+        ConflictError: the data folder is not empty, or the PostgreSQL database has scenes, jobs or keys.
         ResourceError: the disk is full.
     """
     manifest = _read_manifest(backup)
@@ -155,12 +153,12 @@ def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> Back
 
 
 def _copy_rows_out(source: URL, target: Path) -> None:
-    """One moment of a PostgreSQL database that others write to, as a new SQLite database."""
+    """Copies a snapshot of a PostgreSQL database in use to a new SQLite database."""
     remove(target)
     live = create_engine(source)
     copy = open_engine(URL.create("sqlite", database=str(target)))
     try:
-        # All of one REPEATABLE READ transaction is read from one snapshot (PostgreSQL 17, section 13.2.2).
+        # A REPEATABLE READ transaction reads from one snapshot (PostgreSQL 17, section 13.2.2).
         snapshot = live.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
         with transaction(snapshot) as reading, transaction(copy) as writing:
             _copy_rows(reading, writing)
@@ -173,11 +171,7 @@ def _copy_rows_out(source: URL, target: Path) -> None:
 
 
 def _copy_rows_in(source: Path, target: URL) -> None:
-    """Fill a PostgreSQL database with the rows of a backup, whichever release made it.
-
-    Raises:
-        ConflictError: there are scenes, jobs or keys in it.
-    """
+    """Fills an empty PostgreSQL database, else `ConflictError`, with a backup of any release."""
     live = open_engine(target)
     with tempfile.TemporaryDirectory(prefix="fastsplat-restore-") as folder:
         own = Path(folder) / _SQLITE
@@ -196,7 +190,7 @@ def _copy_rows_in(source: Path, target: URL) -> None:
 
 
 def _copy_rows(source: Connection, target: Connection) -> None:
-    """Make every table of `target` hold the rows of that of `source`."""
+    """Replaces all rows of `target` by those of `source`."""
     for table in reversed(metadata.sorted_tables):
         target.execute(delete(table))
     for table in metadata.sorted_tables:
@@ -206,7 +200,7 @@ def _copy_rows(source: Connection, target: Connection) -> None:
 
 
 def _named_by(url: URL) -> tuple[list[str], list[str]]:
-    """What a database names: "<scene id>/<version>" of all versions, and ids of uploads that may be needed."""
+    """Lists "<scene id>/<version>" of all versions, and the upload ids of unfinished jobs."""
     engine = create_engine(url)
     try:
         with engine.connect() as connection:
@@ -222,7 +216,7 @@ def _named_by(url: URL) -> tuple[list[str], list[str]]:
 
 
 def _save_folder(source: Path, target: Path) -> bool:
-    """Link or copy a folder that never changes. False if it is not there, or goes away meanwhile."""
+    """Links or copies a folder that never changes; False if it is missing or disappears."""
     if target.is_dir():
         return True
     partial = target.with_name(f".{target.name}.partial")

@@ -1,4 +1,4 @@
-"""The files of a backup, whoever makes it: what `service.store.backup` says of them."""
+"""Files of a backup, as `service.store.backup` describes them."""
 
 from __future__ import annotations
 
@@ -19,37 +19,25 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class BackupReport:
-    """What a backup holds.
-
-    Attributes:
-        scenes, versions, uploads: how many were saved.
-        bytes: of all files.
-        missing: folders that the database names and that are not there, e.g. "scenes/a/b"; the data folder is damaged.
-    """
+    """The contents of a backup; `bytes` counts all its files."""
 
     scenes: int
     versions: int
     uploads: int
     bytes: int
-    missing: tuple[str, ...]
+    missing: tuple[str, ...]  # folders of the database that do not exist, e.g. "scenes/a/b": damage
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of a backup: bytes, and the SHA-256 of its content as hexadecimal digits."""
+    """A file of a backup: its size in bytes and hexadecimal SHA-256."""
 
     size: int
     sha256: str
 
 
 def write_manifest(folder: Path, database: str, report: BackupReport) -> None:
-    """Make a folder a backup: its manifest, of all files that are there.
-
-    Args:
-        folder: whose other files are whole, and on the disk.
-        database: sqlite or postgresql.
-        report: what it holds.
-    """
+    """Makes a folder with complete files a backup; `database` is sqlite or postgresql."""
     entries = {
         path.relative_to(folder).as_posix(): asdict(Entry(path.stat().st_size, digest(path)))
         for path in sorted(folder.rglob("*"))
@@ -67,13 +55,13 @@ def write_manifest(folder: Path, database: str, report: BackupReport) -> None:
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file, as hexadecimal digits."""
+    """Returns the hexadecimal SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def copy_sqlite(source: Path, target: Path) -> None:
-    """One moment of a database that others write to (https://www.sqlite.org/backup.html)."""
+    """Copies a snapshot of a database in use (https://www.sqlite.org/backup.html)."""
     remove(target)
     with closing(sqlite3.connect(source, timeout=30)) as live, closing(sqlite3.connect(target)) as copy:
         live.backup(copy)

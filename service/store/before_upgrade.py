@@ -1,7 +1,7 @@
-"""The rows of an earlier release's database, saved before this release changes its tables.
+"""Backup of an earlier release's rows before this release changes its tables.
 
-They are a backup that holds nothing else, which `fastsplat restore` of either release takes: versions of scenes and
-uploads never change once they are there, and go with the data folder. The next upgrade replaces it.
+`fastsplat restore` of either release takes it. It holds rows only: scene versions and uploads never change and stay in
+the data folder. The next upgrade replaces it.
 """
 
 from __future__ import annotations
@@ -31,22 +31,21 @@ from fastsplat.service.store.database import SQLITE_NAME
 from fastsplat_contract.errors import ResourceError
 
 FOLDER = "before-upgrade"
-"""Of the backup, in the data folder."""
+"""Name of the backup's folder in the data folder."""
 _ROWS = 200
 _log = logging.getLogger(__name__)
 
 
 def save_before_upgrade(data_dir: Path, live: Connection, bring: Callable[[Connection], None]) -> None:
-    """Save a database that is about to be upgraded.
+    """Saves a database that is about to be upgraded.
 
     Args:
-        data_dir: the data folder.
-        live: to the database, in the transaction that will upgrade it, whose lock keeps others from writing (SQLite) or
-            from upgrading it, too (PostgreSQL).
-        bring: gives an empty database the tables that `live` has.
+        live: connection in the upgrading transaction, whose lock keeps others from writing (SQLite) or upgrading
+            (PostgreSQL).
+        bring: makes the tables of `live` in an empty database.
 
     Raises:
-        ResourceError: the disk is full or cannot be written; the database is as it was.
+        ResourceError: the disk is full or cannot be written; the database is unchanged.
     """
     target = data_dir / FOLDER
     try:
@@ -70,7 +69,7 @@ def save_before_upgrade(data_dir: Path, live: Connection, bring: Callable[[Conne
 
 
 def _copy_rows(live: Connection, file: Path, bring: Callable[[Connection], None]) -> None:
-    """As they are: no type of ours reads or writes them, so that a column may have been called anything."""
+    """Copies rows without the schema of this release, in which columns may have other names."""
     known = inspect(live)
     tables = MetaData()
     tables.reflect(live)
@@ -84,7 +83,7 @@ def _copy_rows(live: Connection, file: Path, bring: Callable[[Connection], None]
                 source = tables.tables[name]
                 copy.exec_driver_sql(f"DELETE FROM {name}")
                 plain = table(name, *(column(each.name) for each in source.columns))
-                # JSON as it is written: None of a column would else become the JSON "null", which is another value.
+                # JSON as text, as SQL NULL would otherwise become the JSON value "null".
                 shown = [
                     cast(each, Text).label(each.name) if isinstance(each.type, JSON) else each for each in source.c
                 ]

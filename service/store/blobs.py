@@ -1,15 +1,15 @@
-"""Folders under the data directory, and writes that survive a power cut.
+"""Folders of the data directory, with writes that survive a power cut.
 
-uploads/<upload id>     what a client sent, until its job has succeeded; a while longer if it failed or was cancelled
-jobs/<run id>           a running job's stage results and checkpoints, and in progress/ what can be looked at meanwhile
-scenes/<id>/<version>   finished artefacts, never changed once there
+uploads/<upload id>     uploaded files, until the job has succeeded; kept longer if it failed or was cancelled
+jobs/<run id>           stage results and checkpoints of a running job, and progress files in progress/
+scenes/<id>/<version>   finished artefacts, never changed
 logs/                   stderr of the trainers
 locks/<scene id>        held while a scene is edited
-trash/                  what is being removed; in trash/scenes/<scene id>.<second> scenes that lost their rows
+trash/                  being removed; in trash/scenes/<scene id>.<second> scenes that lost their rows
 .identity               see `service.store.identity`
 
-The data directory may be a folder that several machines share. Where they share none, uploads and scenes are kept in an
-object store instead, see `service.store.object_store`; then `scenes` here is a cache.
+Several machines may share the data directory. If they do not, uploads and scenes are kept in an object store
+(`service.store.object_store`), and `scenes` here is a cache.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from fastsplat.service.store.file_digests import check_files, write_digests
 from fastsplat_contract.errors import ResourceError
 
 PARTIAL_EXPIRY_S = 24 * 3600.0
-"""Copies to and from the object store that broke off are removed after this."""
+"""Interrupted copies to and from the object store are removed after this time."""
 
 RESUMABLE_MARK = "offset"
-"""File of an unfinished resumable upload; when it was changed says how old the upload is, by `ActivityClock`."""
+"""File of an unfinished resumable upload; its modification time, by `ActivityClock`, gives the age."""
 
 _LOCK_POLL_S = 0.02
 _IDENTITY = ".identity"
@@ -42,22 +42,21 @@ _IDENTITY = ".identity"
 
 @dataclass(frozen=True)
 class Blobs:
-    """Paths of folders and files. Every name handed in is an id that this service made."""
+    """Folders and files of the data directory; all names are ids made by this service."""
 
     root: Path
 
     def identity(self) -> str | None:
-        """The id that the place of the scenes shares with its database; None if it has none yet."""
+        """Returns the id that the storage shares with its database, or None."""
         try:
             return (self.root / _IDENTITY).read_text().strip() or None
         except FileNotFoundError:
             return None
 
     def keep_identity(self, identity: str, *, replace: bool = False) -> str:
-        """Write that id, durably, unless one is there and not to be replaced. Returns the one that is there then.
+        """Stores an id durably, unless one is there and not `replace`.
 
-        Raises:
-            ResourceError: it cannot be written.
+        Returns the stored id; raises `ResourceError` if it cannot be written.
         """
         try:
             with atomic_file(self.root / _IDENTITY, replace=replace) as path:
@@ -73,68 +72,61 @@ class Blobs:
         return identity
 
     def upload(self, upload_id: str) -> Path:
-        """Folder of one upload on this machine."""
+        """Folder of an upload on this machine."""
         return self._folder("uploads", upload_id)
 
     def job(self, run_id: str) -> Path:
-        """Work folder of one run of a job."""
+        """Work folder of a job's run."""
         return self._folder("jobs", run_id)
 
     def progress_file(self, run_id: str, name: str) -> Path:
-        """A small file of a running job, on this machine, that can be looked at; see `OperationRecord`."""
+        """Path on this machine of a progress file, shown while its job runs; see `OperationRecord`."""
         return self._folder("jobs", run_id, "progress", name)
 
     def keep_progress_file(self, run_id: str, name: str) -> None:
-        """Make such a file, which is complete, visible everywhere."""
+        """Makes a complete progress file visible on all machines."""
 
     def read_progress_file(self, run_id: str, name: str) -> bytes | None:
-        """Such a file's bytes, wherever the job runs; None if it is not there (any more)."""
+        """Reads a progress file wherever the job runs; None if it does not exist."""
         try:
             return self.progress_file(run_id, name).read_bytes()
         except FileNotFoundError:
             return None
 
     def drop_progress_file(self, run_id: str, name: str) -> None:
-        """Remove such a file, if it is there."""
         remove(self.progress_file(run_id, name))
 
     def drop_job(self, run_id: str) -> None:
-        """Remove a job's work folder, whatever of it is still there."""
         remove(self.job(run_id))
 
     def log(self, operation_id: str) -> Path:
-        """What the job's trainers wrote on stderr."""
+        """Path of the stderr of the job's trainers."""
         return self._folder("logs", operation_id).with_suffix(".log")
 
     def version(self, scene_id: str, version: str) -> Path:
-        """Folder of one version on this machine: `artefact/` (see `service.scene`), `scene.ply`, `photos/`,
-        `files.sha256`."""
+        """Folder of a version on this machine: `artefact/`, `scene.ply`, `photos/`, `files.sha256`."""
         return self._folder("scenes", scene_id, version)
 
     def ids(self, kind: str) -> tuple[str, ...]:
-        """Names of all folders in `uploads`, `jobs` or `scenes`, wherever they are kept."""
+        """Lists folder names of `uploads`, `jobs` or `scenes`, wherever they are kept."""
         folder = self.root / kind
         return tuple(sorted(path.name for path in folder.iterdir())) if folder.is_dir() else ()
 
     def keep_upload(self, upload_id: str) -> None:
-        """Make a complete upload durable, and visible to workers everywhere."""
+        """Makes a complete upload durable and visible to workers everywhere."""
         folder = self.upload(upload_id)
         sync_tree(folder)
         sync_directory(folder.parent)
 
     def fetch_upload(self, upload_id: str) -> Path:
-        """Folder of a kept upload, complete, on this machine."""
+        """Returns the local folder of a complete upload."""
         return self.upload(upload_id)
 
     def drop_upload(self, upload_id: str) -> None:
-        """Remove an upload, whatever of it is still there."""
         self._discard(self.upload(upload_id))
 
     def upload_age(self, upload_id: str) -> float:
-        """Seconds since anything of an upload changed; 0 if somebody is changing it right now, whatever the clock says.
-
-        A resumable upload is as old as its last piece, by `ActivityClock`.
-        """
+        """Seconds since an upload, or a resumable one's last piece, changed; 0 while being written."""
         folder = self.upload(upload_id)
         try:
             if (mark := folder / RESUMABLE_MARK).exists():
@@ -146,10 +138,10 @@ class Blobs:
             return 0.0
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
-        """Move a finished folder to its final place, all of it or nothing, durably, with the digests of its files.
+        """Moves a finished folder to its final place, atomically and durably, with file digests.
 
         Returns:
-            Where it now is on this machine.
+            Its new path on this machine.
 
         Raises:
             OSError: that version is there already, or the disk is full.
@@ -162,24 +154,20 @@ class Blobs:
         return target
 
     def fetch_version(self, scene_id: str, version: str) -> Path | None:
-        """Folder of a published version, complete, on this machine; None if there is none (any more)."""
+        """Returns the local, complete folder of a published version; None if it does not exist."""
         folder = self.version(scene_id, version)
         return folder if folder.is_dir() else None
 
     def check_version(self, folder: Path, *names: str) -> None:
-        """Check files of a version's folder, by default all, against the digests that were published with them.
-
-        Raises:
-            SceneFileError: one is damaged or missing; names it.
-        """
+        """Checks a version's files (default: all) against their digests; `SceneFileError` names a bad one."""
         check_files(folder, *names)
 
     def drop_version(self, scene_id: str, version: str) -> None:
-        """Remove one version; those who have its files open may read on."""
+        """Removes a version; readers of open files are not disturbed."""
         self._discard(self.version(scene_id, version))
 
     def versions(self) -> dict[tuple[str, str], float]:
-        """When each version was published, by scene and name, wherever they are kept; seconds since 1970."""
+        """Maps (scene id, version) to the time of publication, in seconds since 1970."""
         published = {}
         for folder in (self.root / "scenes").glob("[!.]*/[!.]*"):
             with suppress(FileNotFoundError):  # removed meanwhile
@@ -187,13 +175,14 @@ class Blobs:
         return published
 
     def trash_version(self, scene_id: str, version: str, now: float) -> None:
-        """Move one version to the trash, at `now`, in seconds since 1970."""
+        """Moves a version to the trash at `now`, in seconds since 1970."""
         self._trash(("scenes", scene_id, version), trash_name(f"{scene_id}.{version}", now))
 
     @contextmanager
     def exclusive(self, scene_id: str) -> Iterator[None]:
-        """A block that one thread of one process of this machine runs at a time for a scene; the others wait, without a
-        thread if they can be made again. To be entered before anything is changed.
+        """Holds the scene's lock on this machine; to be entered before any change.
+
+        A waiting call gives up its thread if it can be repeated.
 
         Raises:
             CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
@@ -210,12 +199,12 @@ class Blobs:
             yield
 
     def drop_scene(self, scene_id: str) -> None:
-        """Remove all versions of a scene; those who have its files open may read on."""
+        """Removes all versions of a scene; readers of open files are not disturbed."""
         self._discard(self._folder("scenes", scene_id))
         remove(self._folder("locks", scene_id))
 
     def trash_scene(self, scene_id: str, now: float) -> None:
-        """Move all versions of a scene to the trash, at `now`, in seconds since 1970."""
+        """Moves all versions of a scene to the trash at `now`, in seconds since 1970."""
         self._trash(("scenes", scene_id), trash_name(scene_id, now))
 
     def _trash(self, folder: tuple[str, ...], name: str) -> None:
@@ -225,24 +214,23 @@ class Blobs:
             self._folder(*folder).rename(target)
 
     def trashed_scenes(self) -> tuple[str, ...]:
-        """What `trash_scene` and `trash_version` moved: "<scene id>.<second>", "<scene id>.<version>.<second>"."""
+        """Lists trashed scenes ("<scene id>.<second>") and versions ("<scene id>.<version>.<second>")."""
         return self.ids("trash/scenes")
 
     def drop_trashed(self, name: str) -> None:
-        """Remove one of `trashed_scenes`."""
         self._discard(self._folder("trash", "scenes", name))
 
     def half_removed(self) -> tuple[Path, ...]:
-        """What was being removed when a process ended, or is being removed now."""
+        """Lists folders whose removal was interrupted or is under way."""
         return tuple(sorted(path for path in (self.root / "trash").glob("*") if path.name != "scenes"))
 
     def remove_partial(self, expiry_s: float) -> None:
-        """Remove what crashes left half-written or half-removed; what is younger than `expiry_s` may be in use."""
+        """Removes what interrupted removals left; see `ObjectStoreBlobs` for `expiry_s`."""
         for path in self.half_removed():
             remove(path)
 
     def _discard(self, path: Path) -> None:
-        # Renamed first: nobody ever sees half of it.
+        # Renamed first, so that nobody sees a half-removed folder.
         trash = self.root / "trash"
         try:
             trash.mkdir(parents=True, exist_ok=True)
@@ -259,13 +247,12 @@ class Blobs:
 
 
 def trash_name(name: str, now: float) -> str:
-    """How a scene or a version is called in the trash. It says when it came there, which copies of the folder keep."""
+    """Name in the trash, with the time, as copies lose a file's own time."""
     return f"{name}.{int(now)}"
 
 
 def lock_of(folder: Path) -> int | None:
-    """An open handle whose lock says that a folder is being written to; the kernel takes it back from a process that
-    dies. None where the file system has no locks."""
+    """Locks a folder to mark it as being written; None without file locks."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
@@ -289,7 +276,7 @@ def _is_locked(folder: Path) -> bool:
 
 
 def remove(path: Path) -> None:
-    """Delete a file or folder, whatever of it is still there."""
+    """Deletes a file or folder, or what is left of it."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,4 +1,4 @@
-"""Checkup of a data folder: problems, and repairs that need nobody's decision."""
+"""Checkup of a data folder: problems, and repairs that need no decision."""
 
 from __future__ import annotations
 
@@ -31,26 +31,16 @@ _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem of a data folder.
+    """A problem of a data folder."""
 
-    Attributes:
-        place: what it is about: a folder or file relative to the data folder, or "database".
-        message: what is wrong, in words.
-        hint: what to do.
-        mendable: whether `fastsplat doctor --repair` mends it.
-    """
-
-    place: str
+    place: str  # a folder or file relative to the data folder, or "database"
     message: str
     hint: str = ""
-    mendable: bool = False
+    mendable: bool = False  # by `fastsplat doctor --repair`
 
 
 def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
-    """Damage of the databases, and a schema of another release; without changing anything.
-
-    To be called before `open_store`, which brings an older schema to this release's.
-    """
+    """Checks for damage and schemas of other releases; call it before `open_store`, which upgrades."""
     url = resolve_url(data_dir, database_url)
     if url.get_backend_name() == "sqlite":
         problems = tuple(_check_sqlite(data_dir, SQLITE_NAME))
@@ -60,12 +50,7 @@ def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
 
 
 def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
-    """Permissions of the data folder and its databases, and space on its disk.
-
-    Args:
-        data_dir: the data folder.
-        floor_bytes: below so much free space, uploads are refused.
-    """
+    """Checks permissions and free space of a data folder; uploads need `floor_bytes` free."""
     names = ("", "key", SQLITE_NAME)
     for path in (data_dir / name for name in names):
         if path.exists() and path.stat().st_mode & _OTHERS:
@@ -87,15 +72,17 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
 
 
 def mend_folder(data_dir: Path) -> None:
-    """Take the data folder from everybody but its owner."""
+    """Removes the access of all users but the owner from the data folder."""
     for path in (data_dir, *(data_dir / name for name in ("key", SQLITE_NAME))):
         if path.exists():
             path.chmod(path.stat().st_mode & ~_OTHERS & 0o777)
 
 
 def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatError]]) -> Iterator[Problem]:
-    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain; `damage` reads a
-    version's folder to its last byte, and says what is damaged."""
+    """Checks for missing or damaged scene versions, and missing uploads of unfinished jobs.
+
+    `damage` reads all files of a version's folder and returns what is damaged.
+    """
     with store.engine.execution_options(read_only=True).begin() as connection:
         current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
         rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
@@ -130,12 +117,12 @@ def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatErr
 def check_left_over(
     store: Store, upload_expiry_s: float, failed_upload_since: float, ids_before: Callable[[str], tuple[str, ...]]
 ) -> Iterator[Problem]:
-    """Folders that nothing needs any more. Workers remove them once a minute; so they stay where no worker runs.
+    """Finds folders that are no longer needed; workers, if any, remove them once a minute.
 
     Args:
-        upload_expiry_s: age in seconds of an upload that nobody committed, after which it is not needed.
+        upload_expiry_s: age in seconds after which an uncommitted upload is not needed.
         failed_upload_since: seconds since 1970; uploads of jobs that failed before are not needed.
-        ids_before: names of the folders of a kind, listed before the rows are read.
+        ids_before: folder names of a kind, listed before the rows are read.
     """
     jobs, uploads, folders = ids_before("jobs"), ids_before("uploads"), ids_before("scenes")
     for run_id in sorted(store.jobs.over(jobs)):
@@ -162,7 +149,7 @@ def _check_sqlite(data_dir: Path, name: str) -> Iterator[Problem]:
         return
     hint = "Stop the service and restore a backup."
     try:
-        # Where nothing can be written, SQLite opens a database with a log only as one that never changes.
+        # On a read-only disk, SQLite opens a database in WAL mode only as immutable.
         mode = "mode=ro" if os.access(data_dir, os.W_OK) else "mode=ro&immutable=1"
         with closing(sqlite3.connect(f"file:{path}?{mode}", uri=True, timeout=30)) as connection:
             answer = [row[0] for row in connection.execute("PRAGMA integrity_check(3)")]

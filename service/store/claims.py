@@ -1,4 +1,4 @@
-"""Claims to jobs: which worker has which, and updates that only the newest claim makes."""
+"""Job queue: claims of workers to jobs, and updates fenced by the newest claim."""
 
 from __future__ import annotations
 
@@ -20,71 +20,66 @@ from fastsplat_contract.operations import AgainAfter
 _UNCLAIMED = (operations.c.state == "QUEUED") | ((operations.c.state == "RUNNING") & (operations.c.worker == ""))
 
 JobRequest = Literal["cancel", "finish"]
-"""What was asked of a job that runs: to stop, or to end its training early and to keep what is there."""
+"""A request to a running job: stop, or end training early and keep the result."""
 
 
 class FencedError(Exception):
-    """The claim is not the newest of its job any more, or the job is over; stop, and touch nothing of it."""
+    """The claim is not its job's newest, or the job is over; work must stop."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to run a job until another worker claims it; `attempt` is the fencing token, and counts up."""
+    """The right to run a job until the next claim; `attempt` is the fencing token."""
 
     operation: OperationRecord
     attempt: int
 
 
 def fenced(claim: Claim) -> Update:
-    """An update of the operation, if the claim is its newest and it is not over."""
+    """Builds an update of an unfinished operation that only its newest claim can make."""
     return update(operations).where(
         operations.c.id == claim.operation.id, operations.c.attempt == claim.attempt, operations.c.state == "RUNNING"
     )
 
 
 def uncancelled(claim: Claim) -> Update:
-    """The same, if it is not to be cancelled."""
+    """Builds a fenced update that also requires that no cancellation was requested."""
     return fenced(claim).where(operations.c.cancel_requested.is_(False))
 
 
 def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
-    """Execute an update.
-
-    Raises:
-        FencedError: it changes nothing.
-    """
+    """Executes an update, or raises `FencedError` if it changes nothing."""
     if not connection.execute(statement).rowcount:
         raise FencedError(claim.operation.id)
 
 
 class JobQueue:
-    """The queue; every method is one or two transactions, and raises `DatabaseError` when the database is away."""
+    """The job queue; each method is one or two transactions and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def waiting(self) -> Sequence[OperationRecord]:
-        """Operations that no worker has: those whose worker died or gave them back, then queued ones; by priority and
-        age."""
+        """Lists unclaimed operations, those begun before queued ones, by priority and age."""
         query = select(operations).where(_UNCLAIMED)
         order = (operations.c.state.desc(), operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading() as connection:
             return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
 
     def claim_next(self, worker: str) -> Claim | None:
-        """Start an attempt of the job to run next, projects taking turns.
+        """Claims the next job, projects taking turns; None if there is none.
 
-        A job that was begun goes first. Else the next is of the project with the fewest jobs under way; of several, the
-        one whose latest job is longest ago, then the one that has waited longest. Within a project priority decides,
-        then age. None if nothing waits, or another worker was faster.
+        Jobs begun before go first. Otherwise the project with the fewest running jobs is next; of several, the one
+        whose latest job is longest ago, then the one that waited longest. Within a project priority decides, then age.
+        None also if another worker was faster.
         """
         waiting = self.waiting()
         job = waiting[0] if waiting and waiting[0].state == "RUNNING" else self._in_turn(waiting)
         return None if job is None else self.claim(job.id, worker)
 
     def _in_turn(self, queued: Sequence[OperationRecord]) -> OperationRecord | None:
-        """Of operations by priority and age, the first of the project whose turn it is."""
+        """Returns the first job of the project whose turn it is; `queued` is sorted."""
         first: dict[str, OperationRecord] = {}
         oldest: dict[str, float] = {}
         for job in queued:
@@ -101,11 +96,10 @@ class JobQueue:
         return first[min(first, key=lambda name: (active.get(name, 0), latest.get(name, 0.0), oldest[name]))]
 
     def claim(self, operation_id: str, worker: str = "") -> Claim | None:
-        """Start an attempt of a job that waits: counts one start and fences earlier claims. Until `worker`, by its
-        executor id ("": nobody), ends, or `take_back`, nobody else may claim it.
+        """Claims a waiting job, counts one start and fences earlier claims.
 
-        Returns:
-            None if the operation does not wait: another worker has it, or it is over or deleted.
+        Nobody else may claim it until `worker` (its executor id; "": nobody) ends or `take_back` is called. Returns
+        None if it does not wait.
         """
         waiting = select(operations).where(operations.c.id == operation_id, _UNCLAIMED).with_for_update()
         with self._writing() as connection:
@@ -116,31 +110,27 @@ class JobQueue:
             return _begin(connection, before, "worker_stopped" if RELEASED in before.options else "worker_died", worker)
 
     def claim_again(self, claim: Claim) -> Claim:
-        """Start another attempt of a worker whose trainer died.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Starts another attempt after the trainer died; raises `FencedError` as `JobRepository.report`."""
         with self._writing() as connection:
             execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
             row = connection.execute(select(operations).where(operations.c.id == claim.operation.id)).mappings().one()
             return _begin(connection, as_operation(row), "trainer_died", row["worker"])
 
     def owners(self) -> Mapping[str, float]:
-        """The workers that have unfinished jobs, and when one was last written to, in seconds since 1970."""
+        """Maps workers with unfinished jobs to the latest update of these, in seconds since 1970."""
         owned = operations.c.state == "RUNNING", operations.c.worker != ""
         latest = select(operations.c.worker, func.max(operations.c.updated_at)).where(*owned)
         with self._reading() as connection:
             return dict(connection.execute(latest.group_by(operations.c.worker)).all())
 
     def take_back(self, worker: str) -> None:
-        """Let others claim the unfinished jobs of a worker that is dead."""
+        """Frees the unfinished jobs of a dead worker for others to claim."""
         with self._writing() as connection:
             connection.execute(update(operations).where(operations.c.worker == worker).values(worker=""))
 
 
 def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:
-    """Begin an attempt of an unfinished operation; `after` is what ended the one before, if that was under way."""
+    """Begins an attempt; `after` is what ended the previous one, if there was one."""
     options = {name: value for name, value in before.options.items() if name != RELEASED}
     if before.state == "RUNNING":
         options[AGAIN_AFTER] = after

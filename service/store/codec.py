@@ -1,4 +1,4 @@
-"""Codec of JSON columns: a job's options, a scene's cameras."""
+"""Conversion of job options and cameras to and from JSON columns."""
 
 from __future__ import annotations
 
@@ -14,20 +14,19 @@ from fastsplat_contract.operations import SceneOptions
 
 
 def options_to_json(options: SceneOptions) -> dict[str, Any]:
-    """A job's options as JSON values."""
     values: dict[str, Any] = to_plain(options)
     return values
 
 
 def options_from_json(row: Mapping[str, Any]) -> SceneOptions:
-    """Back from `options_to_json`; other keys are ignored."""
+    """Inverts `options_to_json`; other keys are ignored."""
     return from_plain(
         SceneOptions, {field.name: row[field.name] for field in fields(SceneOptions) if field.name in row}
     )
 
 
 def camera_to_json(posed: PosedCamera) -> dict[str, Any]:
-    """A posed camera as JSON numbers: intrinsics in pixels, `world_from_camera` row by row."""
+    """Converts a posed camera: intrinsics in pixels, `world_from_camera` row by row."""
     camera = posed.camera
     return {
         "name": posed.name,
@@ -42,6 +41,6 @@ def camera_to_json(posed: PosedCamera) -> dict[str, Any]:
 
 
 def camera_from_json(row: Mapping[str, Any]) -> PosedCamera:
-    """Back from `camera_to_json`, exactly."""
+    """Inverts `camera_to_json` exactly."""
     camera = Camera(row["width"], row["height"], row["fx"], row["fy"], row["cx"], row["cy"])
     return PosedCamera(camera, np.array(row["world_from_camera"], dtype=np.float64), row["name"])

@@ -1,4 +1,4 @@
-"""Unreadable rows: one that is asked for is a typed error, and lists leave them out."""
+"""Unreadable rows: typed errors if requested, omitted from lists."""
 
 from __future__ import annotations
 
@@ -26,11 +26,10 @@ _log = logging.getLogger(__name__)
 
 
 def require(what: str, **columns: bool) -> None:
-    """Return if all columns of the row of `what`, "scene 5f" or "operation 7a", can be read; each says whether it can.
+    """Checks that all columns of a row ("scene 5f", "operation 7a") are readable.
 
     Raises:
-        SceneFileError: of a scene or version one cannot.
-        ArtefactError: of anything else.
+        SceneFileError, ArtefactError: one is not, of a scene or version, or of anything else.
     """
     unreadable = [name for name, readable in columns.items() if not readable]
     if unreadable:
@@ -38,7 +37,7 @@ def require(what: str, **columns: bool) -> None:
 
 
 def decodes(kind: str) -> Callable[[Callable[Concatenate[R, P], T]], Callable[Concatenate[R, P], T]]:
-    """A function of a record of this kind, see `require`: whatever its decoding fails with is the row's fault."""
+    """Decorates a decoder of a record: its errors become those of `require` for that kind."""
 
     def decorator(read: Callable[Concatenate[R, P], T]) -> Callable[Concatenate[R, P], T]:
         @wraps(read)
@@ -55,7 +54,7 @@ def decodes(kind: str) -> Callable[[Callable[Concatenate[R, P], T]], Callable[Co
 
 
 def each_readable(items: Iterable[S], read: Callable[[S], T]) -> list[T]:
-    """What `read` makes of each item, without those whose rows it calls damaged; the log names these."""
+    """Applies `read` to each item; leaves out and logs those whose rows are damaged."""
     made: list[T] = []
     for item in items:
         try:
@@ -68,7 +67,7 @@ def each_readable(items: Iterable[S], read: Callable[[S], T]) -> list[T]:
 def first_readable(
     connection: Connection, query: Select[Any], limit: int, read: Callable[[RowMapping], T]
 ) -> Sequence[T]:
-    """The first `limit` rows of a query that can be read, see `each_readable`."""
+    """Reads the first `limit` readable rows of a query."""
     made: list[T] = []
     start = 0
     while len(made) < limit:
@@ -81,7 +80,7 @@ def first_readable(
 
 
 def read_json(content: str | bytes) -> Any:
-    """The value of a JSON column; the content itself where it is no JSON, which then is of no type that is expected."""
+    """Decodes a JSON column; returns malformed content unchanged, for `require` to reject."""
     try:
         return json.loads(content)
     except (ValueError, RecursionError):
@@ -89,22 +88,22 @@ def read_json(content: str | bytes) -> Any:
 
 
 def is_time(value: object) -> bool:
-    """Whether a value is a time in seconds since 1970 that has a date."""
+    """True for seconds since 1970 that are a date before the year 10000."""
     return isinstance(value, int | float) and 0 <= value < _END_OF_TIME
 
 
 def is_name(value: object) -> bool:
-    """Whether a value is the name of a folder."""
+    """True for a folder name."""
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
 
 
 def are_objects(value: object, *keys: str) -> bool:
-    """Whether a value is a list of JSON objects that have these keys."""
+    """True for a list of JSON objects that have these keys."""
     return isinstance(value, Sequence) and all(isinstance(row, Mapping) and row.keys() >= set(keys) for row in value)
 
 
 def is_object(value: object) -> bool:
-    """Whether a value is a JSON object."""
+    """True for a JSON object."""
     return isinstance(value, Mapping)
 
 

@@ -1,4 +1,4 @@
-"""Database connections: SQLite set up for several processes, anything else by its URL."""
+"""Database engines and transactions, with SQLite set up for several processes."""
 
 from __future__ import annotations
 
@@ -19,27 +19,23 @@ from fastsplat_contract.errors import DatabaseError, InvalidInputError
 _BUSY_MS = 30_000
 _DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 _DAMAGE_HINT = "Run: fastsplat doctor. Then restore a backup."
-_PRIMARY_CODE = 0xFF  # the rest of SQLite's error codes says more
+_PRIMARY_CODE = 0xFF  # mask of the primary part of SQLite's extended error codes
 
 IDLE_TRANSACTION_TIMEOUT_S = 30.0
-"""PostgreSQL ends a session whose transaction is idle for so long, so that a suspended process loses its locks."""
+"""PostgreSQL's limit for an idle transaction, so that a suspended process loses its locks."""
 _POSTGRES: Mapping[str, Any] = {
-    # A server that vanished without closing its connections is noticed within half a minute.
+    # Notices within half a minute that a server vanished without closing its connections.
     "connect_timeout": 10, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 4,
     "tcp_user_timeout": 30_000,
 }  # fmt: skip
 
 
 SQLITE_NAME = "fastsplat.sqlite"
-"""Of the database in a data folder, where no URL names another."""
+"""File name of the database in a data folder."""
 
 
 def resolve_url(data_dir: Path, database_url: str) -> URL:
-    """The database to use: `SQLITE_NAME` of the data folder for an empty URL, else that, with psycopg for PostgreSQL.
-
-    Raises:
-        InvalidInputError: the URL cannot be read.
-    """
+    """Reads a database URL (empty: SQLite in the folder); may raise `InvalidInputError`."""
     if not database_url:
         return URL.create("sqlite", database=str(data_dir.resolve() / SQLITE_NAME))
     try:
@@ -54,11 +50,10 @@ def resolve_url(data_dir: Path, database_url: str) -> URL:
 
 
 def open_engine(url: URL, save: Save | None = None) -> Engine:
-    """An engine whose write transactions take SQLite's lock at their start; its tables are of this release on return.
+    """Opens an engine and brings its tables to this release's schema.
 
-    A transaction that begins as a reader and then writes is what makes SQLite fail with "locked" at once, whatever
-    the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`. `save` is as
-    `migrate` takes it.
+    SQLite transactions begin IMMEDIATE unless the connection has the option `read_only`: one that begins as a reader
+    and then writes fails with "locked" at once, whatever the busy timeout.
     """
     options: dict[str, Any] = {"pool_size": 8, "max_overflow": 24, "json_deserializer": read_json}
     if url.get_backend_name() == "sqlite":
@@ -74,7 +69,7 @@ def open_engine(url: URL, save: Save | None = None) -> Engine:
 
 @contextmanager
 def transaction(engine: Engine) -> Iterator[Connection]:
-    """One transaction, committed at the end of the block.
+    """Runs the block in a transaction, committed at its end.
 
     Raises:
         DatabaseError: the database does not answer, or refuses.
@@ -117,7 +112,7 @@ def _damaged() -> DatabaseError:
 
 
 def _tune_sqlite(connection: Any, record: Any) -> None:
-    connection.isolation_level = None  # we say BEGIN ourselves, below
+    connection.isolation_level = None  # `_begin_sqlite` sends BEGIN
     more = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
     for pragma in (f"busy_timeout={_BUSY_MS}", *more):
         connection.execute(f"PRAGMA {pragma}")
@@ -140,7 +135,7 @@ def _open_tables(engine: Engine, save: Save | None, tries: int = 5) -> None:
         try:
             migrate(engine, save=save)
             return
-        except ValueError as error:  # text that is none, or a revision that never was
+        except ValueError as error:  # undecodable text, or an unknown revision
             raise DatabaseError(f"the database is damaged: {error}", hint=_DAMAGE_HINT) from error
         except DBAPIError as error:
             if _sqlite_code(error) in _DAMAGE:

@@ -1,7 +1,7 @@
-"""Digests of the files of a folder that never changes, in the folder itself: `files.sha256`, as sha256sum(1) writes it.
+"""Digests of a published folder's files, in its file `files.sha256` (format of sha256sum(1)).
 
-Disks flip bits. Who reads a file to somebody checks it first; an answer is remembered as long as the file looks
-unchanged, but not for ever, because a disk changes bytes without changing a file's time.
+Disks flip bits, so files are checked before they are served. A result is kept while the file looks unchanged, but not
+forever, as a disk changes bytes without changing a file's time.
 """
 
 from __future__ import annotations
@@ -24,11 +24,7 @@ _REMEMBERED = 10_000
 
 
 def write_digests(folder: Path) -> None:
-    """Record the digests of all files below `folder`, which is not published yet.
-
-    Raises:
-        OSError: the disk is full or cannot be written.
-    """
+    """Writes the digests of all files of a folder before it is published."""
     target = folder / DIGESTS
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     lines = [f"{_digest(folder / name)}  {name}\n" for name in names if name != DIGESTS]
@@ -36,17 +32,13 @@ def write_digests(folder: Path) -> None:
 
 
 def check_files(folder: Path, *names: str) -> None:
-    """Check files of a published folder, by default all, against their digests.
-
-    Raises:
-        SceneFileError: the first of `damaged_files`.
-    """
+    """Checks files of a published folder, by default all; raises the first of `damaged_files`."""
     for error in damaged_files(folder, *names):
         raise error
 
 
 def damaged_files(folder: Path, *names: str) -> Iterator[SceneFileError]:
-    """An error for each damaged or missing file, of `names` or all; of a folder without digests none."""
+    """Yields an error per damaged or missing file; none for folders without digests."""
     try:
         digests = _read(folder) or {}
     except SceneFileError as error:
@@ -74,14 +66,14 @@ def _read(folder: Path) -> dict[str, str] | None:
 
 
 class _Checked:
-    """Files that had their digest a while ago and look unchanged since. Safe from any thread."""
+    """Recently verified files that look unchanged; safe from any thread."""
 
     def __init__(self) -> None:
         self._seen: OrderedDict[tuple[int, ...], tuple[str, float]] = OrderedDict()
         self._lock = threading.Lock()
 
     def holds(self, path: Path, digest: str) -> bool:
-        """Whether a file is there and has that digest."""
+        """True if the file exists and has that digest."""
         try:
             status = path.stat()
             key = (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)

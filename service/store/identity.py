@@ -1,9 +1,9 @@
-"""Identity of a deployment: a random id that a database and the place of its scenes share, so that neither is used with
-another's.
+"""Deployment identity: a random id shared by a database and its scene storage.
 
-The place is the data folder (its file `.identity`), or the object store (its object `identity`) where there is one.
-Both get their id at the first start. Where one has it and the other has none, as a restored folder, the other gets the
-same, if the database knows a scene of the folder or neither has any.
+It keeps either from being used with another's. The storage is the data folder (file `.identity`) or the object store
+(object `identity`). Both get the id at the first start. If only one has it, as after a restored folder, the other takes
+it over, provided that they have a scene in common or both have none. All functions raise `DatabaseError` or
+`ObjectStoreError` if one of them does not answer.
 """
 
 from __future__ import annotations
@@ -26,27 +26,20 @@ _HINT = (
 
 
 def check_identity(engine: Engine, blobs: Blobs) -> None:
-    """Return if database and place share an id.
-
-    Raises:
-        ConflictError: they do not.
-        DatabaseError, ObjectStoreError: one of them does not answer.
-    """
-    stored = _stored(engine)  # read first: whoever makes an id writes the place's first
+    """Raises `ConflictError` unless database and storage share an id."""
+    stored = _stored(engine)  # read first: a new id is written to the storage first
     if stored is None or stored != blobs.identity():
         raise _foreign("the database belongs to another place of scenes")
 
 
 def establish_identity(engine: Engine, blobs: Blobs) -> None:
-    """Return if database and place share an id, or do from now on: a new database and an empty place, or two
-    that know the same scenes.
+    """Checks that database and storage share an id, or gives them one.
 
-    Several processes may do so at once.
+    Safe from several processes.
 
     Raises:
-        ConflictError: they have different ids; or one has none, and neither knows of the other's scenes.
-        ResourceError: the place cannot be written.
-        DatabaseError, ObjectStoreError: one of them does not answer.
+        ConflictError: the ids differ, or one has none and they have no scene in common.
+        ResourceError: the storage cannot be written.
     """
     stored, noted = _stored(engine), blobs.identity()
     if stored is None or noted is None:
@@ -58,23 +51,13 @@ def establish_identity(engine: Engine, blobs: Blobs) -> None:
 
 
 def check_new_database(blobs: Blobs) -> None:
-    """Return if a database may be made for a place.
-
-    Raises:
-        ConflictError: there are scenes, which a new database would not know.
-    """
+    """Raises `ConflictError` if the storage holds scenes, which a new database would not know."""
     if there := blobs.ids("scenes"):
         raise _foreign(f"there is no database, but scenes are stored ({len(there)})")
 
 
 def adopt(engine: Engine, blobs: Blobs) -> None:
-    """Give database and place a new id, whatever they had. Nothing of either is erased; who had one of them before has
-    it no more.
-
-    Raises:
-        ResourceError: the place cannot be written.
-        DatabaseError, ObjectStoreError: one of them does not answer.
-    """
+    """Gives database and storage a new shared id; raises `ResourceError` if it cannot be written."""
     noted = blobs.keep_identity(uuid.uuid4().hex, replace=True)
     with transaction(engine) as connection:
         connection.execute(delete(identity))
@@ -82,7 +65,7 @@ def adopt(engine: Engine, blobs: Blobs) -> None:
 
 
 def _check_related(engine: Engine, blobs: Blobs) -> None:
-    """Ids are random: one scene that both have is proof enough."""
+    """Checks that both know a common scene; ids are random, so one is proof enough."""
     there = frozenset(blobs.ids("scenes"))
     with transaction(engine.execution_options(read_only=True)) as connection:
         ready = frozenset(connection.scalars(select(scenes.c.id).where(scenes.c.version != "")))

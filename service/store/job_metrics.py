@@ -15,27 +15,27 @@ from fastsplat_contract.operations import FINAL_STATES, OperationState
 
 
 class JobMetrics:
-    """Metrics of all operations; every method is one reading transaction and raises `DatabaseError`."""
+    """Metrics of all operations; each method is one reading transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def jobs_by_state(self) -> Mapping[str, int]:
-        """How many operations are in each state; all states are there."""
+        """Counts operations by state, including states without any."""
         query = select(operations.c.state, func.count()).group_by(operations.c.state)
         with self._reading() as connection:
             counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
         return {**dict.fromkeys(get_args(OperationState), 0), **counts}
 
     def waits_since(self) -> float | None:
-        """When the operation that waits longest began to wait, in seconds since 1970; None if none waits."""
+        """Time since which the longest waiting operation waits, in seconds since 1970; or None."""
         query = select(func.min(operations.c.updated_at)).where(operations.c.state == "QUEUED")
         with self._reading() as connection:
             since = connection.scalar(query)
         return None if since is None else float(since)
 
     def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
-        """(id, time of the last change, stages) of the operations that ended after `moment`."""
+        """Lists (id, time of the last change, stages) of the operations that ended after `moment`."""
         query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(
             operations.c.updated_at > moment, operations.c.state.in_(FINAL_STATES)
         )

@@ -1,4 +1,4 @@
-"""What workers write of their jobs. Every write carries the attempt that claimed the job: late ones change nothing."""
+"""Updates of jobs by workers, fenced by the attempt that claimed the job."""
 
 from __future__ import annotations
 
@@ -34,11 +34,13 @@ _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
 
 
 class JobRepository(JobQueue):
-    """The queue, and what is written of a job; every method is one transaction, and raises `DatabaseError` when the
-    database is away."""
+    """The job queue and the updates of its jobs; each method is one transaction.
+
+    Methods that take a claim, except `release`, raise `FencedError` if it is not the newest or its operation is over.
+    """
 
     def release(self, claim: Claim) -> None:
-        """Give an unfinished job back; its start does not count. Does nothing when fenced."""
+        """Gives an unfinished job back without counting its start; does nothing if fenced."""
         with self._writing() as connection:
             options = {**claim.operation.options, RELEASED: True}
             values = {"starts": operations.c.starts - 1, "options": options, "worker": "", "updated_at": time.time()}
@@ -52,16 +54,13 @@ class JobRepository(JobQueue):
         starts: int | None = None,
         progress_files: Mapping[str, Mapping[str, Any]] | None = None,
     ) -> frozenset[JobRequest]:
-        """Write progress. Returns what was asked of the job.
+        """Writes progress and returns the pending requests to the job; None leaves a value unchanged.
 
         Args:
-            claim: of which job.
+            claim: of the job.
             stages: one row a stage.
-            starts: how many starts count from now on, as the job came further than before; None: as before.
-            progress_files: see `OperationRecord`; None: as before.
-
-        Raises:
-            FencedError: the claim is no longer the newest, or the operation is over.
+            starts: new count of starts, as the job made progress.
+            progress_files: see `OperationRecord`.
         """
         with self._writing() as connection:
             values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
@@ -74,21 +73,13 @@ class JobRepository(JobQueue):
             return _requests(tuple(requested))
 
     def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
-        """Write what became of the photos of the job's scene, as JSON objects.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Writes the photo verdicts of the job's scene, as JSON objects."""
         with self._writing() as connection:
             execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
             record_photos(connection, claim.operation.scene_id, photos)
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
-        """Look without writing. Returns what was asked of the job.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Returns the pending requests to the job, without writing."""
         query = select(*_REQUESTED).where(
             operations.c.id == claim.operation.id,
             operations.c.attempt == claim.attempt,
@@ -103,7 +94,7 @@ class JobRepository(JobQueue):
     def publish_draft(
         self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
     ) -> None:
-        """Make a draft the scene's current version, with edits of the one before it; arguments, errors as `succeed`."""
+        """Makes a draft the scene's current version; arguments and errors as `succeed`."""
         with self._writing() as connection:
             self._publish(connection, claim, {}, summary, carried, edited, draft=True)
 
@@ -117,16 +108,16 @@ class JobRepository(JobQueue):
         result: Mapping[str, Any] | None = None,
         follow: NewJob | None = None,
     ) -> Sequence[str]:
-        """Make the scene READY, in the place of its drafts, and end the operation as SUCCEEDED; both at once.
+        """Makes the scene READY in place of its drafts, and the operation SUCCEEDED.
 
         Args:
-            claim: of which job.
-            summary, carried, edited: see `publish_made_within`, as for what it returns.
-            result: what became of edits of drafts, as JSON; None for no edits.
-            follow: a job on the finished scene, queued with its end.
+            claim: of the job.
+            summary, carried, edited: see `publish_made_within`, also for the returned names.
+            result: outcome of edits of drafts, as JSON; None for no edits.
+            follow: a job on the finished scene, queued in the same transaction.
 
         Raises:
-            FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
+            FencedError: also if a cancellation came first, or the scene was deleted.
             ConflictError: a draft was edited meanwhile.
         """
         with self._writing() as connection:
@@ -140,11 +131,12 @@ class JobRepository(JobQueue):
         return removed
 
     def succeed_with_version(self, claim: Claim, new: NewVersion | None, result: Mapping[str, Any]) -> Sequence[str]:
-        """Publish a version, None for none, and end the operation, which made it, as SUCCEEDED with its result; both at
-        once. Returns the names of the versions that were removed, whose folders are the caller's to remove.
+        """Publishes the version that an operation made, if any, and ends it as SUCCEEDED.
+
+        Returns the names of removed versions, whose folders the caller removes.
 
         Raises:
-            FencedError: as `report`; also when a cancellation came first.
+            FencedError: also if a cancellation came first.
             ConflictError, NotFoundError: as `publish_within`.
         """
         options = {**claim.operation.options, RESULT: dict(result)}
@@ -154,30 +146,17 @@ class JobRepository(JobQueue):
             return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
-        """End the operation as FAILED with its durable reason.
-
-        Raises:
-            FencedError: as `report`.
-        """
         self._end(claim, "FAILED", dict(error))
 
     def cancelled(self, claim: Claim) -> None:
-        """End the operation as CANCELLED.
-
-        Raises:
-            FencedError: as `report`.
-        """
         self._end(claim, "CANCELLED", None)
 
     def retry(self, operation_id: str, ended_since: float, exclude: Sequence[str] = ()) -> OperationRecord:
-        """Queue a failed or cancelled operation again; one in another state stays as it is.
+        """Queues a failed or cancelled operation again; returns it, unchanged if in another state.
 
         Args:
-            ended_since: seconds since 1970; what ended before has lost its upload.
-            exclude: paths of photos of its upload to leave out, beside those of earlier retries.
-
-        Returns:
-            The operation as it now is: QUEUED, without stages, error and starts, if it was failed or cancelled.
+            ended_since: seconds since 1970; uploads of jobs that ended before are gone.
+            exclude: paths of uploaded photos to leave out, beside those of earlier retries.
 
         Raises:
             NotFoundError: there is no such operation, or its scene or its upload is gone.
@@ -212,8 +191,7 @@ class JobRepository(JobQueue):
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
-        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist; none of an operation
-        whose row cannot be read."""
+        """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
         unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
         with self._reading() as connection:
             rows = connection.execute(unfinished).mappings().all()
@@ -223,7 +201,7 @@ class JobRepository(JobQueue):
         return frozenset(run_ids) - kept
 
     def delete_ended(self, before: float) -> None:
-        """Delete operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
+        """Deletes operations without a scene that ended before a time, in seconds since 1970."""
         without_scene = delete(operations).where(
             operations.c.updated_at < before,
             operations.c.state.in_(_ENDED),
@@ -233,10 +211,10 @@ class JobRepository(JobQueue):
             connection.execute(without_scene)
 
     def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
-        """Uploads that operations need, and those that they need no more.
+        """Returns the uploads that operations need, and those that they no longer need.
 
-        Needed are those of queued and running operations, and of those that failed or were cancelled after
-        `ended_since` (seconds since 1970) and whose scene was not deleted: they may be retried.
+        Failed or cancelled operations need theirs for a retry if they ended after `ended_since` (seconds since 1970)
+        and their scene still exists.
         """
         rows = operations.c
         query = select(rows.upload_id, rows.state, rows.updated_at, scenes.c.id.label("scene")).select_from(
@@ -253,13 +231,16 @@ class JobRepository(JobQueue):
         return needed, frozenset(row.upload_id for row in stored) - needed
 
     def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
-        """Which of these scenes do not exist (any more)."""
+        """Filters scene ids to those without a row."""
         with self._reading() as connection:
             return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
 
     def lost_scenes(self, scene_ids: Sequence[str], ended_before: float) -> tuple[frozenset[str], frozenset[str]]:
-        """Which of these scenes have no row: those of which there are operations, all ended before a moment (seconds
-        since 1970), and those of which there is nothing. A scene that is being deleted is neither."""
+        """Splits scene ids without a row into those of ended operations and those without any.
+
+        In neither set: scenes with an operation that is unfinished or ended after `ended_before` (seconds since 1970),
+        which may be being deleted.
+        """
         with self._reading() as connection:
             rest = frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
             columns = operations.c.scene_id, operations.c.state, operations.c.updated_at

@@ -1,4 +1,4 @@
-"""Access keys in the database: their hashes, never the keys."""
+"""Access keys in the database: hashes only, never the keys."""
 
 from __future__ import annotations
 
@@ -16,60 +16,50 @@ from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.keys import Role
 
 ROLES: tuple[Role, ...] = get_args(Role)
-"""Each may do what those before it may, but the first two: see `fastsplat_contract.call.Rule`."""
+"""In order of increasing rights, apart from the first two; see `fastsplat_contract.call.Rule`."""
 
 
 @dataclass(frozen=True)
 class KeyRecord:
-    """One key, revoked ones included. Times are seconds since 1970, UTC.
+    """An access key, possibly revoked; times are seconds since 1970, UTC.
 
-    Attributes:
-        id: part of the key itself, and of log lines.
-        name: for people.
-        role: uploaders post one scene; suggesters suggest names; readers query and view; editors also create and
-            change; admins also delete; operators also do all that in any project.
-        hash: hex sha256 of the whole key.
-        created_at: when it was made.
-        expires_at: when it ends; None: never.
-        revoked_at: when it was revoked; None: it was not.
-        project: whose scenes it sees.
-        scene_id: the one scene of the project that it sees; "" for all.
-        operation_id: of a key for one upload: the operation that it made; None: none.
+    Uploaders post one scene; suggesters suggest names; readers query and view; editors also create and change; admins
+    also delete; operators do all that in any project.
     """
 
-    id: str
+    id: str  # part of the key itself, and of log lines
     name: str
     role: Role
-    hash: str
+    hash: str  # hex SHA-256 of the whole key
     created_at: float
     expires_at: float | None = None
     revoked_at: float | None = None
     project: str = DEFAULT_PROJECT
-    scene_id: str = ""
-    operation_id: str | None = None
+    scene_id: str = ""  # the only scene that it gives access to; "": all of the project
+    operation_id: str | None = None  # made with a key for one upload
 
     def valid(self, now: float) -> bool:
-        """Whether it is accepted at time `now`."""
+        """True if the key is accepted at time `now`."""
         return self.revoked_at is None and (self.expires_at is None or now < self.expires_at)
 
 
 def use_key(connection: Connection, key_id: str, operation_id: str, now: float) -> bool:
-    """Note the one operation that a key for one upload makes, in the transaction that makes it.
+    """Notes the only operation of a key for one upload, in its transaction.
 
-    False if the key has made one, or is not valid at time `now`.
+    Returns False if the key was used before or is not valid at time `now`.
     """
     unused = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.operation_id.is_(None), _valid(now))
     return bool(connection.execute(unused.values(operation_id=operation_id)).rowcount)
 
 
 class KeyRepository:
-    """Access keys in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
+    """Access keys; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
     def add(self, record: KeyRecord) -> bool:
-        """Insert a key. False if there is one of that id already."""
+        """Inserts a key; False if its id is taken."""
         try:
             with transaction(self._engine) as connection:
                 connection.execute(insert(api_keys).values(asdict(record)))
@@ -78,19 +68,18 @@ class KeyRepository:
             return False
 
     def all(self) -> Sequence[KeyRecord]:
-        """Every key ever made, oldest first."""
+        """Lists every key ever made, oldest first."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
             rows = connection.execute(select(api_keys).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
             return [KeyRecord(**row) for row in rows]
 
     def valid(self, now: float) -> Sequence[KeyRecord]:
-        """Every key that is valid at time `now`, oldest first."""
+        """Lists the keys that are valid at time `now`, oldest first."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
             query = select(api_keys).where(_valid(now)).order_by(api_keys.c.created_at, api_keys.c.id)
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 
     def find(self, key_id: str) -> KeyRecord | None:
-        """The key of an id; None if there is none."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
             row = connection.execute(select(api_keys).where(api_keys.c.id == key_id)).mappings().first()
         return None if row is None else KeyRecord(**row)
@@ -103,8 +92,7 @@ class KeyRepository:
         after: tuple[float, str] | None = None,
         scene_id: str = "",
     ) -> Sequence[KeyRecord]:
-        """Up to `limit` keys of a project and of these roles, newest first, those after (created_at, id); with a scene,
-        only those that show it alone."""
+        """Lists keys after (created_at, id), newest first; with a scene, only those limited to it."""
         rows = api_keys.c
         query = select(api_keys).where(rows.project == project, rows.role.in_(roles))
         if scene_id:
@@ -118,24 +106,20 @@ class KeyRepository:
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 
     def count(self, project: str, now: float, made_since: float) -> int:
-        """How many keys of a project are valid at time `now`, or were made after `made_since`."""
+        """Counts the project's keys that are valid at time `now` or were made after `made_since`."""
         counted = or_(_valid(now), api_keys.c.created_at > made_since)
         query = select(func.count()).where(api_keys.c.project == project, counted)
         with transaction(self._engine.execution_options(read_only=True)) as connection:
             return connection.scalar(query) or 0
 
     def prolong(self, key_id: str, expires_at: float) -> None:
-        """Let a key that expires do so no earlier than this."""
+        """Extends a key's expiry to `expires_at`, unless it is later or never."""
         this_key = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.expires_at < expires_at)
         with transaction(self._engine) as connection:
             connection.execute(this_key.values(expires_at=expires_at))
 
     def revoke(self, key_id: str, now: float) -> None:
-        """Revoke a key; one that is revoked stays so.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Revokes a key, if it is not revoked; raises `NotFoundError` for an unknown id."""
         with transaction(self._engine) as connection:
             this_key = update(api_keys).where(api_keys.c.id == key_id)
             if not connection.execute(this_key.values(name=api_keys.c.name)).rowcount:
@@ -145,7 +129,7 @@ class KeyRepository:
             connection.execute(this_key.where(api_keys.c.revoked_at.is_(None)).values(revoked_at=now))
 
     def revoke_of_scene(self, scene_id: str, now: float) -> None:
-        """Revoke the keys that show this scene alone."""
+        """Revokes the keys that are limited to this scene."""
         own = update(api_keys).where(api_keys.c.scene_id == scene_id, api_keys.c.revoked_at.is_(None))
         with transaction(self._engine) as connection:
             connection.execute(own.values(revoked_at=now))

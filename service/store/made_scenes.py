@@ -1,4 +1,4 @@
-"""What the job of a scene has made: drafts, then the scene itself, each with the edits that people made meanwhile."""
+"""Publication of drafts and finished scenes, with edits that people made meanwhile."""
 
 from __future__ import annotations
 
@@ -34,24 +34,23 @@ def publish_made_within(
     edited: str,
     draft: bool,
 ) -> Sequence[str]:
-    """Make what a job has made the scene's current version, with its edits, as a part of somebody's transaction.
+    """Makes a job's result the scene's current version, with edits, within a transaction.
 
-    Drafts before a draft stay, for who has begun to look at them; a finished scene takes their place. Request ids are
-    those of the edits that were made again.
+    Earlier drafts stay for those who look at them until the finished scene replaces them. Request ids move to the edits
+    that were made again.
 
     Args:
-        connection: of the transaction.
-        summary: of what was made.
-        carried: versions that hold edits of the draft before, the first made of `summary.version`, each other one of
-            the one before.
+        summary: of the result.
+        carried: versions with the edits of the previous draft; the first is based on `summary.version`, each other one
+            on the one before.
         edited: the edited version whose edits these are; "" for none.
-        draft: whether it is a draft.
+        draft: the result is a draft.
 
     Returns:
-        The names of the versions that were removed, whose folders are the caller's to remove.
+        Names of the removed versions, whose folders the caller removes.
 
     Raises:
-        ConflictError: the scene was edited meanwhile, or what was edited was undone.
+        ConflictError: the scene was edited meanwhile, or the edits were undone.
         NotFoundError: the scene was deleted.
     """
     scene = locked_scene(connection, scene_id, "")
@@ -79,5 +78,5 @@ def publish_made_within(
         number = max(record.number for record in records.values()) + 1
         connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
     for new in carried:
-        publish_within(connection, replace(new, max_versions=None))  # whatever was carried arrives
+        publish_within(connection, replace(new, max_versions=None))  # no carried version is pruned
     return () if draft else sorted(records)

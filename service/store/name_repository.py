@@ -1,6 +1,8 @@
-"""Known names: what people named in the scenes of a project, with what it looks like. There are rows of every version
-of a scene, of which those of its current version count: an undo, an unnaming and a deleted scene take names back
-without another word."""
+"""Known names: names that people gave to things of a project's scenes, with their appearance.
+
+Every version of a scene has its rows, and those of the current version count: undoing, unnaming and deleting a scene
+take names back without further steps.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,12 @@ if TYPE_CHECKING:
 
 
 Said = tuple[str, float, bool]
-"""What a source of suggestions had said of a thing that a person named: see `SaidName`."""
+"""An earlier suggestion of a name for the thing, see `SaidName`."""
 
 
 @dataclass(frozen=True)
 class NewName:
-    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing`, `tags_of` and
-    `described` in `names_by_looks` for the others."""
+    """A name given by a person in a new version; other fields as in `Thing`."""
 
     thing_id: int
     name: str
@@ -40,23 +41,16 @@ class NewName:
 
 @dataclass(frozen=True)
 class VersionNames:
-    """The names of a new version of a scene.
+    """The names of a new version of a scene."""
 
-    Attributes:
-        given: those that the version's edits gave.
-        unchanged: ids of the things that bear the name of the version before; a name that was forgotten meanwhile stays
-            forgotten.
-        limit: the newest so many of a project's names stay.
-    """
-
-    given: Sequence[NewName] = ()
-    unchanged: Sequence[int] = ()
-    limit: int = 0
+    given: Sequence[NewName] = ()  # by the version's edits
+    unchanged: Sequence[int] = ()  # ids of things that keep their name; one forgotten meanwhile stays forgotten
+    limit: int = 0  # of names kept in the project, the newest ones
 
 
 @dataclass(frozen=True)
 class KnownNameRecord:
-    """One name that counts. `named_at` is seconds since 1970, UTC; `picture` is empty where it was not asked for."""
+    """A name that counts; `named_at` is seconds since 1970, UTC, `picture` empty unless requested."""
 
     id: str
     scene_id: str
@@ -73,13 +67,13 @@ class KnownNameRecord:
 def names_between(
     before: Things | None, after: Things | None, appearances: Mapping[int, bytes], limit: int
 ) -> VersionNames:
-    """The names that people gave in a version, of things that have an appearance or bear a tag, and those that it took
-    over.
+    """Finds the names given and kept by a version.
+
+    Things with neither appearance nor tag are left out.
 
     Args:
-        before, after: the things of the version before, and of this one.
-        appearances: what its things are known by in other scenes, see `described`.
-        limit: see `VersionNames`.
+        before, after: things of the previous version and of this one.
+        appearances: by thing id, for recognition in other scenes; see `described`.
     """
     known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
     by_person = [thing for thing in after.table if thing.source == "person"] if after else []
@@ -107,7 +101,7 @@ _OF_CURRENT = and_(scenes.c.id == _ROWS.scene_id, scenes.c.version == _ROWS.vers
 
 
 def record_names(connection: Connection, scene_id: str, parent: str, version: str, names: VersionNames) -> None:
-    """Write the names of a version that becomes current, in the transaction that makes it so; `parent` was current."""
+    """Writes the names of a version in the transaction that makes it current."""
     now = time.time()
     if names.unchanged:
         columns = [literal(version) if column is _ROWS.version else column for column in _ROWS]
@@ -123,14 +117,13 @@ def record_names(connection: Connection, scene_id: str, parent: str, version: st
 
 
 def forget_names(connection: Connection, scene_id: str, version: str | None = None) -> None:
-    """Remove the names of a version of a scene, or of all of them."""
+    """Deletes the names of a version of a scene; None: of all versions."""
     of_version = () if version is None else (_ROWS.version == version,)
     connection.execute(delete(known_names).where(_ROWS.scene_id == scene_id, *of_version))
 
 
 class KnownNameRepository:
-    """The names that people gave in one project; every method is one transaction. All raise `DatabaseError` when the
-    database is away."""
+    """Known names of a project; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine, project: str | None = None) -> None:
         self._project = project
@@ -138,20 +131,22 @@ class KnownNameRepository:
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def keys(self) -> Sequence[tuple[str, str]]:
-        """Id and version of every name that counts. No row ever changes: as long as these stay, so does what `all`
-        returns, whichever process writes."""
+        """Lists (id, version) of all names that count.
+
+        Rows never change: while these keys are the same, so is the result of `all`.
+        """
         query = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within()).order_by(_ROWS.id)
         with self._reading() as connection:
             return [(each, version) for each, version in connection.execute(query)]
 
     def all(self) -> Sequence[KnownNameRecord]:
-        """Every name that counts, newest first, without pictures."""
+        """Lists all names that count, newest first, without pictures."""
         query = select(*_PLAIN).join(scenes, _OF_CURRENT).where(self._within()).order_by(*_NEWEST_FIRST)
         with self._reading() as connection:
             return [_record(row) for row in connection.execute(query).mappings()]
 
     def page(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[KnownNameRecord]:
-        """Up to `limit` names that count, newest first, those after (named_at, id)."""
+        """Lists names that count, newest first, after (named_at, id)."""
         query = select(*_ROWS).join(scenes, _OF_CURRENT).where(self._within())
         if after is not None:
             at, name_id = after
@@ -161,12 +156,7 @@ class KnownNameRepository:
             return [_record(row) for row in rows.mappings()]
 
     def forget(self, name_id: str | None) -> None:
-        """Remove a name, or all of the project with None, from the versions that are not current, too; scenes keep
-        theirs.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Deletes a name (unknown: `NotFoundError`), or all of the project; scenes keep theirs."""
         mine = _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
         of_id = () if name_id is None else (_ROWS.id == name_id,)
         with self._writing() as connection:
@@ -184,7 +174,7 @@ def _record(row: RowMapping) -> KnownNameRecord:
 
 
 def _leave(connection: Connection, scene_id: str, limit: int) -> None:
-    """Remove all but the newest `limit` names of the project of a scene."""
+    """Deletes all but the newest `limit` names of the scene's project."""
     project = connection.scalar(select(scenes.c.project).where(scenes.c.id == scene_id))
     newest = select(_ROWS.named_at).join(scenes, _OF_CURRENT).where(scenes.c.project == project)
     oldest = connection.scalar(newest.order_by(_ROWS.named_at.desc()).offset(limit - 1).limit(1))

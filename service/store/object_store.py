@@ -1,19 +1,19 @@
-"""Object storage of uploads and scenes (S3 or whatever fsspec speaks), for machines that share no folder.
+"""Object storage of uploads and scenes, for machines without a shared folder.
 
-A folder is stored as one object a file, below a prefix that no other attempt uses, and then one *manifest* object that
-names the prefix, the files, their sizes and digests. The folder exists once its manifest does: what breaks off leaves
-objects that nothing names, which `remove_partial` removes. Keys, below the URL:
+It may be S3 or any fsspec file system. A folder is stored as one object per file below a prefix unique to the attempt,
+then a manifest object with the prefix, files, sizes and digests. The folder exists once its manifest does;
+`remove_partial` removes objects of attempts that broke off. Keys, below the URL:
 
     <kind>/<id>/...  kind is `uploads` or `scenes`; scenes have one folder a version
     .../manifest.json                 written last
     .../parts-<random>/<file name>    written before
-    jobs/<run id>/<file name>         what can be looked at while a job runs: a file each, never changed
+    jobs/<run id>/<file name>         progress files of running jobs, never changed
     trash/<scene id>.<version>.<second>/<version>/...   versions that have no row
     trash/<scene id>.<second>/...     scenes that lost their rows
     identity                          see `service.store.identity`
 
-Readers copy a folder into the data directory once, check every digest, and use it from there; what is there is whole.
-Credentials come from where the store's own tools look: AWS_ACCESS_KEY_ID and so on.
+Readers copy a folder into the data directory once, checking every digest, and use the copy. Credentials come from the
+store's usual sources: AWS_ACCESS_KEY_ID and so on.
 """
 
 from __future__ import annotations
@@ -43,10 +43,10 @@ _IDENTITY = "identity"
 
 @dataclass(frozen=True)
 class ObjectStoreBlobs(Blobs):
-    """As `Blobs`, with uploads and scenes below `prefix` of `files`, an fsspec file system.
+    """`Blobs` with uploads and scenes below `prefix` of the fsspec file system `files`.
 
-    `cache_bytes` bounds the copies of scenes on this machine; the least recently fetched leave first. All methods that
-    reach the store raise `ObjectStoreError` when it does not answer.
+    `cache_bytes` limits the local copies of scenes; the least recently fetched are removed first. All methods that
+    reach the store may raise `ObjectStoreError`.
     """
 
     files: Any = field(repr=False)
@@ -54,7 +54,6 @@ class ObjectStoreBlobs(Blobs):
     cache_bytes: int = 0
 
     def identity(self) -> str | None:
-        """See `Blobs`."""
         with _store_errors():
             try:
                 content: bytes = self.files.cat_file(self._key(_IDENTITY))
@@ -63,7 +62,6 @@ class ObjectStoreBlobs(Blobs):
         return content.decode() or None
 
     def keep_identity(self, identity: str, *, replace: bool = False) -> str:
-        """See `Blobs`."""
         with _store_errors(absence=()):
             try:
                 mode = "overwrite" if replace else "create"
@@ -73,41 +71,35 @@ class ObjectStoreBlobs(Blobs):
         return identity
 
     def ids(self, kind: str) -> tuple[str, ...]:
-        """See `Blobs`."""
         here = set(super().ids(kind))
         if kind in ("uploads", "scenes", "jobs"):
             here |= {PurePosixPath(name).name for name in self._list(self._key(kind))}
         return tuple(sorted(here))
 
     def keep_upload(self, upload_id: str) -> None:
-        """See `Blobs`."""
         self._put(self.upload(upload_id), self._key("uploads", upload_id))
 
     def fetch_upload(self, upload_id: str) -> Path:
-        """See `Blobs`. Raises `ArtefactError` if it is not there."""
+        """Overrides `Blobs`; raises `ArtefactError` if the upload is not there."""
         folder = self.upload(upload_id)
         if not folder.is_dir() and not self._get(self._key("uploads", upload_id), folder):
             raise ArtefactError(f"upload {upload_id} is not in the object store")
         return folder
 
     def drop_upload(self, upload_id: str) -> None:
-        """See `Blobs`."""
         super().drop_upload(upload_id)
         self._drop(self._key("uploads", upload_id))
 
     def upload_age(self, upload_id: str) -> float:
-        """See `Blobs`."""
         if self.upload(upload_id).is_dir():
             return super().upload_age(upload_id)
         return self._age(self._key("uploads", upload_id))
 
     def keep_progress_file(self, run_id: str, name: str) -> None:
-        """See `Blobs`."""
         with _store_errors(absence=()):
             self.files.put_file(str(self.progress_file(run_id, name)), self._key("jobs", run_id, name))
 
     def read_progress_file(self, run_id: str, name: str) -> bytes | None:
-        """See `Blobs`."""
         with _store_errors():
             try:
                 content: bytes = self.files.cat_file(self._key("jobs", run_id, name))
@@ -116,17 +108,15 @@ class ObjectStoreBlobs(Blobs):
         return content
 
     def drop_progress_file(self, run_id: str, name: str) -> None:
-        """See `Blobs`."""
         super().drop_progress_file(run_id, name)
         self._drop(self._key("jobs", run_id, name))
 
     def drop_job(self, run_id: str) -> None:
-        """See `Blobs`."""
         super().drop_job(run_id)
         self._drop(self._key("jobs", run_id))
 
     def publish(self, source: Path, scene_id: str, version: str) -> Path:
-        """See `Blobs`; one that is there already stays, and `source` is gone either way."""
+        """Overrides `Blobs`; a version that is there already stays, and `source` is removed either way."""
         write_digests(source)
         self._put(source, self._key("scenes", scene_id, version))
         remove(source)
@@ -136,10 +126,10 @@ class ObjectStoreBlobs(Blobs):
         return folder
 
     def fetch_version(self, scene_id: str, version: str) -> Path | None:
-        """See `Blobs`. A copy whose scene was removed elsewhere may be returned for a while.
+        """Overrides `Blobs`; may return a local copy of a scene removed elsewhere.
 
         Raises:
-            ArtefactError: what the store has is not what was put there.
+            ArtefactError: the stored files were damaged.
         """
         folder = self.version(scene_id, version)
         if not folder.is_dir():
@@ -153,12 +143,11 @@ class ObjectStoreBlobs(Blobs):
         return folder
 
     def drop_version(self, scene_id: str, version: str) -> None:
-        """See `Blobs`."""
         self._drop(self._key("scenes", scene_id, version))
         super().drop_version(scene_id, version)
 
     def versions(self) -> dict[tuple[str, str], float]:
-        """See `Blobs`. Copies on this machine do not count."""
+        """Overrides `Blobs`; does not count copies on this machine."""
         published = {}
         with _store_errors():
             for name, entry in self.files.find(self._key("scenes"), detail=True).items():
@@ -168,7 +157,6 @@ class ObjectStoreBlobs(Blobs):
         return published
 
     def trash_version(self, scene_id: str, version: str, now: float) -> None:
-        """See `Blobs`."""
         self._copy(
             self._key("scenes", scene_id, version),
             self._key("trash", trash_name(f"{scene_id}.{version}", now), version),
@@ -176,32 +164,28 @@ class ObjectStoreBlobs(Blobs):
         self.drop_version(scene_id, version)
 
     def drop_scene(self, scene_id: str) -> None:
-        """See `Blobs`."""
         self._drop(self._key("scenes", scene_id))
         super().drop_scene(scene_id)
 
     def trash_scene(self, scene_id: str, now: float) -> None:
-        """See `Blobs`."""
         self._copy(self._key("scenes", scene_id), self._key("trash", trash_name(scene_id, now)))
         self.drop_scene(scene_id)
 
     def _copy(self, source: str, target: str) -> None:
-        """Copy all objects below a key, as an object store cannot rename; manifests last."""
+        """Copies all objects below a key, manifests last, as object stores cannot rename."""
         with _store_errors():
             for name in sorted(self.files.find(source), key=lambda name: name.endswith(f"/{_MANIFEST}")):
                 with suppress(FileNotFoundError):  # another worker moved it first
                     self.files.cp_file(name, target + str(name).partition(source)[2])
 
     def trashed_scenes(self) -> tuple[str, ...]:
-        """See `Blobs`."""
         return tuple(sorted(PurePosixPath(name).name for name in self._list(self._key("trash"))))
 
     def drop_trashed(self, name: str) -> None:
-        """See `Blobs`."""
         self._drop(self._key("trash", name))
 
     def remove_partial(self, expiry_s: float) -> None:
-        """See `Blobs`; also parts that no manifest names."""
+        """Overrides `Blobs`; also removes parts that no manifest names."""
         super().remove_partial(expiry_s)
         for path in (self.root / "incoming").glob("*"):
             if time.time() - path.stat().st_mtime > expiry_s:
@@ -225,7 +209,7 @@ class ObjectStoreBlobs(Blobs):
                 self.files.rm(f"{key}/{parts}", recursive=True)
 
     def _get(self, key: str, target: Path) -> bool:
-        """Copy a folder here, whole or not at all. False if there is none."""
+        """Copies a folder to `target`, whole or not at all; False if there is none."""
         manifest = self._manifest(key)
         if manifest is None:
             return False
@@ -266,7 +250,7 @@ class ObjectStoreBlobs(Blobs):
         return manifest
 
     def _drop(self, key: str) -> None:
-        # Manifests first: from there on it does not exist.
+        # Manifests first: without one, the folder does not exist.
         with _store_errors():
             names = self.files.find(key)
             for name in sorted(names, key=lambda name: not name.endswith(f"/{_MANIFEST}")):
@@ -285,7 +269,7 @@ class ObjectStoreBlobs(Blobs):
                 return []
 
     def _parts(self, key: str) -> dict[str, tuple[float, str]]:
-        """Age in seconds of the youngest object, and the key of the folder, of all parts below a key."""
+        """Maps parts to (age of the youngest object in seconds, key of their folder)."""
         youngest: dict[str, tuple[float, str]] = {}
         with _store_errors():
             for name, entry in self.files.find(key, detail=True).items():
@@ -319,16 +303,12 @@ class ObjectStoreBlobs(Blobs):
 
 
 def open_blobs(root: Path, settings: ArtefactSettings) -> Blobs:
-    """Where uploads and scenes are kept: below `root`, or in the object store that the settings name.
-
-    Raises:
-        InvalidInputError: no file system speaks that URL, or what it needs is not installed.
-    """
+    """Opens the folder `root` or an object store; unsupported URLs raise `InvalidInputError`."""
     if not settings.url:
         return Blobs(root)
     import fsspec
 
-    # Listings are not remembered: other processes write.
+    # No cache of listings: other processes write.
     options: dict[str, Any] = {"use_listings_cache": False, "skip_instance_cache": True}
     if settings.url.startswith("file:"):
         options["auto_mkdir"] = True
@@ -347,7 +327,7 @@ def open_blobs(root: Path, settings: ArtefactSettings) -> Blobs:
 
 @contextmanager
 def _store_errors(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> Iterator[None]:
-    """Errors of the store's client become `ObjectStoreError`; `absence` passes through."""
+    """Turns errors of the store's client into `ObjectStoreError`; `absence` passes through."""
     try:
         yield
     except absence:
@@ -357,7 +337,7 @@ def _store_errors(absence: tuple[type[OSError], ...] = (FileNotFoundError,)) -> 
 
 
 def _changed_at(entry: Mapping[str, Any]) -> float:
-    """Seconds since 1970, of an entry of a listing; file systems name this field differently."""
+    """Returns a listing entry's time in seconds since 1970; file systems name the field differently."""
     moment = next(
         entry[word] for word in ("LastModified", "last_modified", "mtime", "updated", "created") if word in entry
     )

@@ -1,4 +1,4 @@
-"""Jobs on finished scenes as they are ordered."""
+"""Creation of jobs on finished scenes."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from fastsplat_contract.operations import OperationKind, SceneOptions
 
 
 def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mapping[str, Any], project: str) -> NewJob:
-    """The job that does an order.
+    """Builds the job that carries out an order on a scene.
 
     Args:
-        kind: of the work, the key of the order in the job's options.
-        request_id: the same id with the same order is the same operation; "" for none.
-        order: what is asked for, as JSON.
-        project: whose scene it is.
+        kind: kind of work, the key of the order in the job's options.
+        request_id: idempotency key; "" for none.
+        order: the request as JSON.
+        project: the scene's project.
     """
     content = json.dumps({"scene": scene_id, kind: order}, sort_keys=True)
     return NewJob(

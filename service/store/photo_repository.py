@@ -1,4 +1,4 @@
-"""Photo verdicts in the database: written by the worker of a scene's capture, read with the scene."""
+"""Photo verdicts: written by the worker that captures the scene, read with the scene."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from fastsplat.service.store.schema import scene_photos, scenes
 
 
 def record_photos(connection: Connection, scene_id: str, photos: Sequence[Mapping[str, Any]]) -> None:
-    """Write the verdicts of a scene's photos as JSON objects, in place of earlier ones; of a deleted scene nothing."""
+    """Replaces the photo verdicts (JSON objects) of a scene; does nothing if it was deleted."""
     forget_photos(connection, scene_id)
     if connection.scalar(select(scenes.c.id).where(scenes.c.id == scene_id)) is not None:
         connection.execute(insert(scene_photos).values(scene_id=scene_id, photos=[dict(photo) for photo in photos]))
 
 
 def forget_photos(connection: Connection, scene_id: str) -> None:
-    """Remove the verdicts of a scene's photos."""
     connection.execute(delete(scene_photos).where(scene_photos.c.scene_id == scene_id))
 
 
 class PhotoRepository:
-    """Verdicts of photos; every method is one transaction. All raise `DatabaseError` when the database is away."""
+    """Photo verdicts; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def of_scene(self, scene_id: str) -> Sequence[Mapping[str, Any]]:
-        """As `record_photos` wrote them; empty if nobody has looked. Whether the scene is the caller's: not asked."""
+        """Returns a scene's verdicts, [] if there are none; does not check the scene's project."""
         query = select(scene_photos.c.photos).where(scene_photos.c.scene_id == scene_id)
         with self._reading() as connection:
             photos = connection.scalar(query)
@@ -40,11 +39,7 @@ class PhotoRepository:
 
 
 def read_verdicts(row: Mapping[Any, Any]) -> Sequence[Mapping[str, Any]]:
-    """The verdicts in a row, as `record_photos` wrote them.
-
-    Raises:
-        ArtefactError: they cannot be read.
-    """
+    """Returns the verdicts of a row; raises `ArtefactError` if they cannot be read."""
     photos: Sequence[Mapping[str, Any]] = row["photos"]
     require(f"photos of scene {row['scene_id']}", photos=are_objects(photos, "name", "placed"))
     return photos

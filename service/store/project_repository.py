@@ -1,4 +1,4 @@
-"""Projects in the database. Every scene, operation, request id and key belongs to one."""
+"""Projects in the database; every scene, operation, request id and key belongs to one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat_contract.errors import ConflictError
 
 @dataclass(frozen=True)
 class ProjectRecord:
-    """One project. `created_at` is seconds since 1970, UTC; `keys` counts revoked and expired ones, too."""
+    """A project; `created_at` is seconds since 1970, UTC, `keys` counts revoked and expired ones, too."""
 
     name: str
     created_at: float
@@ -25,18 +25,14 @@ class ProjectRecord:
 
 
 class ProjectRepository:
-    """Projects in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
+    """Projects; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._reading = engine.execution_options(read_only=True)
 
     def add(self, name: str) -> None:
-        """Insert a project.
-
-        Raises:
-            ConflictError: there is one of that name.
-        """
+        """Inserts a project; raises `ConflictError` if the name is taken."""
         try:
             with transaction(self._engine) as connection:
                 connection.execute(insert(projects).values(name=name, created_at=time.time()))
@@ -44,27 +40,25 @@ class ProjectRepository:
             raise ConflictError(f"there is a project {name!r} already", field="project") from None
 
     def exists(self, name: str) -> bool:
-        """Whether there is a project of that name."""
         with transaction(self._reading) as connection:
             return bool(connection.scalar(select(exists().where(projects.c.name == name))))
 
     def names(self) -> Sequence[str]:
-        """The name of every project."""
         with transaction(self._reading) as connection:
             return list(connection.scalars(select(projects.c.name)))
 
     def agree(self, name: str, namer_host: str) -> None:
-        """Note to which namer's host pictures of a project may go; "": to none."""
+        """Sets the host whose naming service may receive the project's pictures; "": none."""
         with transaction(self._engine) as connection:
             connection.execute(update(projects).where(projects.c.name == name).values(namer_host=namer_host))
 
     def agreed(self, name: str) -> str:
-        """To which namer's host pictures of a project may go; "": to none."""
+        """Returns the host set by `agree`; "": none."""
         with transaction(self._reading) as connection:
             return str(connection.scalar(select(projects.c.namer_host).where(projects.c.name == name)) or "")
 
     def all(self) -> Sequence[ProjectRecord]:
-        """Every project by name."""
+        """Lists all projects by name."""
         counts = [
             select(func.count()).where(table.c.project == projects.c.name).scalar_subquery()
             for table in (scenes, api_keys)

@@ -1,4 +1,4 @@
-"""Quota usage of projects: scenes, the bytes they were made of, jobs that wait or run."""
+"""Quota usage of projects: scenes, uploaded bytes, unfinished jobs."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from sqlalchemy import Connection, Engine, delete, func, insert, select, text
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import operations, quota_usage, scenes
 
-_LOCK_SPACE = 0x484F4C44  # any number, the same for all processes that open one PostgreSQL database
+_LOCK_SPACE = 0x484F4C44  # arbitrary, but the same for all processes
 
 
 @dataclass(frozen=True)
 class Usage:
-    """What one project uses now: scenes, bytes of the uploads they were made of, and jobs that are queued or run."""
+    """A project's scenes, bytes of the uploads they were made from, and unfinished jobs."""
 
     scenes: int
     stored_bytes: int
@@ -22,26 +22,20 @@ class Usage:
 
 
 class QuotaUsage:
-    """Usage of all projects, in the database."""
-
     def __init__(self, engine: Engine) -> None:
         self._reading = engine.execution_options(read_only=True)
 
     def of(self, project: str) -> Usage:
-        """What a project uses now.
-
-        Raises:
-            DatabaseError: the database does not answer.
-        """
+        """Returns a project's usage; may raise `DatabaseError`."""
         with transaction(self._reading) as connection:
             return _usage(connection, project)
 
 
 def reserve(connection: Connection, project: str, scene_id: str, size: int) -> Usage:
-    """Count a scene of `size` bytes against its project, in the transaction that makes it; returns the usage with it.
+    """Counts a scene of `size` bytes in its transaction; returns the new usage.
 
-    A project's scenes are made one after the other, so that two of them cannot both be the last that a quota allows:
-    SQLite has one writer at a time anyway, PostgreSQL's take a lock in the project's name.
+    Scenes of a project are made one after the other, so that two cannot both be the last within the quota: SQLite has
+    one writer at a time, PostgreSQL takes an advisory lock for the project.
     """
     if connection.dialect.name == "postgresql":
         name = {"space": _LOCK_SPACE, "project": project}

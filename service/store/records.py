@@ -1,5 +1,4 @@
-"""Rows of the database as frozen values. JSON parts are plain dicts and lists. One that cannot be what it says raises
-`SceneFileError` (a scene, a version) or `ArtefactError`, see `damaged_rows`."""
+"""Database rows as frozen dataclasses, with JSON columns as plain dicts and lists."""
 
 from __future__ import annotations
 
@@ -12,20 +11,19 @@ from fastsplat_contract.operations import AgainAfter, OperationKind, OperationSt
 from fastsplat_contract.scenes import Scale, SceneState
 
 DEFAULT_PROJECT = "default"
-"""The project of those who name none; every database has it."""
+"""The project used when none is named; every database has it."""
 
 SECONDS_LEFT = "job_seconds_left"
-"""The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
+"""Stage metric: seconds until the whole job is done; -1 if unknown again."""
 
 RESULT = "result"
-"""Key of `OperationRecord.options` that only jobs on finished scenes have: what came of it. The order is under the name
-of the job's kind."""
+"""Key of `OperationRecord.options` with the result of a job on a finished scene."""
 
 RETRIES = "retries"
 EXCLUDED = "exclude"
 AGAIN_AFTER = "again_after"
 RELEASED = "released"
-"""Keys of `OperationRecord.options` that the queue writes; `RELEASED`: its worker was told to stop and gave it back."""
+"""Keys of `OperationRecord.options` that the queue writes; `RELEASED`: given back by its worker."""
 
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
@@ -33,14 +31,13 @@ _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
-    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
+    """A scene; times are seconds since 1970, UTC."""
 
     id: str
     name: str
     operation_id: str
     state: SceneState
-    version: str
+    version: str  # "" until it can be queried; a draft, possibly edited, while not READY
     created_at: float
     gaussians: int
     scale: Scale
@@ -73,12 +70,11 @@ class SceneRecord:
 
 @dataclass(frozen=True)
 class OperationRecord:
-    """One job. `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token.
+    """A job; jobs with a higher priority run first.
 
-    `progress_files` has what can be looked at while the job runs, by kind ("preview", "placed"): the "file" (see
-    `Blobs.progress_file`), and "info", a `PreviewInfo` or `PlacedInfo` as JSON.
-
-    Higher priorities run first. A job on a finished scene has no upload but an order.
+    `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token. `progress_files` maps a kind
+    ("preview", "placed") to its "file" (see `Blobs.progress_file`) and "info" (`PreviewInfo` or `PlacedInfo` as JSON).
+    A job on a finished scene has no upload but an order, in `options` under the name of its kind.
     """
 
     id: str
@@ -122,54 +118,53 @@ class OperationRecord:
 
     @property
     def retries(self) -> int:
-        """How often the job was queued again after it had failed or was cancelled."""
+        """Number of times the job was queued again after failure or cancellation."""
         return int(self.options.get(RETRIES, 0))
 
     @property
     def excluded(self) -> tuple[str, ...]:
-        """Paths of the photos of its upload that retries asked to leave out."""
+        """Paths of uploaded photos that retries asked to leave out."""
         return tuple(self.options.get(EXCLUDED, ()))
 
     @property
     def again_after(self) -> AgainAfter | None:
-        """What ended the attempt before; None in the first one."""
+        """The reason why the previous attempt ended; None in the first one."""
         after: AgainAfter | None = self.options.get(AGAIN_AFTER)
         return after
 
     @property
     def kind(self) -> OperationKind:
-        """What the job does; one without an order makes its scene."""
+        """The kind of work; a job without an order makes its scene."""
         return next((kind for kind in _KINDS if self.options.get(kind) is not None), "create_scene")
 
     @property
     def makes_scene(self) -> bool:
-        """Whether the job makes its scene, of an upload; others work on a finished one."""
+        """True if the job makes its scene from an upload."""
         return self.kind == "create_scene"
 
     @property
     def order(self) -> Mapping[str, Any]:
-        """What was ordered of a job on a finished scene, as JSON; empty for one that makes its scene."""
+        """The order of a job on a finished scene, as JSON; empty for others."""
         return self.options.get(self.kind) or {}
 
     @property
     def result(self) -> Mapping[str, Any] | None:
-        """What came of a job on a finished scene, as JSON; None as long as there is nothing."""
+        """Result of a job on a finished scene, as JSON; None until there is one."""
         found: Mapping[str, Any] | None = self.options.get(RESULT)
         return found
 
     @property
     def run_id(self) -> str:
-        """Name of this run of the job, of its work folder and of the scene's version that it makes.
+        """Name of this run, its work folder and its scene version.
 
-        Each retry is a run of its own, so that what a late worker of an ended run writes or removes is not the next
-        run's.
+        Each retry has its own, so that a late worker of an ended run cannot touch the next one's files.
         """
         return f"{self.id}.{self.retries}" if self.retries else self.id
 
 
 @dataclass(frozen=True)
 class NewJob:
-    """A scene and its operation, to be created together."""
+    """A job to be created, together with its scene if it makes one."""
 
     scene_id: str
     operation_id: str
@@ -184,7 +179,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
+    """The columns of a scene that a finished job writes."""
 
     version: str
     gaussians: int
@@ -197,17 +192,10 @@ class SceneSummary:
 
 @dataclass(frozen=True)
 class WorkerRecord:
-    """One worker process.
-
-    Attributes:
-        executor_id: its name.
-        host, pid: the machine it runs on, and its process id there.
-        started_at: when it registered, in seconds after the boot of its machine.
-        heartbeat_at: in seconds since 1970 by its own clock; 0 once it has stopped by itself.
-    """
+    """A worker process."""
 
     executor_id: str
     host: str
     pid: int
-    started_at: float
-    heartbeat_at: float
+    started_at: float  # seconds since its machine booted
+    heartbeat_at: float  # seconds since 1970 by its clock; 0 once it has stopped by itself

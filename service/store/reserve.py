@@ -1,4 +1,4 @@
-"""Disk reserve: a file that holds space free for what must work on a full disk: deleting."""
+"""Disk reserve: a file that keeps space for deletions on a full disk."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ T = TypeVar("T")
 _NAME = ".reserve"
 _BYTES = 8 << 20
 _MARGIN = 4
-"""The reserve is made where so many times its size is free."""
+"""The reserve is made only if this many times its size is free."""
 _LARGEST_SHARE = 20
-"""On a small disk, the floor of free space is one part in so many of it."""
+"""On a small disk, the floor of free space is its size divided by this."""
 
 
 @dataclass(frozen=True)
 class Reserve:
-    """The reserve of one data folder. SQLite cannot write the row that would free megabytes without some bytes more."""
+    """The reserve of a data folder; SQLite needs some space even to delete rows."""
 
     root: Path
 
     def fill(self) -> None:
-        """Make the file, if it is not there and the disk has room for it."""
+        """Makes the file, if it is missing and the disk has room for it."""
         path = self.root / _NAME
         with suppress(OSError):
             if not path.exists() and shutil.disk_usage(self.root).free > _MARGIN * _BYTES:
@@ -39,11 +39,7 @@ class Reserve:
                     os.close(handle)
 
     def lend(self, call: Callable[[], T]) -> T:
-        """The result of `call`, which frees space; if the database refuses, once more without the reserve.
-
-        Raises:
-            DatabaseError: it refuses then too, or there is no reserve.
-        """
+        """Calls `call`, which frees space; after a `DatabaseError` once more, without the reserve."""
         try:
             return call()
         except DatabaseError:
@@ -52,7 +48,7 @@ class Reserve:
             return call()
 
     def _give_up(self) -> bool:
-        """Whether there was a reserve."""
+        """Removes the reserve; True if there was one."""
         try:
             (self.root / _NAME).unlink()
             return True
@@ -61,21 +57,12 @@ class Reserve:
 
 
 def floor_of(root: Path, floor_bytes: int) -> int:
-    """Bytes that must be free for an upload: as set, but no more than a twentieth of a small disk."""
+    """Returns the bytes that uploads leave free, at most a twentieth of the disk."""
     return min(floor_bytes, shutil.disk_usage(root).total // _LARGEST_SHARE)
 
 
 def check_free_space(root: Path, floor_bytes: int, more_bytes: int = 0) -> None:
-    """Return if an upload may begin.
-
-    Args:
-        root: the data folder.
-        floor_bytes: must be free beside the upload; on a small disk a twentieth of it is enough.
-        more_bytes: size of the upload, as far as it is known.
-
-    Raises:
-        ResourceError: there is too little space.
-    """
+    """Raises `ResourceError` unless an upload of `more_bytes` leaves the floor (`floor_of`) free."""
     floor_bytes = floor_of(root, floor_bytes)
     if floor_bytes and shutil.disk_usage(root).free < floor_bytes + more_bytes:
         raise ResourceError(

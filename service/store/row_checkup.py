@@ -1,4 +1,4 @@
-"""Checkup of a database's rows: those that nobody can read, and those that name what is not there."""
+"""Checkup of database rows: unreadable ones, and references to missing rows."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _COLUMNS: Mapping[Table, Sequence[Table | Column[Any]]] = {
     **{
         table: (table,) for table in (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
     },
-    known_names: (known_names.c.id, known_names.c.version, known_names.c.scene_id),  # others are large
+    known_names: (known_names.c.id, known_names.c.version, known_names.c.scene_id),  # other columns are large
 }
 _POINTING = (
     (scenes, "operation_id", operations), (scenes, "project", projects),
@@ -43,7 +43,7 @@ _POINTING = (
     (scene_versions, "scene_id", scenes), (known_names, "scene_id", scenes), (scene_photos, "scene_id", scenes),
     (api_keys, "project", projects), (api_keys, "operation_id", operations), (api_keys, "scene_id", scenes),
 )  # fmt: skip
-"""Columns that name a row of another table. Usage of a scene that was deleted stays until the next is counted."""
+"""References to other tables; not of `quota_usage`, whose stale rows the next scene removes."""
 
 
 def check_rows(
@@ -53,12 +53,12 @@ def check_rows(
     read_version: Callable[[VersionRecord], object],
     kept_since: float,
 ) -> Iterator[Problem]:
-    """Rows that cannot be read, and that name what is not there; and folders of versions that no row names.
+    """Finds unreadable rows, references to missing rows, and version folders that no row names.
 
     Args:
-        read_scene, read_operation, read_version: make what callers see of a row, and raise `SceneFileError` or
-            `ArtefactError` if that cannot be done.
-        kept_since: seconds since 1970; operations that ended later have their rows.
+        read_scene, read_operation, read_version: build what callers see of a row, or raise `SceneFileError` or
+            `ArtefactError`.
+        kept_since: seconds since 1970; operations that ended later still have their rows.
     """
     folders = {} if isinstance(store.blobs, ObjectStoreBlobs) else _folders(store)  # listed before the rows are read
     with store.engine.execution_options(read_only=True).begin() as connection:
@@ -101,7 +101,10 @@ def check_rows(
 
 
 def _points(table: Table, column: str, row: RowMapping, kept_since: float) -> bool:
-    """Whether what a row names is to be there: work that is over, and keys that are of no use, outlive it."""
+    """True if the referenced row must exist.
+
+    It need not for finished jobs, old keys for one upload and revoked keys for one scene.
+    """
     if table is operations and column == "scene_id":
         return row["state"] in ("QUEUED", "RUNNING") and not row["cancel_requested"]
     if table is api_keys and column == "operation_id":

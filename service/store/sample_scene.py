@@ -1,8 +1,8 @@
-"""The trained sample scene that comes with the product: questions can be asked without photos, training and network.
+"""The bundled trained sample scene, for queries without photos, training and network.
 
-`sample_scene.zip` is a backup of a data folder (`service.store.backup`) with the one scene, trained of the capture in
-`demo/sample` (`make sample-scene` makes it anew). The PLY file of the scene, half of all bytes, is left out: it is
-written again of the same Gaussians, to the bit, as restoring the backup checks.
+`sample_scene.zip` is a backup of a data folder (`service.store.backup`) with one scene, trained from `demo/sample`
+(`make sample-scene`). Its PLY file, half of all bytes, is left out and written again from the same Gaussians, bit for
+bit, as the restoration checks.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from fastsplat_contract.errors import InvalidInputError, ResourceError, SceneFil
 
 SAMPLE_ARCHIVE = Path(__file__).with_name("sample_scene.zip")
 PLY_NAME = "scene.ply"
-"""What the archive leaves out, in the folder of each version beside `artefact`."""
+"""Left out of the archive; lies beside each version's `artefact` folder."""
 
 
 def unpack_sample(folder: Path) -> None:
-    """Make `folder`, which is empty or not there, the data folder of a service with the sample scene.
+    """Makes an empty or missing folder a data folder with the sample scene.
 
     Raises:
         ConflictError: the folder is not empty.
         ResourceError: the disk is full, or the archive is not installed.
         InvalidInputError: the archive is damaged.
     """
-    from fastsplat.service.store.backup import restore  # commands that open no sample do without
+    from fastsplat.service.store.backup import restore  # imported only if a sample is opened
 
     if not SAMPLE_ARCHIVE.is_file():
         raise ResourceError(

@@ -1,4 +1,4 @@
-"""Scenes and their operations in the database: create, look up, list, cancel, delete."""
+"""Scenes and their operations in the database."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ _LISTED = [column for column in scenes.c if column.name != "cameras"]
 
 
 class SceneRepository:
-    """Scenes and operations in one database; every method is one transaction and safe from any thread.
+    """Scenes and operations; each method is one transaction, safe from any thread.
 
-    All of them raise `DatabaseError` when the database does not answer.
+    All may raise `DatabaseError`; those that take a scene or operation id raise `NotFoundError` if it does not exist
+    here.
 
     Args:
-        engine: of the database.
-        project: there are no scenes and operations but this project's; None: there are those of all projects.
+        project: limits scenes and operations to a project; None: all projects.
+        scene_id: limits them to one scene; "": all scenes.
     """
 
     def __init__(self, engine: Engine, project: str | None = None, scene_id: str = "") -> None:
@@ -42,14 +43,13 @@ class SceneRepository:
     def create(
         self, job: NewJob, within: Callable[[Connection], None] = lambda connection: None
     ) -> tuple[OperationRecord, bool]:
-        """Make a scene and its queued operation, or return the operation that this request id made before.
+        """Makes a scene and its queued operation, or returns that of an earlier request.
 
         Args:
-            job: what to make.
-            within: called in the transaction once both are there; if it raises, neither is made.
+            within: called in the transaction after both inserts; if it raises, neither is made.
 
         Returns:
-            The operation, and whether it is new.
+            The operation, and True if it is new.
 
         Raises:
             ConflictError: the request id was used for a request with other content.
@@ -79,12 +79,7 @@ class SceneRepository:
         photos: Sequence[Mapping[str, Any]],
         within: Callable[[Connection], None],
     ) -> OperationRecord:
-        """Write a scene whose version is in place, with the operation that made it and the verdicts of its photos; or
-        return the operation that this request id made before. `within` as in `create`.
-
-        Raises:
-            ConflictError: the request id was used for a request with another digest.
-        """
+        """Inserts a scene whose version is in place, with operation and photos; otherwise as `create`."""
         try:
             with self._writing() as connection:
                 connection.execute(insert(operations).values(request_id=request_id, **vars(operation)))
@@ -99,12 +94,7 @@ class SceneRepository:
             return earlier
 
     def add_job(self, job: NewJob) -> OperationRecord:
-        """Make a queued operation on a scene that exists, or return the one that this request id made before.
-
-        Raises:
-            NotFoundError: there is no such scene.
-            ConflictError: the request id was used for another request.
-        """
+        """Queues an operation on an existing scene; request ids and errors are as in `create`."""
         try:
             with self._writing() as connection:
                 here = select(scenes.c.id).where(scenes.c.id == job.scene_id, *self._within(scenes))
@@ -119,11 +109,7 @@ class SceneRepository:
             return earlier
 
     def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
-        """The operation that this request id made before in a project, or None.
-
-        Raises:
-            ConflictError: it was made by other content.
-        """
+        """Returns the operation made by a request id, or None; other content raises `ConflictError`."""
         if not request_id:
             return None
         with self._reading() as connection:
@@ -140,20 +126,10 @@ class SceneRepository:
         return as_operation(row)
 
     def operation(self, operation_id: str) -> OperationRecord:
-        """One operation.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
         with self._reading() as connection:
             return self._operation(connection, operation_id)
 
     def scene(self, scene_id: str) -> SceneRecord:
-        """One scene, with its cameras.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
         with self._reading() as connection:
             query = select(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
             row = connection.execute(query).mappings().first()
@@ -162,11 +138,7 @@ class SceneRepository:
         return SceneRecord(**row)
 
     def current_version(self, scene_id: str) -> tuple[SceneState, str, str]:
-        """State, version and operation id of a scene, without its long lists.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Returns state, version and operation id of a scene, without its long lists."""
         columns = scenes.c.state, scenes.c.version, scenes.c.operation_id
         query = select(*columns).where(scenes.c.id == scene_id, *self._within(scenes))
         with self._reading() as connection:
@@ -182,8 +154,7 @@ class SceneRepository:
         return state, version, operation_id
 
     def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
-        """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty. Those whose
-        rows cannot be read are left out."""
+        """Lists scenes after (created_at, id), newest first, without cameras and without unreadable rows."""
         query = select(*_LISTED).where(*self._within(scenes))
         query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
         if after is not None:
@@ -196,8 +167,7 @@ class SceneRepository:
     def list_operations(
         self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
     ) -> Sequence[OperationRecord]:
-        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if any, without those
-        whose rows cannot be read."""
+        """Lists operations after (created_at, id), newest first, without unreadable rows."""
         rows = operations.c
         query = select(operations).where(*self._within(operations))
         query = query.order_by(rows.created_at.desc(), rows.id.desc())
@@ -211,18 +181,13 @@ class SceneRepository:
             return first_readable(connection, query, limit, as_operation)
 
     def ready_scene_ids(self) -> Sequence[str]:
-        """Ids of all scenes that can be asked, drafts included, newest first."""
+        """Lists ids of all scenes that can be queried, drafts included, newest first."""
         query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 
     def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
-        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name.
-
-        Raises:
-            NotFoundError: there is none of that id.
-            ConflictError: it has another name than was expected.
-        """
+        """Renames a scene; `ConflictError` unless its name is `expected_name` (None: any) or the new one."""
         this_scene = update(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
         if expected_name is not None:
             this_scene = this_scene.where(scenes.c.name.in_((expected_name, name)))
@@ -235,23 +200,14 @@ class SceneRepository:
         )
 
     def cancel(self, operation_id: str) -> OperationRecord:
-        """Stop an operation: at once if it is queued, soon if it runs, not at all if it is over.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Cancels an operation: at once if queued, soon if running, not if ended."""
         with self._writing() as connection:
             before = self._operation(connection, operation_id)
             _stop(connection, before.id)
             return self._operation(connection, operation_id)
 
     def finish(self, operation_id: str) -> OperationRecord:
-        """Have an operation end its training early, and make its scene of what is there; asked again it stays so.
-
-        Raises:
-            NotFoundError: there is none of that id.
-            NotReadyError: it does not train: its first step is not done, or its last one is.
-        """
+        """Requests an early end of training, keeping its result; `NotReadyError` unless it trains."""
         with self._writing() as connection:
             before = self._operation(connection, operation_id)
             if before.state == "RUNNING" and before.finish_requested:
@@ -262,21 +218,16 @@ class SceneRepository:
             return self._operation(connection, operation_id)
 
     def delete_scene(self, scene_id: str) -> OperationRecord | None:
-        """Delete a scene with its versions, and stop its operations, readable or not; their request ids become free
-        again.
+        """Deletes a scene, stops its operations and frees their request ids.
 
-        Returns:
-            The operation that made it as it now is: while RUNNING, its worker cleans up. None if it cannot be read.
-
-        Raises:
-            NotFoundError: there is none of that id.
+        Returns the operation that made it, whose worker cleans up while RUNNING; None if its row is unreadable.
         """
         this_scene = select(scenes.c.operation_id).where(scenes.c.id == scene_id, *self._within(scenes))
         with self._writing() as connection:
             operation_id = connection.scalar(this_scene)
             if operation_id is None:
                 raise no_scene(scene_id)
-            # Operations first, as in every transaction that changes both, so that none waits for one that waits for it.
+            # Operations first, as in every transaction that changes both, to avoid deadlocks.
             here = operations.c.scene_id == scene_id
             for stopped in connection.scalars(select(operations.c.id).where(here)).all():
                 _stop(connection, stopped)
@@ -305,7 +256,7 @@ class SceneRepository:
 
 
 def queued_row(job: NewJob) -> dict[str, Any]:
-    """The row of an operation that begins to wait now."""
+    """Builds the row of an operation queued now."""
     now = time.time()
     return {
         "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
@@ -316,14 +267,13 @@ def queued_row(job: NewJob) -> dict[str, Any]:
 
 
 def no_operation(operation_id: str) -> NotFoundError:
-    """The error for an unknown operation."""
     return NotFoundError(
         f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
     )
 
 
 def no_upload(operation_id: str) -> NotFoundError:
-    """The error for an operation that cannot be retried because its upload was removed."""
+    """The error of a retry whose upload was removed."""
     return NotFoundError(
         f"the upload of operation {operation_id!r} is not stored any more",
         field="operation",
@@ -332,7 +282,6 @@ def no_upload(operation_id: str) -> NotFoundError:
 
 
 def no_scene(scene_id: str) -> NotFoundError:
-    """The error for an unknown scene."""
     return NotFoundError(
         f"no scene {scene_id[:80]!r}",
         field="scene",
@@ -370,7 +319,6 @@ def _check_trains(operation: OperationRecord) -> None:
 
 
 def as_operation(row: RowMapping) -> OperationRecord:
-    """A row of `operations` as a record."""
     hidden = ("request_id", "worker")
     values: dict[str, Any] = {name: value for name, value in row.items() if name not in hidden}
     return OperationRecord(**values)

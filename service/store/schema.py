@@ -1,4 +1,4 @@
-"""Schema of the database. Times are seconds since 1970, UTC. How to change it: see `service.store.migrations`."""
+"""Database schema; times are seconds since 1970, UTC. `service.store.migrations` says how to change it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ projects = Table(
     metadata,
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
-    # The host of a namer to which pictures of its things may go; "": none.
-    Column("namer_host", String(300), nullable=False, default=""),
+    Column("namer_host", String(300), nullable=False, default=""),  # may receive pictures of things; "": none
 )
 
 scenes = Table(
@@ -49,10 +48,9 @@ scenes = Table(
     Column("dictionary", JSON, nullable=False),
     Column("cameras", JSON, nullable=False),
     Column("quality", JSON, nullable=False),
-    # Of the current version: how its lengths follow from those of the trained one; null: they are the same.
+    # Change of lengths from the trained version to the current one; null: none.
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
-    # Of the current version, as all above but the name; 0 as long as there is none.
     Column("things", Integer, nullable=False, default=0),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
@@ -64,8 +62,7 @@ operations = Table(
     Column("id", String(40), primary_key=True),
     Column("scene_id", String(40), nullable=False),
     Column("state", String(16), nullable=False, index=True),
-    # An idempotency key belongs to one request of a project; it is given back when its scene is deleted.
-    Column("request_id", String(200), nullable=True),
+    Column("request_id", String(200), nullable=True),  # idempotency key; freed when the scene is deleted
     Column("request_digest", String(64), nullable=False),
     Column("upload_id", String(40), nullable=False),
     Column("options", JSON, nullable=False),
@@ -73,19 +70,13 @@ operations = Table(
     Column("error", JSON(none_as_null=True), nullable=True),
     Column("created_at", Double, nullable=False),
     Column("updated_at", Double, nullable=False),
-    # The fencing token: every claim increments it, and a write that carries an older number changes nothing.
+    # Fencing token: every claim increments it, and writes that carry an older one change nothing.
     Column("attempt", Integer, nullable=False, default=0),
-    # Starts since the job last came further than before that ended in a crash or have not ended; a release of the job
-    # takes its start back.
-    Column("starts", Integer, nullable=False, default=0),
-    # The executor id of the worker that has it while it is RUNNING; "": others may claim it.
-    Column("worker", String(80), nullable=False, default=""),
+    Column("starts", Integer, nullable=False, default=0),  # since it last made progress; released ones do not count
+    Column("worker", String(80), nullable=False, default=""),  # executor id; "": it may be claimed
     Column("cancel_requested", Boolean, nullable=False, default=False),
-    # Its training is to end early, and what is there to be kept.
-    Column("finish_requested", Boolean, nullable=False, default=False),
-    # What can be looked at while it runs, by kind; the bytes are in `Blobs.progress_file`.
-    Column("progress_files", JSON(none_as_null=True), nullable=True),
-    # Higher ones first.
+    Column("finish_requested", Boolean, nullable=False, default=False),  # end training early, keeping its result
+    Column("progress_files", JSON(none_as_null=True), nullable=True),  # by kind; see `OperationRecord`
     Column("priority", Integer, nullable=False, default=0),
     _project(),
     UniqueConstraint("project", "request_id", name="operations_request"),
@@ -114,10 +105,9 @@ scene_versions = Table(
     Column("gaussians", Integer, nullable=False),
     Column("dictionary", JSON, nullable=False),
     Column("edits", JSON, nullable=False),
-    # When it last ceased to be current; null: never. By it a redo knows which version was left.
+    # Time at which it last ceased to be current (null: never), by which a redo finds the version to return to.
     Column("current_at", Double, nullable=True),
-    # The name of the key that made it; empty where there was none.
-    Column("author", String(200), nullable=False, default=""),
+    Column("author", String(200), nullable=False, default=""),  # name of the access key; "": none
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
     Column("quality", JSON, nullable=False),
@@ -125,7 +115,7 @@ scene_versions = Table(
     UniqueConstraint("scene_id", "request_id"),
 )
 
-# What people named, with what it looks like; rows of each version of a scene, see `service.store.name_repository`.
+# Names given by people, with the appearance of the thing, for each version of a scene.
 known_names = Table(
     "known_names",
     metadata,
@@ -137,14 +127,11 @@ known_names = Table(
     Column("named_at", Double, nullable=False),
     Column("appearance", LargeBinary, nullable=False),
     Column("picture", LargeBinary, nullable=False),
-    # What sources of suggestions had said of it: [source, probability, right] of each.
-    Column("said", JSON, nullable=False, default=list),
-    # Printed tags on it: [number, probability] of each.
-    Column("tags", JSON, nullable=False, default=list),
+    Column("said", JSON, nullable=False, default=list),  # suggested names: [source, probability, right]
+    Column("tags", JSON, nullable=False, default=list),  # printed tags: [number, probability]
     Index("known_names_of_version", "scene_id", "version"),
 )
 
-# Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.
 scene_photos = Table(
     "scene_photos", metadata, Column("scene_id", String(40), primary_key=True), Column("photos", JSON, nullable=False)
 )
@@ -159,14 +146,12 @@ api_keys = Table(
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),
     Column("revoked_at", Double, nullable=True),
-    # The operation that a key for one upload has made.
-    Column("operation_id", String(40), nullable=True),
+    Column("operation_id", String(40), nullable=True),  # made with a key for one upload
     _project(),
-    # The one scene that the key shows; "" for all of the project.
-    Column("scene_id", String(40), nullable=False, default=""),
+    Column("scene_id", String(40), nullable=False, default=""),  # the only scene that it gives access to; "": all
 )
 
-# What each scene counts against the quotas of its project.
+# Bytes of each scene that count against the quota of its project.
 quota_usage = Table(
     "quota_usage",
     metadata,
@@ -174,7 +159,6 @@ quota_usage = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
-# One row, see `service.store.identity`.
 identity = Table(
     "identity",
     metadata,

@@ -1,4 +1,4 @@
-"""All durable state of one data folder: rows in a database, blobs on disk."""
+"""The store: all durable state of one data folder."""
 
 from __future__ import annotations
 
@@ -34,10 +34,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Store:
-    """Durable state: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
-
-    `scenes` are those of `project`, "" for all, see `in_project`. `only_scene` is the id of the only one, or "".
-    """
+    """Repositories of rows and files; `jobs` and `workers` are for workers, `blobs` for all."""
 
     scenes: SceneRepository
     versions: VersionRepository
@@ -52,12 +49,11 @@ class Store:
     blobs: Blobs
     reserve: Reserve
     engine: Engine
-    project: str = ""
-    only_scene: str = ""
+    project: str = ""  # of `scenes`; "": all
+    only_scene: str = ""  # id of the only scene; "": all
 
     def in_project(self, project: str, scene_id: str = "") -> Store:
-        """The same store, in which there are no scenes, operations and known names but those of one project; with
-        `scene_id`, no scene but that one, and its operations."""
+        """Narrows the store to a project's scenes, operations and names, and optionally to one scene."""
         return replace(
             self,
             scenes=SceneRepository(self.engine, project, scene_id),
@@ -67,29 +63,27 @@ class Store:
         )
 
     def close(self) -> None:
-        """Close the connections."""
         self.engine.dispose()
 
 
 def open_store(
     data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None, *, adopting: bool = False
 ) -> Store:
-    """The store of a data folder; makes the folder and the tables on first use.
+    """Opens the store of a data folder, making folder and tables on first use.
 
     Args:
         data_dir: the folder.
         database_url: empty for SQLite in the folder.
         artefacts: where scenes are stored; None: in the folder.
-        adopting: whether folder and database are to belong together from now on, whatever they belonged to.
+        adopting: pair folder and database from now on, whatever they belonged to.
 
     Raises:
         InvalidInputError: a URL cannot be read.
-        ConflictError: database and folder do not belong together, see `service.store.identity`; or this release
-            cannot read the database, see `service.store.migrations`.
+        ConflictError: database and folder do not belong together, or this release cannot read the database.
         ResourceError: the folder or the database cannot be used.
     """
     try:
-        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)  # the owner's alone, as all that is in it
+        data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise ResourceError(
             f"the data folder cannot be made: {error.strerror}",
@@ -135,8 +129,10 @@ def _saving_into(data_dir: Path) -> Save:
 
 
 def _open_own(url: URL, blobs: Blobs, adopting: bool, save: Save) -> Engine:
-    """The engine of the database that belongs to where scenes are stored. An object store that is away is asked again
-    before anything is removed from it."""
+    """Opens the database that belongs to the scene storage.
+
+    If the object store does not answer, cleanup checks the identity before it removes anything there.
+    """
     if adopting:
         engine = open_engine(url, save)
         adopt(engine, blobs)

@@ -1,7 +1,7 @@
-"""Scene versions in the database: which there are, what they were made of, and which one is current.
+"""Scene versions in the database: their tree, and which one is current.
 
-A scene without rows here was never edited: its trained version is the only one. Whoever writes versions of a scene
-locks the scene's row first, see `locked_scene`: so of two that saw the same current version one is refused.
+A scene that was never edited has no rows here: its trained version is the only one. Writers of a scene's versions lock
+its row first (`locked_scene`), so that of two that saw the same current version one is refused.
 """
 
 from __future__ import annotations
@@ -26,14 +26,11 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 
 @dataclass(frozen=True)
 class VersionRecord:
-    """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
-    the service layer wrote them. `current_at` is when it last ceased to be current, None if it never did. `author`
-    names the key that made it.
-    """
+    """A version; `edits`, `scaling`, `alignment` and `quality` are JSON of the service layer."""
 
     scene_id: str
     version: str
-    number: int
+    number: int  # from 1, the trained one
     parent: str
     created_at: float
     request_id: str | None
@@ -43,8 +40,8 @@ class VersionRecord:
     edits: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
     things: int
-    current_at: float | None = None
-    author: str = ""
+    current_at: float | None = None  # when it last ceased to be current; None: never
+    author: str = ""  # name of its access key
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     current: bool = False
@@ -69,11 +66,11 @@ class VersionRecord:
 
 @dataclass(frozen=True)
 class NewVersion:
-    """A version whose folder is in place, to become the current one; without a `scaling` or an `alignment` it has its
-    parent's, as it has all of its parent's quality that `quality` does not replace.
+    """A version to become current; its folder is in place.
 
-    Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
-    version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
+    It inherits its parent's `scaling` and `alignment` if None, and the parts of `quality` that it does not replace.
+    Beyond `max_versions` (None: no limit) undone versions are removed first, then the oldest, but never the current,
+    new and trained ones; children of a removed version become those of its parent.
     """
 
     scene_id: str
@@ -97,30 +94,34 @@ _ROWS = scene_versions.c
 _ALL = select(scene_versions, (_ROWS.version == scenes.c.version).label("current")).join(
     scenes, scenes.c.id == _ROWS.scene_id
 )
-"""In one statement, so that which one is current is of the same moment."""
+"""In one statement, so that `current` is consistent with the rows."""
 _NO_COLUMNS = ("names", "max_versions", "current")
 _TICK_S = 1e-6
 
 
 class VersionRepository:
-    """Versions in the database; every method is one transaction. All raise `DatabaseError` when it is away."""
+    """Versions; each method is one transaction and may raise `DatabaseError`.
+
+    Steps raise `ConflictError` if a version other than `expected` ("": any) is current, or there is none to step to,
+    and `NotFoundError` if the scene was deleted.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
-        """Every version of a READY scene, oldest first."""
+        """Lists all versions of a READY scene, oldest first."""
         with self._reading() as connection:
             return tuple(versions_of(connection, scene.id).values()) or (trained_version(scene),)
 
     def known(self, scene_id: str, version: str) -> bool:
-        """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
+        """True if the version has a row, unlike the only one of an unedited scene."""
         with self._reading() as connection:
             return _exists(connection, scene_id, version)
 
     def without_row(self, versions: Collection[tuple[str, str]]) -> frozenset[tuple[str, str]]:
-        """Which of these, by scene and name, have no row and are not current, though their scene has a row."""
+        """Filters (scene id, version) of existing scenes to those without row that are not current."""
         with self._reading() as connection:
             current = {tuple(row) for row in connection.execute(select(scenes.c.id, scenes.c.version))}
             rows = {tuple(row) for row in connection.execute(select(_ROWS.scene_id, _ROWS.version))}
@@ -128,17 +129,13 @@ class VersionRepository:
         return frozenset(key for key in versions if key[0] in scene_ids) - current - rows
 
     def is_published(self, scene_id: str, version: str) -> bool:
-        """As `known`, after the end of every transaction that may still publish it."""
+        """Like `known`, but waits for transactions that may still publish the version."""
         with self._writing() as connection:
             connection.execute(select(scenes.c.id).where(scenes.c.id == scene_id).with_for_update())
             return _exists(connection, scene_id, version)
 
     def made_by(self, scene_id: str, request_id: str, digest: str) -> VersionRecord | None:
-        """The version that this request id made before, or None.
-
-        Raises:
-            ConflictError: it was made by other edits.
-        """
+        """Returns the version made by a request id, or None; other edits raise `ConflictError`."""
         if not request_id:
             return None
         with self._reading() as connection:
@@ -155,13 +152,13 @@ class VersionRepository:
         return VersionRecord(**row)
 
     def publish(self, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
-        """Make a version current, if its parent still is.
+        """Makes a version current if its parent still is.
 
         Returns:
-            It, and the names of the versions that were removed, whose folders are the caller's to remove.
+            The version, and the names of removed ones, whose folders the caller removes.
 
         Raises:
-            ConflictError: the scene has another current version by now, or the request id made one meanwhile.
+            ConflictError: the scene has another current version, or the request id made one meanwhile.
             NotFoundError: the scene was deleted.
         """
         try:
@@ -173,12 +170,7 @@ class VersionRepository:
             ) from error
 
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make the parent of the current version, `expected` ("": whatever it is), current; returns it.
-
-        Raises:
-            ConflictError: another version than `expected` is current, or the trained one is.
-            NotFoundError: the scene was deleted.
-        """
+        """Makes the parent of the current version current and returns it."""
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
             records = versions_of(connection, scene_id)
@@ -191,9 +183,7 @@ class VersionRepository:
         return replace(parent, current=True)
 
     def step_forward(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make a version current that was made of the current one, of several the one that was current last; returns
-        it. Errors as `step_back`, where none was made of it.
-        """
+        """Makes the most recently current child of the current version current; returns it."""
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
             records = [each for each in versions_of(connection, scene_id).values() if each.parent == scene.version]
@@ -208,12 +198,7 @@ class VersionRepository:
         return replace(last, current=True)
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> VersionRecord:
-        """Make a version current, wherever it is in the tree of versions; returns it.
-
-        Raises:
-            ConflictError: another version than `expected` ("": whatever it is) is current.
-            NotFoundError: the scene was deleted, or has no such version.
-        """
+        """Makes a version current and returns it; raises `NotFoundError` if it is unknown."""
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
             if version == scene.version:  # a scene that was never edited has no rows
@@ -226,7 +211,7 @@ class VersionRepository:
 
 
 def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
-    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet."""
+    """Does `VersionRepository.publish` within a transaction, which has no scene's row locked yet."""
     scene = locked_scene(connection, new.scene_id, new.parent)
     records = versions_of(connection, scene.id)
     if not records:
@@ -250,7 +235,7 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
 
 
 def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Sequence[str]:
-    """Delete the rows of versions beyond `limit`, see `NewVersion`; returns their names."""
+    """Deletes the rows of versions beyond `limit` as `NewVersion` says; returns their names."""
     records = versions_of(connection, scene_id)
     in_force = _lineage(records)
     staying = {new, next(iter(records)), *(record.version for record in records.values() if record.current)}
@@ -271,7 +256,7 @@ def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Seque
 
 
 def _lineage(records: Mapping[str, VersionRecord]) -> frozenset[str]:
-    """The current version and all that it was made of."""
+    """Returns the current version and its ancestors."""
     names: set[str] = set()
     version = next((record.version for record in records.values() if record.current), "")
     while version in records and version not in names:
@@ -281,8 +266,10 @@ def _lineage(records: Mapping[str, VersionRecord]) -> frozenset[str]:
 
 
 def locked_scene(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
-    """The row of a scene, which nobody else changes before the transaction's end, if `expected` is its current version
-    ("": whatever it is). SQLite knows no locks of rows; there a transaction that writes is the only one."""
+    """Locks a scene's row and returns it, if its current version is `expected`.
+
+    SQLite has no row locks; its writing transactions exclude each other. Errors are as in `VersionRepository.restore`.
+    """
     row = connection.execute(select(scenes).where(scenes.c.id == scene_id).with_for_update()).mappings().first()
     if row is None:
         raise no_scene(scene_id)
@@ -297,7 +284,7 @@ def locked_scene(connection: Connection, scene_id: str, expected: str) -> SceneR
 
 
 def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionRecord) -> None:
-    """Make a version the current one of a locked scene."""
+    """Makes a version the current one of a locked scene."""
     values = {
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
@@ -305,14 +292,14 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
         "quality": dict(to.quality),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
-    # Later than all before it, whatever the clocks of several machines say: by it a redo knows what an undo left.
+    # Increases whatever the clocks of several machines say, so that a redo finds what an undo left.
     latest = connection.scalar(select(func.max(_ROWS.current_at)).where(_ROWS.scene_id == scene.id))
     left = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.version == scene.version)
     connection.execute(left.values(current_at=max(time.time(), (latest or 0.0) + _TICK_S)))
 
 
 def versions_of(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
-    """All rows of a scene by version, oldest first; none if it was never edited."""
+    """Maps version names to rows, oldest first; empty if the scene was never edited."""
     rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number))
     return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
 
@@ -327,7 +314,6 @@ def version_row(version: NewVersion | VersionRecord) -> dict[str, Any]:
 
 
 def no_version(version: str) -> NotFoundError:
-    """The error for a version that a scene does not have."""
     return NotFoundError(
         f"no version {version[:80]!r} of this scene", field="version", hint="List the scene's versions."
     )

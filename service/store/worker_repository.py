@@ -1,4 +1,4 @@
-"""Worker processes and their heartbeats in the database."""
+"""Worker processes and their heartbeats."""
 
 from __future__ import annotations
 
@@ -14,20 +14,14 @@ from fastsplat.service.store.schema import workers
 
 
 class WorkerRepository:
-    """One row a worker; every method is one transaction, and raises `DatabaseError` when the database is away."""
+    """One row a worker; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def update_heartbeat(self, executor_id: str, host: str, pid: int) -> None:
-        """Set a worker's heartbeat to now; registers the worker with the first one.
-
-        Args:
-            executor_id: the worker.
-            host: the machine it runs on, as `alive_on` asks for it.
-            pid: its process id there.
-        """
+        """Sets a worker's heartbeat to now; the first one registers it."""
         now = time.time()
         with self._writing() as connection:
             known = update(workers).where(workers.c.executor_id == executor_id)
@@ -37,30 +31,29 @@ class WorkerRepository:
                 connection.execute(insert(workers).values(**row, started_at=after_boot))
 
     def list_workers(self) -> Sequence[WorkerRecord]:
-        """All registered workers."""
         with self._reading() as connection:
             rows = connection.execute(select(workers)).all()
         return [WorkerRecord(row.executor_id, row.host, row.pid, row.started_at, row.heartbeat_at) for row in rows]
 
     def alive_on(self, host: str, timeout_s: float) -> bool:
-        """Whether a worker of this host has had a heartbeat in the last `timeout_s` seconds."""
+        """True if a worker on this host had a heartbeat in the last `timeout_s` seconds."""
         fresh = workers.c.heartbeat_at >= time.time() - timeout_s
         query = select(workers.c.executor_id).where(workers.c.host == host, fresh).limit(1)
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
     def any_alive(self, timeout_s: float) -> bool:
-        """Whether any worker has had a heartbeat in the last `timeout_s` seconds."""
+        """True if any worker had a heartbeat in the last `timeout_s` seconds."""
         query = select(workers.c.executor_id).where(workers.c.heartbeat_at >= time.time() - timeout_s).limit(1)
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
     def mark_stopped(self, executor_id: str) -> None:
-        """Say that a worker stops by itself, so that its jobs are recovered without waiting for the timeout."""
+        """Marks a worker as stopped, for recovery of its jobs without the timeout."""
         with self._writing() as connection:
             connection.execute(update(workers).where(workers.c.executor_id == executor_id).values(heartbeat_at=0.0))
 
     def unregister(self, executor_id: str) -> None:
-        """Remove a worker that has no jobs any more; if it lives after all, its next heartbeat registers it anew."""
+        """Removes a worker without jobs; if it still lives, its next heartbeat registers it again."""
         with self._writing() as connection:
             connection.execute(delete(workers).where(workers.c.executor_id == executor_id))

@@ -1,11 +1,9 @@
-"""Schema migrations: a database of an earlier release becomes this release's; one that this release cannot read is
-refused.
+"""Schema migrations by alembic, from databases of earlier releases to this one's.
 
-alembic runs them. To change the schema, change the tables in `service.store.schema` and add a file to `versions`, named
-`vNNNN_what.py` by the next number, that does the same to a database of the number before it; SQLite needs
-`op.batch_alter_table` for anything but new tables, columns and indexes. A new column has a default or is nullable.
-A file that was released never changes. `tests/store/test_migrations.py` compares the files with the tables, column by
-column, and says what a file has forgotten.
+To change the schema, change the tables in `service.store.schema` and add a file to `versions`, named `vNNNN_what.py` by
+the next number, that does the same to a database of the number before. SQLite needs `op.batch_alter_table` for anything
+but new tables, columns and indexes. New columns have a default or are nullable. Released files never change.
+`tests/store/test_migrations.py` compares files and tables column by column.
 """
 
 from __future__ import annotations
@@ -24,34 +22,33 @@ from fastsplat_contract.errors import ConflictError
 _SCRIPTS = Path(__file__).parent
 _VERSION_TABLE = "alembic_version"
 _ONLY_UNRELEASED = "schema_version"
-"""A table that every version before the first release made."""
-_LOCK = 0x46535057  # any number, the same for all processes that open one PostgreSQL database
+"""A table of all versions before the first release."""
+_LOCK = 0x46535057  # arbitrary, but the same for all processes
 
 _one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
 
 
 Save = Callable[[Connection, Callable[[Connection], None]], None]
-"""Saves what a database of an earlier release holds, given a connection to it, and what gives an empty database its
-tables."""
+"""Saves an older database: (its connection, function that makes its tables in an empty one)."""
 
 
 def migrate(engine: Engine, scripts: Path = _SCRIPTS, save: Save | None = None) -> None:
-    """Bring a database to the newest schema: all of it, or nothing. Several processes may do so at once.
+    """Brings a database to the newest schema in one transaction; safe from several processes.
 
     Args:
-        engine: its transactions must take the write lock at their start, as `open_engine`'s do.
-        scripts: the alembic folder; another one in tests.
-        save: called before anything of an earlier release's database is changed; what it raises leaves it as it was.
+        engine: takes the write lock at the start of transactions, as from `open_engine`.
+        scripts: the alembic folder.
+        save: called before an older database is changed; if it raises, nothing is.
 
     Raises:
         ConflictError: a later release wrote this database, or a version before the first release.
-        ValueError: the database is of a version that never was.
+        ValueError: the database has an impossible revision.
         DBAPIError: the database does not answer.
     """
     newest = _newest(scripts)
     with engine.execution_options(read_only=True).connect() as connection:
         if _revision(connection, newest) == newest:
-            return  # without the write lock, which somebody may hold for long
+            return  # without the write lock, which may be held for long
     with _one_at_a_time, engine.begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
@@ -62,18 +59,13 @@ def migrate(engine: Engine, scripts: Path = _SCRIPTS, save: Save | None = None) 
 
 
 def revisions(connection: Connection) -> tuple[int, int]:
-    """The schema version of a database, and this release's; 0 for a new database.
-
-    Raises:
-        ConflictError: this release cannot read it.
-        ValueError: the database is of a version that never was.
-    """
+    """Returns the schema version of a database (0: new) and this release's; errors as `migrate`."""
     newest = _newest(_SCRIPTS)
     return int(_revision(connection, newest) or 0), int(newest)
 
 
 def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
-    from alembic import command  # a database that is of this release already does without
+    from alembic import command  # imported only if there is something to upgrade
     from alembic.config import Config
 
     config = Config(attributes={"connection": connection})
@@ -82,7 +74,7 @@ def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
 
 
 def _revision(connection: Connection, newest: str) -> str:
-    """The revision that a database is of, four digits; "" for a new one."""
+    """Returns the revision of a database, four digits; "" for a new one."""
     tables = inspect(connection).get_table_names()
     if _ONLY_UNRELEASED in tables or (operations.name in tables and _VERSION_TABLE not in tables):
         raise ConflictError(

@@ -12,7 +12,7 @@ down_revision = None
 
 
 def upgrade() -> None:
-    """Make the tables, and the default project."""
+    """Makes the tables, and the default project."""
     projects = op.create_table(
         "projects",
         sa.Column("name", sa.String(64), primary_key=True),
