@@ -171,7 +171,7 @@ def _copy_rows_out(source: URL, target: Path) -> None:
 
 
 def _copy_rows_in(source: Path, target: URL) -> None:
-    """Fills an empty PostgreSQL database, else `ConflictError`, with a backup of any release."""
+    """Fills a PostgreSQL database from a backup of any release; `ConflictError` unless it is empty."""
     live = open_engine(target)
     with tempfile.TemporaryDirectory(prefix="fastsplat-restore-") as folder:
         own = Path(folder) / _SQLITE

@@ -15,10 +15,8 @@ from fastsplat_contract.errors import DatabaseError, ResourceError
 T = TypeVar("T")
 _NAME = ".reserve"
 _BYTES = 8 << 20
-_MARGIN = 4
-"""The reserve is made only if this many times its size is free."""
-_LARGEST_SHARE = 20
-"""On a small disk, the floor of free space is its size divided by this."""
+_MARGIN = 4  # the reserve is made only if this many times its size is free
+_LARGEST_SHARE = 20  # on a small disk, the floor of free space is its size divided by this
 
 
 @dataclass(frozen=True)

@@ -211,7 +211,7 @@ class VersionRepository:
 
 
 def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
-    """Does `VersionRepository.publish` within a transaction, which has no scene's row locked yet."""
+    """Publishes a version as `VersionRepository.publish`, within a transaction without locked scenes."""
     scene = locked_scene(connection, new.scene_id, new.parent)
     records = versions_of(connection, scene.id)
     if not records:

@@ -21,8 +21,7 @@ from fastsplat_contract.errors import ConflictError
 
 _SCRIPTS = Path(__file__).parent
 _VERSION_TABLE = "alembic_version"
-_ONLY_UNRELEASED = "schema_version"
-"""A table of all versions before the first release."""
+_ONLY_UNRELEASED = "schema_version"  # a table of all versions before the first release
 _LOCK = 0x46535057  # arbitrary, but the same for all processes
 
 _one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
