@@ -1,1 +1,1 @@
-"""Proposals of all views and a splat to things: lifting, grouping, hierarchy, surfaces, names."""
+"""Instance segmentation of a scene: mask proposals of all views become named things."""

@@ -1,9 +1,4 @@
-"""Candidates for things: groups of mask proposals that show the same, each a soft set of Gaussians, and how well the
-views' own masks support it.
-
-Proposals are grouped at several overlaps. Every view that sees most of a candidate says how well the best of its masks
-fits; the mean is the candidate's support.
-"""
+"""Candidate things: groups of mask proposals that show the same Gaussians."""
 
 from __future__ import annotations
 
@@ -19,34 +14,21 @@ from fastsplat.service.splatting.region_groups import I64, Overlaps, greedy_grou
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-_OVERLAPS = (0.35, 0.5, 0.65, 0.8)
-"""Mean overlaps of proposals at which they are grouped."""
-_MOST_SEEN = 0.5
-"""Share of a candidate's Gaussians that a view must see to have a say."""
-_MEMBER = 0.5
-"""Share of views from which a Gaussian belongs to a candidate."""
+_OVERLAPS = (0.35, 0.5, 0.65, 0.8)  # mean overlaps of proposals at which they are grouped
+_MOST_SEEN = 0.5  # share of a candidate that a view must see to count for its support
+_MEMBER = 0.5  # share of views above which a Gaussian belongs to a candidate
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A group of proposals that show the same Gaussians.
+    """A group of mask proposals of the same Gaussians."""
 
-    Attributes:
-        rows: int32 [K], its Gaussians, ascending: those that more than half of the views that propose it and see them
-            have inside.
-        shares: float32 [K], that share, 0.5..1.
-        weight: pixels that its Gaussians fill in a view, mean over all views.
-        support: mean, over the views that see most of it, of the best overlap with one of the view's masks, 0..1.
-        proposed_in: numbers of the views that see most of it and have a mask that is the same, ascending.
-        missed_in: numbers of the other views that see most of it.
-    """
-
-    rows: NDArray[np.int32]
-    shares: F32
-    weight: float
-    support: float
-    proposed_in: tuple[int, ...] = ()
-    missed_in: tuple[int, ...] = ()
+    rows: NDArray[np.int32]  # [K], ascending Gaussian ids, in the masks of most proposing views that see them
+    shares: F32  # [K], that share of views, 0.5..1
+    weight: float  # pixels that its Gaussians fill in a view, mean over all views
+    support: float  # mean best overlap with a mask, over the views that see most of it, 0..1
+    proposed_in: tuple[int, ...] = ()  # numbers of the views that see most of it and have its mask, ascending
+    missed_in: tuple[int, ...] = ()  # numbers of the other views that see most of it
 
     @property
     def consensus(self) -> float:
@@ -55,13 +37,15 @@ class Candidate:
 
 
 def find_candidates(overlaps: Overlaps, quality: F32, *, min_overlap: float, min_views: int) -> list[Candidate]:
-    """All candidates that enough views propose, by descending support; of those that are the same, the best supported.
+    """Finds candidates proposed by enough views, without duplicates, by descending support.
+
+    Proposals are grouped at several overlaps.
 
     Args:
         overlaps: of P proposals.
         quality: float32 [P].
-        min_overlap: what overlaps at least so much is the same.
-        min_views: that must propose a candidate; never more than there are.
+        min_overlap: intersection over union from which two are the same.
+        min_views: to propose a candidate; at most the number of views.
     """
     fewest = min(min_views, len(overlaps.visible))
     groups: dict[tuple[int, ...], I64] = {}
@@ -92,15 +76,15 @@ def find_candidates(overlaps: Overlaps, quality: F32, *, min_overlap: float, min
 
 
 def view_support(overlaps: Overlaps, sets: Sequence[NDArray[np.int32]]) -> tuple[F64, NDArray[np.bool_]]:
-    """How well the masks of each view fit sets of Gaussians.
+    """Measures the fit of C sets of Gaussians to the masks of V views.
 
     Args:
-        overlaps: of the proposals of V views.
-        sets: C of them, each int32 [K], ascending ids.
+        overlaps: of the proposals.
+        sets: each int32 [K], ascending ids.
 
     Returns:
-        float64 [C, V]: the best intersection over union of what the view sees of the set with one of its masks, 0..1;
-        and bool [C, V]: whether the view sees most of the set.
+        float64 [C, V], best intersection over union of a mask with what the view sees of the set, 0..1; and bool
+        [C, V], True where the view sees most of the set.
     """
     inside, weighted = _incidence(sets, overlaps.size)
     whole = np.asarray(weighted.sum(axis=1))
@@ -115,18 +99,13 @@ def view_support(overlaps: Overlaps, sets: Sequence[NDArray[np.int32]]) -> tuple
 
 
 def common_weights(candidates: Sequence[Candidate], size: F32) -> F64:
-    """float64 [C, C]: the weight of the Gaussians that two candidates share; on the diagonal their own weights.
-
-    Args:
-        candidates: C of them.
-        size: float32 [G], see `Overlaps`.
-    """
+    """Weights shared by pairs of C candidates, float64 [C, C]; `size` [G] as in `Overlaps`."""
     inside, weighted = _incidence([candidate.rows for candidate in candidates], size)
     return np.asarray((weighted @ inside.T).toarray())
 
 
 def _incidence(sets: Sequence[NDArray[np.int32]], size: F32) -> tuple[csr_array, csr_array]:
-    """CSR float64 [C, G] of sets of Gaussians: 1 inside, and the Gaussian's size inside."""
+    """CSR float64 [C, G] of sets of Gaussians: ones, and the Gaussians' sizes."""
     columns = np.concatenate([*sets, np.zeros(0, np.int32)])
     starts = np.concatenate([[0], np.cumsum([len(rows) for rows in sets])]).astype(np.int64)
     shape = (len(sets), len(size))
@@ -137,7 +116,7 @@ def _incidence(sets: Sequence[NDArray[np.int32]], size: F32) -> tuple[csr_array,
 def _members(overlaps: Overlaps, visible_from: NDArray[np.bool_], group: I64) -> tuple[NDArray[np.int32], F32]:
     views = np.unique(overlaps.owner[group])
     gaussians: list[NDArray[np.int32]] = []
-    for view in views:  # one vote a view, whatever number of its proposals is in the group
+    for view in views:  # one vote a view, even with several of its proposals in the group
         own = overlaps.weights[group[overlaps.owner[group] == view]]
         gaussians.append(np.unique(own.indices))
     rows, votes = np.unique(np.concatenate(gaussians), return_counts=True)

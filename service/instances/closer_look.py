@@ -1,4 +1,4 @@
-"""A closer look at each thing: pictures of the thing alone, in which a detector's boxes are the thing or are not."""
+"""Close-up views of things, and detector votes for the boxes that match the thing."""
 
 from __future__ import annotations
 
@@ -14,32 +14,23 @@ from fastsplat_contract.camera import Camera, PosedCamera
 
 F32 = NDArray[np.float32]
 
-_EDGE_PERCENT = 1.0
-"""Of a thing's pixels that may lie outside of its box on each side: a few strays say nothing of its size."""
-_LEAST_PX = 60
-"""Pixels of a thing that are worth a closer look."""
-_CONTEXT = 2.0
-"""Side of the picture over the longer side of the thing's box."""
-_WHOLE = 0.9
-"""A picture of this share of a view's longer side is no closer look."""
+_EDGE_PERCENT = 1.0  # percentage of a thing's pixels outside of its box on each side, for robustness to strays
+_LEAST_PX = 60  # least pixels of a thing for a close-up
+_CONTEXT = 2.0  # side of the close-up over the longer side of the thing's box
+_WHOLE = 0.9  # no close-up if it would show this share of a view's longer side
 
 
 @dataclass(frozen=True)
 class ThingInView:
-    """Where a thing is in a view.
-
-    Attributes:
-        box: float32 [4], x1, y1, x2, y2 in pixels of the view.
-        pixels: how many show it.
-    """
+    """The place of a thing in a view."""
 
     thing_id: int
-    box: F32
+    box: F32  # [4], x1, y1, x2, y2 in pixels of the view
     pixels: int
 
 
 def things_in_map(thing_map: NDArray[np.integer]) -> list[ThingInView]:
-    """The things that a map [H, W] of ids shows well enough for a closer look, by id; 0 is none."""
+    """Finds things large enough for a close-up in an id map [H, W] (0: none)."""
     shown = []
     for thing_id in np.unique(thing_map[thing_map > 0]).tolist():
         rows, columns = np.nonzero(thing_map == thing_id)
@@ -51,11 +42,11 @@ def things_in_map(thing_map: NDArray[np.integer]) -> list[ThingInView]:
 
 
 def best_positions(shown: Sequence[Sequence[ThingInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
-    """For each thing the positions of at most `limit` views that show the most of its pixels, the best first.
+    """Maps each thing to the views with most of its pixels, best first.
 
     Args:
-        shown: of each view the things that it shows well.
-        limit: at least 1.
+        shown: per view, the things large enough for a close-up.
+        limit: of views per thing.
     """
     views: dict[int, list[tuple[int, int]]] = {}
     for position, things in enumerate(shown):
@@ -65,14 +56,15 @@ def best_positions(shown: Sequence[Sequence[ThingInView]], limit: int) -> Mappin
 
 
 def closer_look(posed: PosedCamera, box: F32, largest_scale: float, side: int) -> tuple[PosedCamera, F32] | None:
-    """The camera that sees a box and as much around it, and the box in its picture; None where that is about the whole
-    view.
+    """Returns the camera of a close-up around a box, and the box in its picture.
+
+    None if the close-up would be about the whole view.
 
     Args:
-        posed: the view that the box is of.
+        posed: the view of the box.
         box: float32 [4], x1, y1, x2, y2 in its pixels.
-        largest_scale: pixels of the new picture for one of the view, at most; never fewer than one.
-        side: pixels of the new picture's longer side, at most, as long as that is one for one of the view.
+        largest_scale: most pixels of the close-up per pixel of the view; at least 1 is used.
+        side: most pixels of the close-up's longer side, unless this would make the scale less than 1.
     """
     camera = posed.camera
     reach = _CONTEXT / 2 * max(float(box[2] - box[0]), float(box[3] - box[1]))
@@ -90,7 +82,7 @@ def closer_look(posed: PosedCamera, box: F32, largest_scale: float, side: int) -
 
 
 def votes_for(detections: Detections, box: F32, min_overlap: float) -> dict[str, float]:
-    """The best score of each label among the boxes that overlap `box` by at least `min_overlap`."""
+    """Returns each label's best score among the boxes with IoU `min_overlap` or more with `box`."""
     overlap = box_iou(box[None], detections.boxes)[0]
     votes: dict[str, float] = {}
     for row in np.flatnonzero(overlap >= min_overlap):
@@ -100,6 +92,6 @@ def votes_for(detections: Detections, box: F32, min_overlap: float) -> dict[str,
 
 
 def mean_votes(votes: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The mean score of each label over several pictures of one thing; a picture without the label counts as 0."""
+    """Averages scores by label over pictures of a thing; a missing label counts as 0."""
     labels = {label for own in votes for label in own}
     return {label: sum(own.get(label, 0.0) for own in votes) / len(votes) for label in sorted(labels)}

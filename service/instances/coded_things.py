@@ -1,5 +1,8 @@
-"""Codes of things: each Gaussian's code learns which thing it is, from maps of things that mask and scene agree on,
-fitted to all views at once (mean IoU .020 above blended membership on the tests' table top)."""
+"""Codes of Gaussians, trained to tell their thing, on all views at once.
+
+Labels are pixels in which masks and rendered things agree (.020 mean IoU above blended membership on the tests' table
+top).
+"""
 
 from __future__ import annotations
 
@@ -22,10 +25,8 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.semantics import class_weights, code_size, separated_codes, start_head
 from fastsplat.service.splatting.training_views import smallest_labels
 
-_EPOCHS, _LOOKED_AT = 6, 600_000
-"""Looks at every view; fewer where a look is dear: so many Gaussians are drawn once."""
-_NO_THING_WEIGHT = 0.3
-"""Of a pixel that no mask claims: it may be of a thing that the segmenter missed."""
+_EPOCHS, _LOOKED_AT = 6, 600_000  # epochs over the views, and the limit of Gaussians times epochs
+_NO_THING_WEIGHT = 0.3  # weight of pixels without mask, as the segmenter may have missed a thing
 
 
 def fit_thing_codes(
@@ -38,17 +39,16 @@ def fit_thing_codes(
     seed: int = 0,
     backend: Backend = "cpu",
 ) -> tuple[F32, SemanticHead] | None:
-    """Codes, float32 [G, D], and the head whose class n is the thing with the id n; None without things or masks.
+    """Trains codes, float32 [G, D], and their head with class n for thing id n.
 
-    In every view things are drawn by their membership and take the masks that they match (`repainted`); pixels in which
-    the two differ, where views disagree, say nothing.
+    In each view rendered things take the masks that they match (`repainted`); pixels in which the two differ are
+    ignored. Returns None without things, views or Gaussians.
 
     Args:
-        gaussians: G of them; their color and geometry are held.
+        gaussians: G of them; color and geometry are frozen.
         views: those that have masks.
-        settings: the least overlap of a thing with its mask.
+        settings: for the least overlap of a thing with its mask.
         size: D, see `code_size`.
-        seed: of the order of views.
     """
     classes = max((thing.id for thing in things.table), default=0) + 1
     if classes == 1 or not views or not len(gaussians):

@@ -1,4 +1,4 @@
-"""Everything in the room is a thing: the views' masks and a splat in, things without names out."""
+"""Discovery of things without a vocabulary, from the views' masks and a splat."""
 
 from __future__ import annotations
 
@@ -35,19 +35,12 @@ OnView = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Discovery:
-    """Things, and what it took to discover them.
+    """Discovered things, with counts."""
 
-    Attributes:
-        things: T things without names; ids from 1, the largest first.
-        views: number of views that were looked at.
-        prompts: number of prompts to the segmenter.
-        proposals: number of masks that were lifted.
-    """
-
-    things: Things
+    things: Things  # without names; ids from 1, the largest first; membership in pixels
     views: int
-    prompts: int
-    proposals: int
+    prompts: int  # to the segmenter
+    proposals: int  # masks that were lifted
 
 
 @torch.no_grad()
@@ -61,15 +54,12 @@ def discover_things(
     *,
     backend: Backend = "cpu",
 ) -> Discovery:
-    """All things that the masks of several views agree on, without a vocabulary.
+    """Finds the things that the masks of several views agree on.
 
     Args:
         gaussians: G of them, trained.
-        masks: of each view, see `propose_capture_masks`; views with None have no say.
-        up: unit vector, float64 [3], see `Scene.up`; None where nothing tells it.
-
-    Returns:
-        Things whose membership says for each Gaussian the pixels of each thing that it is seen through.
+        masks: of each view, see `propose_capture_masks`; views with None do not count.
+        up: unit vector, float64 [3], see `Scene.up`; None if unknown.
     """
     used = [(view, own) for view, own in zip(views, masks, strict=True) if own is not None]
     numbers = [number for number, own in enumerate(masks) if own is not None]
@@ -94,13 +84,13 @@ def discover_things(
 
 
 def masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
-    """A view with its masks, at the size at which they are lifted."""
+    """Scales a view and its masks to the size for lifting."""
     camera = training_size(view.posed.camera, settings.max_side)
     return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
 
 
 def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
-    """The masks of a view as Gaussians, see `lift_masks`."""
+    """Lifts the masks of a view to Gaussians, see `lift_masks`."""
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
     return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
 
@@ -137,8 +127,7 @@ def _described(
     up: F64 | None,
     settings: DiscoverySettings,
 ) -> Things:
-    """Things that still have Gaussians enough, the largest first, and their membership by id; `numbers` are those of
-    the views that were looked at."""
+    """Builds things with enough Gaussians, the largest first; `numbers` are those of the used views."""
     count = len(selection.things)
     owners = posterior(membership, count + 1).classes
     weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]

@@ -1,4 +1,4 @@
-"""Which candidates are things: not the parts of a thing, nor a group of several."""
+"""Classification of candidates as things, parts of things, or groups of things."""
 
 from __future__ import annotations
 
@@ -10,31 +10,20 @@ import numpy as np
 from fastsplat.service.instances.candidates import F32, Candidate, common_weights
 from fastsplat.service.instances.settings import DiscoverySettings
 
-_LEAST_SUPPORT = 0.35
-"""Candidates with less are chance."""
-_LEAST_CONSENSUS = 0.4
-"""Share of the views that see most of a candidate that must propose it for it to be a thing; else it may be a part."""
-_INSIDE = 0.8
-"""Share of a candidate's weight inside a larger one from which it is the larger one's child."""
-_SMALLER = 0.8
-"""Children weigh less than this share of their parent."""
-_COVERED = 0.6
-"""Share of a group's weight that its members cover."""
+_LEAST_SUPPORT = 0.35  # candidates with less support are chance
+_LEAST_CONSENSUS = 0.4  # least consensus of a thing; candidates with less may be parts
+_INSIDE = 0.8  # share of a candidate's weight inside a larger one that makes it the larger one's child
+_SMALLER = 0.8  # children weigh less than this share of their parent
+_COVERED = 0.6  # share of a group's weight that its members must cover
 
 
 @dataclass(frozen=True)
 class Hierarchy:
-    """What the candidates are to each other.
+    """Relations of candidates, by number."""
 
-    Attributes:
-        things: numbers of the candidates that are things, the largest first.
-        part_of: for each candidate that is a part, the thing it belongs to.
-        groups: candidates that are several things, with the members that say so.
-    """
-
-    things: tuple[int, ...]
-    part_of: dict[int, int]
-    groups: dict[int, tuple[int, ...]]
+    things: tuple[int, ...]  # the largest first
+    part_of: dict[int, int]  # thing of each part
+    groups: dict[int, tuple[int, ...]]  # members of each group
 
 
 def find_hierarchy(
@@ -43,18 +32,18 @@ def find_hierarchy(
     settings: DiscoverySettings,
     apart: Callable[[int, int], bool] = lambda part, whole: False,
 ) -> Hierarchy:
-    """Parts, things and groups among candidates.
+    """Finds parts, things and groups among candidates.
 
-    From the smallest up, each candidate that enough views propose is compared with the things in it. Where these cover
-    most of it, and are worth more by their support than all of it by its own, it is a group of them. Otherwise it is a
-    thing: those in it whose edges the masks miss by less than its own stay things, the others are its parts. Candidates
-    that too few views propose are parts of the smallest thing that they lie in.
+    In ascending weight, each candidate with enough consensus is compared with the things in it. If these cover most of
+    it, and their support, summed over its Gaussians, exceeds its own, it is a group. Otherwise it is a thing; things in
+    it whose edges the masks miss by less than its own remain things, the others become its parts. Candidates with less
+    consensus are parts of the smallest thing around them.
 
     Args:
         candidates: see `find_candidates`.
         size: float32 [G], see `Overlaps`.
-        settings: the least weight of a thing.
-        apart: whether the first of two candidates' numbers cannot be a part of the second, though it lies in it.
+        settings: for the least weight of a thing.
+        apart: True if the first of two candidates (by number), despite its place, is no part of the second.
     """
     sure = [
         number
@@ -65,7 +54,7 @@ def find_hierarchy(
     weight = np.diag(common)
     lies_in = (common > _INSIDE * weight[:, None]) & (weight[:, None] < _SMALLER * weight)
     support = np.array([candidates[number].support for number in sure])
-    error = (1 - support) * np.sqrt(weight)  # of the edge: a rim of one width costs a small thing more of its overlap
+    error = (1 - support) * np.sqrt(weight)  # of the edge: the same rim costs a small thing more overlap
     agreed = np.array([candidates[number].consensus for number in sure]) >= _LEAST_CONSENSUS
     things: list[int] = []
     whole: dict[int, int] = {}
@@ -73,7 +62,7 @@ def find_hierarchy(
     for one in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
         children = [n for n in things if lies_in[n, one]]
         own = np.zeros(len(size))
-        for child in reversed(children):  # the smaller, which came first, owns
+        for child in reversed(children):  # smaller ones, which came first, overwrite
             own[candidates[sure[child]].rows] = support[child]
         rows = candidates[sure[one]].rows
         covered = size[rows][own[rows] > 0].sum() / weight[one]

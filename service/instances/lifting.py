@@ -1,4 +1,4 @@
-"""Overlapping masks of a view as sets of Gaussians, in one pass of the rasterizer."""
+"""Lifting of a view's overlapping masks to Gaussians in one rasterization."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from fastsplat_contract.camera import Camera
 
 
 def image_pieces(masks: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """The pieces that masks cut an image into: pixels that lie in the same masks are one piece.
+    """Divides an image into pieces of pixels that lie in the same masks.
 
     Args:
         masks: bool [P, H, W].
 
     Returns:
-        int32 [H, W], the piece of each pixel, 0..A − 1; and bool [A, P], which masks a piece is part of.
+        int32 [H, W], the piece of each pixel, 0..A − 1; and bool [A, P], True for the masks that contain a piece.
     """
     count, height, width = masks.shape
     if not count:
@@ -41,15 +41,14 @@ def lift_masks(
     valid: NDArray[np.bool_] | None = None,
     backend: Backend = "cpu",
 ) -> LiftedRegions:
-    """Each mask as the Gaussians more than half of whose weight in the view lies in it: summed over the pieces that the
-    masks cut the image into.
+    """Lifts each mask to the Gaussians with more than half of their weight in it.
 
     Args:
         splats: G activated Gaussians.
         viewmat: [4, 4], camera from world.
         camera: of the masks' size.
         masks: bool [P, H, W].
-        valid: bool [H, W]; pixels that are False count for nothing.
+        valid: bool [H, W]; other pixels are ignored.
     """
     pieces, members = image_pieces(masks)
     sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)
@@ -59,8 +58,7 @@ def lift_masks(
 def lift_regions_of(
     splats: Splats, viewmat: Tensor, camera: Camera, ids: NDArray[np.integer], count: int, *, backend: Backend = "cpu"
 ) -> LiftedRegions:
-    """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
-    none."""
+    """Lifts disjoint regions 1..`count` of an id map, int [H, W], like `lift_masks`."""
     sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, None, backend)
     return lift_regions(sums, one_piece_each(count, sums))
 

@@ -1,4 +1,4 @@
-"""How probable it is that what a detector calls a thing is right: a model, measured on things with true names."""
+"""Calibrated probability of detected names, measured on things with true names."""
 
 from __future__ import annotations
 
@@ -17,48 +17,36 @@ from fastsplat.service.common.logistic import logistic
 F64 = NDArray[np.float64]
 
 FILE = Path(__file__).with_name("name_calibration.json")
-"""Written by `benchmarks.calibration.fit_names`, which says how it is measured."""
+"""Written by `benchmarks.calibration.fit_names`, which documents the measurement."""
 
-_CERTAIN = 0.98
-"""Evidence beyond counts as this, on both sides."""
-_CLEAR = 0.6
-"""Less evidence makes no name more probable than `_UNCLEAR_AT_MOST`, however often it was right elsewhere."""
+_CERTAIN = 0.98  # evidence is clipped to this and its complement
+_CLEAR = 0.6  # below this evidence, probability is at most `_UNCLEAR_AT_MOST`
 _UNCLEAR_AT_MOST = 0.9
 
 
 class NameCategory(BaseModel):
-    """One name of the detector.
-
-    Attributes:
-        offset: what the logit of its probability has beside that of others.
-        things: that were called so, most of all names, when it was measured.
-        right: how many of them rightly.
-    """
+    """A name of the detector."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    offset: float
-    things: int
-    right: int
+    offset: float  # of the logit, relative to other names
+    things: int  # measured things with this as their best name
+    right: int  # of these, correctly named
 
 
 class NameModel(BaseModel):
-    """p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset))), e the evidence; where e is below
-    0.6, at most 0.9.
+    """Logistic model of p from evidence e, limited to 0.9 if e < 0.6.
 
-    Attributes:
-        detector: that called the things so.
-        sets: what the things are of.
-        categories: by `label_key` of the name; others have an offset of 0.
+    p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset)))
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     detector: str
-    sets: tuple[str, ...]
+    sets: tuple[str, ...]  # sources of the measured things
     factor: float
     offset: float
-    categories: Mapping[str, NameCategory]
+    categories: Mapping[str, NameCategory]  # by `label_key` of the name; others have an offset of 0
 
     def probability(self, evidence: F64, names: Sequence[str]) -> F64:
         """float64 [T, N], 0..1, of evidence [T, N] for N names."""
@@ -68,24 +56,22 @@ class NameModel(BaseModel):
 
 
 def evidence_logit(evidence: F64) -> F64:
-    """ln(e / (1 − e)) of evidence, 0..1, kept off both ends."""
+    """Returns ln(e / (1 − e)) of evidence, clipped away from 0 and 1."""
     inside = np.clip(evidence, 1 - _CERTAIN, _CERTAIN)
     return np.asarray(np.log(inside / (1 - inside)))
 
 
 def name_evidence(scores: F64) -> F64:
-    """float64 [T, N + 1], 0..1: the mean score of each label, times its share of the scores of all labels of the thing:
-    what views call by two names, or seldom, is less sure than what they all call by one.
+    """Evidence of labels, [T, N + 1], 0..1, from `NameVotes.mean_scores`.
 
-    Args:
-        scores: float64 [T, N + 1], see `NameVotes.mean_scores`.
+    A mean score times its share of the thing's scores: names that are rare among views, or contested, get less.
     """
     total = scores.sum(axis=1, keepdims=True)
     return np.asarray(scores * np.divide(scores, total, out=np.zeros_like(scores), where=total > 0))
 
 
 def name_probability(scores: F64, names: Sequence[str]) -> F64:
-    """float64 [T, N + 1], 0..1: how probable each label is right for each thing; 0 where no view says so.
+    """Calibrated probability of labels, float64 [T, N + 1], 0..1; 0 without votes.
 
     Args:
         scores: see `name_evidence`; [:, 0] is 0.
@@ -98,5 +84,5 @@ def name_probability(scores: F64, names: Sequence[str]) -> F64:
 
 @cache
 def name_model() -> NameModel:
-    """The model of the file."""
+    """Loads the model from `FILE`."""
     return NameModel.model_validate(json.loads(FILE.read_text()))

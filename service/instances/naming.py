@@ -1,4 +1,4 @@
-"""Names for things: what a detector, or label maps, call their regions, counted over all views."""
+"""Names of things from detections or label maps, counted over all views."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from fastsplat.service.scene.types import NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
 NAMED_FROM = 0.6
-"""A detected name is given from this probability; below, it is a suggestion (see `Thing.guessed`). Of names given from
-here on 176 of 217 were right in other rooms."""
-_GIVEN_FROM, _GIVEN_RIVALS = 0.28, 0.5
-"""A name of label maps is given from this share of the views, if no other has more than this part of it."""
+"""Least probability of a name; below, it is a suggestion (see `Thing.guessed`).
+
+Of names given from here on, 176 of 217 were right in other rooms.
+"""
+_GIVEN_FROM, _GIVEN_RIVALS = 0.28, 0.5  # least share of views for a label map's name, and largest ratio of rivals
 
 F64 = NDArray[np.float64]
 
@@ -29,29 +30,21 @@ MOST_SEEN = 0.5
 """Share of a thing that a view must see for its silence to count."""
 _SUGGESTIONS = 3
 LEAST_SUGGESTED = 0.05
-"""Less probable names are not worth a suggestion."""
+"""Least probability of a suggestion."""
 
 
 @dataclass(frozen=True)
 class NameVotes:
-    """What the views call T things.
+    """Votes of the views for names of T things."""
 
-    Attributes:
-        scores: float64 [T, N + 1]: sum over views of the score that a label got for a thing, 0..1 a view.
-        able: float64 [T]: number of views that see most of the thing, and so could have named it.
-        unmatched: number of regions with votes that are no thing's.
-        voted: float64 [T]: number of views in which a region with votes is the thing, seen in part or whole.
-    """
-
-    scores: F64
-    able: F64
-    unmatched: int = 0
-    voted: F64 | None = None
+    scores: F64  # [T, N + 1], sum over views of the label's score, 0..1 a view
+    able: F64  # [T], views that see most of the thing, and so could have named it
+    unmatched: int = 0  # regions with votes that match no thing
+    voted: F64 | None = None  # [T], views with a voting region that matches the thing
 
     @property
     def mean_scores(self) -> F64:
-        """float64 [T, N + 1], 0..1: the mean score of each label over the views that could have named the thing, the
-        views that are silent counting as 0; [:, 0] is 0."""
+        """Mean scores [T, N + 1] of `able` views (silent: 0); [:, 0] is 0."""
         mean = np.minimum(self.scores / np.maximum(self.able, 1)[:, None], 1.0)
         mean[:, 0] = 0
         return mean
@@ -60,16 +53,15 @@ class NameVotes:
 def count_votes(
     things: Things, lifted: Iterable[LiftedRegions], regions: Sequence[Regions], labels: int, *, min_overlap: float
 ) -> NameVotes:
-    """The votes of the regions of all views.
+    """Counts the votes of the regions of all views.
 
-    In every view a region votes for the one thing that it overlaps most, by the intersection over union of the
-    Gaussians that the view sees, if by at least `min_overlap`. For each label the best score of a view counts.
+    A region votes for the thing with the highest intersection over union of the Gaussians that the view sees, if at
+    least `min_overlap`, 0..1. Each view counts with its best score per label.
 
     Args:
         lifted: the regions of each view, in order; consumed one at a time.
         regions: the same regions with their votes.
         labels: N.
-        min_overlap: 0..1.
     """
     place = np.zeros(max((thing.id for thing in things.table), default=0) + 1, np.int64)
     place[[thing.id for thing in things.table]] = np.arange(1, len(things.table) + 1)
@@ -98,8 +90,9 @@ def count_votes(
 
 
 def name_things(things: Things, votes: NameVotes, names: Sequence[str], source: NameSource) -> Things:
-    """The same things, named from `NAMED_FROM` of `name_probability` (of exact label maps: the share of views), else
-    with suggestions; a name by a person stays.
+    """Names things from `NAMED_FROM`, otherwise suggests; names given by persons stay.
+
+    The probability is `name_probability`; for exact label maps it is the share of views.
     """
     probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(

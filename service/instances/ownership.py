@@ -1,4 +1,4 @@
-"""One owner for each Gaussian: the smallest thing that has it, in one connected piece."""
+"""Assignment of Gaussians to at most one thing, the smallest one, in connected pieces."""
 
 from __future__ import annotations
 
@@ -14,25 +14,22 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Evidence, Gaussians
 
 STRAY_SHARE = 0.1
-"""Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
+"""Disconnected pieces lighter than this share of a thing's largest piece are removed."""
 FILLING_NEIGHBORS = 8
-"""What then nobody owns belongs to the thing that most of so many nearest Gaussians belong to."""
+"""Number of nearest Gaussians that vote for the owner of one without."""
 
 NOBODY = -1
 
 _ROUNDS = 6
-_ENOUGH = 0.4
-"""Share of a Gaussian's neighbors that must belong to a thing for it to join."""
-_REACH = 2.0
-"""Neighbors farther away than so many times the distance to their own last neighbor do not count."""
+_ENOUGH = 0.4  # share of a Gaussian's neighbors that must belong to a thing for it to join
+_REACH = 2.0  # neighbors beyond this multiple of their own distance to their last neighbor are ignored
 
 Owners = NDArray[np.int32]
-"""int32 [G]: number of the thing that each Gaussian belongs to, -1 for none."""
+"""int32 [G]: number of the thing of each Gaussian, -1 for none."""
 
 
 def assign_owners(things: Sequence[Candidate], gaussians: int) -> tuple[Owners, F32]:
-    """The owner of each of G Gaussians, the smaller thing where they overlap, and float32 [G] the share of views that
-    say so."""
+    """Assigns G Gaussians to the smallest thing; also returns float32 [G], its share of views."""
     owners = np.full(gaussians, NOBODY, np.int32)
     shares = np.zeros(gaussians, np.float32)
     for number in sorted(range(len(things)), key=lambda n: (-things[n].weight, n)):
@@ -42,8 +39,7 @@ def assign_owners(things: Sequence[Candidate], gaussians: int) -> tuple[Owners, 
 
 
 def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: float) -> Owners:
-    """The same owners without pieces of a thing that do not touch its largest piece and weigh less than `min_share` of
-    it: masks that spill over an edge leave such pieces on what stands behind."""
+    """Removes light pieces (masks that spill over an edge) that touch no main piece."""
     result = owners.copy()
     for number in np.unique(owners[owners != NOBODY]).tolist():
         members = np.flatnonzero(owners == number)
@@ -54,8 +50,7 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
 
 
 def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
-    """The same owners, where a visible Gaussian that nobody owns belongs to the thing of enough of its nearest visible
-    Gaussians, if near by their own measure; in a few rounds, so that holes close from their edges."""
+    """Assigns visible Gaussians without owner to the thing of enough neighbors, in rounds."""
     visible = np.flatnonzero(size > 0)
     count = min(neighbors, len(visible) - 1)
     result = owners.copy()
@@ -80,8 +75,10 @@ def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: i
 def membership_of(
     rows: NDArray[np.integer], labels: NDArray[np.integer], shares: F32, gaussians: int, *, pixels: float
 ) -> Evidence:
-    """Membership of `gaussians` Gaussians: for each of `rows` [K], of so many pixels of evidence, its share of votes
-    [K], 0..1, for its label [K], and the rest for none."""
+    """Builds membership of `gaussians` Gaussians from vote shares.
+
+    Each of `rows` [K] has `pixels` of evidence: its share [K], 0..1, for its label [K], the rest for none.
+    """
     inside = np.rint(shares * pixels * UNIT).astype(np.int64)
     outside = round(pixels * UNIT) - inside
     return evidence_of(

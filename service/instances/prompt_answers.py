@@ -1,4 +1,4 @@
-"""A segmenter's answers to prompts of people, and to prompts made of what is drawn: which one is meant."""
+"""Selection among a segmenter's answers to prompts of people, and to rendered pieces."""
 
 from __future__ import annotations
 
@@ -18,44 +18,31 @@ Mask = NDArray[np.bool_]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-_LEAST_PX = 12
-"""Smaller masks are none."""
-_WHOLE = 0.9
-"""An answer that has this share of the thing that is split is hardly a piece of it."""
-_EATEN = 0.8
-"""A thing of which this share lies in an answer is part of that answer."""
-_DOUBT = 0.5
-"""What such an answer, and one that contradicts the prompt's pixels, scores of what it would."""
-_NEARLY, _LARGER = 0.75, 5.0
-"""The largest answer with this share of the best one's score, and at most so many times as large, is meant."""
-_AGREES = 0.6
-"""Overlap times stability from which an answer is taken for what is drawn."""
-_AROUND = 0.5
-"""What is known to be another thing is prompted as such within this share of the drawn box's size around it."""
+_LEAST_PX = 12  # smaller masks are ignored
+_WHOLE = 0.9  # an answer with this share of the thing to be split is hardly a piece of it
+_EATEN = 0.8  # a thing with this share inside an answer counts as part of it
+_DOUBT = 0.5  # factor for such an answer, and for one that contradicts the prompt's pixels
+_NEARLY, _LARGER = 0.75, 5.0  # the largest answer with this share of the best score, at most so many times larger, wins
+_AGREES = 0.6  # least overlap times stability of an answer that matches a rendered piece
+_AROUND = 0.5  # background prompts lie within this share of the box's size around it
 
 
 @dataclass(frozen=True)
 class PicturePrompt:
-    """One prompt, in pixels of the picture.
+    """A prompt in pixels of the picture."""
 
-    Attributes:
-        pixels: float64 [N, 2], x and y on the thing.
-        background: float64 [M, 2], beside it.
-        box: float64 [4], x1, y1, x2, y2 around it, or None.
-    """
-
-    pixels: F64
-    background: F64
-    box: F64 | None = None
+    pixels: F64  # [N, 2], x and y on the thing
+    background: F64  # [M, 2], beside it
+    box: F64 | None = None  # [4], x1, y1, x2, y2 around it
 
     def scaled(self, x: float, y: float) -> PicturePrompt:
-        """The same in a picture that is so many times as wide and as high."""
+        """Scales the prompt to a picture `x` times as wide and `y` times as high."""
         factors = np.array([x, y])
         box = None if self.box is None else self.box * np.tile(factors, 2)
         return PicturePrompt(self.pixels * factors, self.background * factors, box)
 
     def prompts(self) -> Prompts:
-        """As one prompt for a segmenter; without a box a filler ends it, as Segment-Anything wants it."""
+        """Converts to the segmenter's input; without a box, Segment-Anything needs a filler point."""
         end = np.zeros((1, 2)) if self.box is None else self.box.reshape(2, 2)
         points = np.concatenate([self.pixels, self.background, end])
         kinds = [1.0] * len(self.pixels) + [0.0] * len(self.background) + ([-1.0] if self.box is None else [2.0, 3.0])
@@ -63,7 +50,7 @@ class PicturePrompt:
 
 
 def values_at(image: NDArray[Any], pixels: F64) -> NDArray[Any]:
-    """[N]: what an image [H, W] has at pixels [N, 2]; those that scaling has rounded onto its far edges are in it."""
+    """Samples an image [H, W] at pixels [N, 2], clamped to the far edges."""
     height, width = image.shape
     x, y = pixels.astype(np.int64).T
     return np.asarray(image[np.minimum(y, height - 1), np.minimum(x, width - 1)])
@@ -72,17 +59,16 @@ def values_at(image: NDArray[Any], pixels: F64) -> NDArray[Any]:
 def prompted_mask(
     answer: MaskLogits, prompt: PicturePrompt, ids: NDArray[np.integer], inside: Mask | None
 ) -> Mask | None:
-    """bool [H, W]: which of the answers to one prompt is meant; None where none is more than a speck.
+    """Chooses the intended answer to a prompt, bool [H, W]; None if all are specks.
 
     Segment-Anything answers with a part, a thing and a group. Each scores by its predicted intersection over union
-    times its stability, by how well it keeps to the prompt's pixels and box, and by its place among the things that are
-    known: of a piece, the share that lies in the thing that is split; of a missing thing, the share that is not made of
-    whole other things.
+    times its stability, its agreement with the prompt's pixels and box, and its relation to known things: for a piece
+    the share inside the thing to be split, for a missing thing the share that is not made of other whole things.
 
     Args:
         answer: to one prompt.
         ids: int [H, W], the thing of each pixel, 0 for none.
-        inside: bool [H, W], where the thing is that a piece is cut out of; None for a missing thing.
+        inside: bool [H, W], the thing to be split; None for a missing thing.
     """
     masks = _enlarged(answer, ids.shape[1], ids.shape[0])
     areas = masks.sum(axis=(1, 2))
@@ -103,13 +89,13 @@ def prompted_mask(
 
 
 def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32) -> Mask | None:
-    """bool [H, W]: what a view shows where a piece is drawn; None where too little is drawn or nothing is like it.
+    """Segments a rendered piece in a view, bool [H, W]; None if unclear.
 
-    The prompts are the box of what is drawn, the deepest pixel inside, both, and that pixel with one beside it; an
-    answer counts by its overlap with the piece times its stability.
+    Prompts are the piece's box, its innermost pixel, both, and that pixel with one beside the piece. Answers score by
+    overlap with the piece times stability.
 
     Args:
-        drawn: float32 [H, W, 3], shares of each pixel: of the piece, known to be none of it, unknown.
+        drawn: float32 [H, W, 3], shares of each pixel: piece, known other, unknown.
     """
     piece, other = drawn[..., 0], drawn[..., 1]
     shown = piece > np.maximum(0.5 * drawn.sum(axis=2), 0.25)
@@ -146,14 +132,14 @@ def _enlarged(answer: MaskLogits, width: int, height: int) -> NDArray[np.bool_]:
 
 
 def _fit(mask: Mask, prompt: PicturePrompt) -> float:
-    """How well a mask keeps to the prompt's pixels and box, 0..1."""
+    """Agreement of a mask with the prompt's pixels and box, 0..1."""
     on, beside = values_at(mask, prompt.pixels), values_at(mask, prompt.background)
     score = (1.0 if on.all() else _DOUBT) * (_DOUBT if beside.any() else 1.0)
     return score if prompt.box is None else score * box_agreement(mask, prompt.box)
 
 
 def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
-    """The pixels of a mask that are of things that lie in it whole and were not pointed at."""
+    """Counts a mask's pixels of things that are almost wholly inside and were not prompted."""
     whole = np.bincount(ids.ravel())
     within = np.bincount(ids[mask], minlength=len(whole))
     eaten = within > _EATEN * whole
@@ -163,7 +149,7 @@ def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
 
 
 def _deepest(mask: Mask) -> F64:
-    """float64 [1, 2]: x and y of the pixel farthest from a mask's edge and the image's."""
+    """Returns x and y, [1, 2], of the pixel farthest from mask and image edges."""
     depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     return np.array([[column + 0.5, row + 0.5]])

@@ -1,4 +1,4 @@
-"""What somebody points at in one view, as Gaussians: segmented there, and in further views that show it."""
+"""Gaussians of a thing prompted in one view, segmented there and in further views."""
 
 from __future__ import annotations
 
@@ -27,59 +27,43 @@ Mask = NDArray[np.bool_]
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-_SEEN_PX = 0.05
-"""A view says nothing of Gaussians that fill fewer pixels of it."""
-_INSIDE = 0.5
-"""Share of its weight in all views that must lie in the masks for a Gaussian to belong to the piece."""
+_SEEN_PX = 0.05  # least weight for a view to see a Gaussian
+_INSIDE = 0.5  # share of a Gaussian's weight in all views that must lie in the masks
 _NEIGHBORS = 8
-_STRAY = 0.1
-"""Parts of the piece that touch nothing of it and weigh less than this share of its largest part are left out."""
+_STRAY = 0.1  # disconnected parts lighter than this share of the piece's largest part are removed
 
 
 @dataclass(frozen=True)
 class PromptedScene:
-    """What a prompt is answered with.
-
-    Attributes:
-        gaussians: G of them.
-        region: bool [G]: the thing that a piece is cut out of; None for a missing thing, which may have all Gaussians.
-        embed: what the segmenter needs to know of the picture of a view, see `Segmenter.embed`.
-        further: cameras that show Gaussians (their rows) well, other than the one that was prompted in, best first; of
-            the size that pictures have.
-    """
+    """The scene and models that answer a prompt."""
 
     gaussians: Gaussians
-    region: Mask | None
+    region: Mask | None  # [G], the thing to be split; None for a missing thing, which may have all Gaussians
     segmenter: Segmenter
-    embed: Callable[[PosedCamera], Any]
-    further: Callable[[Rows], Sequence[PosedCamera]]
+    embed: Callable[[PosedCamera], Any]  # embedding of a view's picture, see `Segmenter.embed`
+    further: Callable[[Rows], Sequence[PosedCamera]]  # other cameras that show Gaussians well, best first
     backend: Backend = "cpu"
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Gaussians that a prompt shows.
+    """Gaussians selected by a prompt."""
 
-    Attributes:
-        rows: int64 [K], ascending; none where the picture shows nothing of the region there.
-        views: the cameras whose masks agree, the prompt's first.
-    """
-
-    rows: Rows
-    views: tuple[PosedCamera, ...]
+    rows: Rows  # [K], ascending; empty if nothing of the region is shown there
+    views: tuple[PosedCamera, ...]  # with agreeing masks, the prompt's first
 
 
 @torch.no_grad()
 def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, ids: NDArray[np.integer]) -> Piece:
-    """The Gaussians of the region that a prompt in one view shows.
+    """Finds the Gaussians of the region that a prompt in one view selects.
 
-    A Gaussian is in the piece if more than half of its weight lies in the prompt's mask (FlashSplat, Shen et al. 2024).
-    The piece is drawn in further views, where the best answer to what is drawn votes with the same weights and cuts off
-    what hides behind the mask. Gaussians that no view sees follow their neighbors.
+    They have more than half of their weight in the prompt's mask (FlashSplat, Shen et al. 2024). The piece is rendered
+    in further views, where the best matching answer votes with the same weights and removes what hides behind the mask.
+    Gaussians that no view sees follow their neighbors.
 
     Args:
-        prompt: in pixels of that size.
-        ids: int [H, W] the thing of each pixel of that view, 0 for none.
+        prompt: in pixels of `posed`.
+        ids: int [H, W], the thing of each pixel of that view, 0 for none.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
@@ -103,7 +87,7 @@ def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, 
 
 
 class _Votes:
-    """The weight of each Gaussian inside the masks of views, and in these views altogether."""
+    """Weights of Gaussians inside the masks of views, and in total."""
 
     def __init__(self, scene: PromptedScene) -> None:
         self._gaussians = scene.gaussians
@@ -115,7 +99,7 @@ class _Votes:
         self.views: list[PosedCamera] = []
 
     def add(self, posed: PosedCamera, mask: Mask) -> None:
-        """Count the weights of one more view, whose piece is bool [H, W]."""
+        """Adds the weights of a view with the mask bool [H, W] of the piece."""
         image = torch.from_numpy(mask.astype(np.int32)).to(self._splats.means.device)
         sums = label_sums(self._splats, self._viewmat(posed), posed.camera, image, 2, backend=self._backend)
         weights = sums.dense(2).cpu().numpy()
@@ -129,12 +113,11 @@ class _Votes:
 
     @property
     def piece(self) -> Mask:
-        """bool [G]: in the region, and inside the masks by most of its weight."""
+        """bool [G]: in the region, and with most of the weight inside the masks."""
         return self._region & self._seen & (self._inside > _INSIDE * self._total)
 
     def drawn(self, posed: PosedCamera) -> NDArray[np.float32]:
-        """float32 [H, W, 3]: the share of each pixel that is of the piece, that is of what is known to be none of it,
-        and that is of what no view has seen."""
+        """Renders pixel shares, float32 [H, W, 3]: piece, known other, seen by no view."""
         piece, seen = self.piece, self._seen
         other = ~piece & (seen | ~self._region)
         features = np.stack([piece, other, ~piece & ~other], axis=1).astype(np.float32)
@@ -143,7 +126,7 @@ class _Votes:
         return np.asarray(rendering.image.cpu().numpy())
 
     def settled(self) -> Mask:
-        """bool [G]: the piece, with what no view has seen of the region, and without strays."""
+        """bool [G]: the piece with unseen Gaussians of the region and without strays."""
         piece, means = self.piece, self._gaussians.means
         finite = np.isfinite(means).all(axis=1)
         known = np.flatnonzero(self._region & self._seen & finite)

@@ -1,5 +1,4 @@
-"""Membership by pixels: things are drawn in every view, each takes the mask that it matches there, and every Gaussian
-counts the pixels of each thing that it is seen through. A vote of views on whole Gaussians is rougher."""
+"""Pixel-wise membership: rendered things take matching masks, Gaussians count their pixels."""
 
 from __future__ import annotations
 
@@ -33,35 +32,28 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.view_evidence import view_evidence
 from fastsplat_contract.camera import PosedCamera
 
-_SEEN_PX = 16
-"""Things that fill fewer pixels of a view take no mask there."""
+_SEEN_PX = 16  # things with fewer pixels in a view take no mask there
 UNKNOWN = -1
-"""Of a pixel that says nothing."""
+"""Label of ignored pixels."""
 
 
-_PENDING_ENTRIES = 1 << 21
-"""Evidence of several views is merged from so many entries on: about 50 bytes each."""
+_PENDING_ENTRIES = 1 << 21  # number of entries, about 50 bytes each, at which evidence of several views is merged
 
 
 @dataclass(frozen=True)
 class MaskedView:
-    """A view at the size at which masks are lifted; masks stay packed until they are read.
-
-    Attributes:
-        proposals: masks without names.
-        valid_path: the picture of the pixels that have content; None when all do.
-    """
+    """A view at the size for lifting; masks stay packed until they are read."""
 
     posed: PosedCamera
-    proposals: ViewMasks
-    valid_path: Path | None = None
+    proposals: ViewMasks  # without names
+    valid_path: Path | None = None  # image of the pixels with content; None: all
 
     def masks(self) -> NDArray[np.bool_]:
         """bool [P, H, W]."""
         return self.proposals.resized(self.posed.camera.width, self.posed.camera.height)
 
     def valid(self) -> NDArray[np.bool_] | None:
-        """bool [H, W], pixels that have content; None when all do."""
+        """bool [H, W], pixels that have content; None: all."""
         if self.valid_path is None:
             return None
         with PillowImage.open(self.valid_path) as picture:
@@ -80,19 +72,16 @@ def refined_membership(
     settings: DiscoverySettings,
     backend: Backend = "cpu",
 ) -> Evidence:
-    """The pixels of each thing that every Gaussian is seen through, in `refinement_rounds` rounds: the membership of
-    one draws the things of the next. What the grouping said stays as one pixel of evidence.
+    """Counts for each Gaussian the pixels of each thing that it contributes to.
+
+    Each of `refinement_rounds` rounds renders the things by the last membership. The grouping counts as one pixel.
+    Labels are numbers of things from 1; 0 is no thing.
 
     Args:
-        owners: of G Gaussians, numbers of T things.
-        shares: float32 [G], how sure that is, 0..1.
-        gaussians: G of them.
+        owners: int32 [G], number of the thing of each Gaussian.
+        shares: float32 [G], its certainty, 0..1.
         views: those that have masks.
         size: float32 [G], see `Overlaps`.
-        settings: rounds, and the least overlap of a thing with its mask.
-
-    Returns:
-        Labels are numbers of things from 1; 0 is no thing.
     """
     grouped = membership_of(np.arange(len(owners)), owners + 1, shares, len(owners), pixels=1)
     count = int(owners.max(initial=NOBODY)) + 1
@@ -116,16 +105,15 @@ def refined_membership(
 
 
 def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
-    """The things of a view by their masks: int32 [H, W], numbers from 1, 0 for none, `UNKNOWN` where a thing was drawn
-    that its mask leaves out and no other has.
+    """Replaces rendered things of a view by their masks; returns int32 [H, W].
 
-    Each thing takes the mask that overlaps it most, by at least `min_overlap`, beside what smaller things hide; without
-    one it stays as drawn. The smaller lies on the larger.
+    Each thing takes the mask with the highest overlap, if at least `min_overlap`, not counting parts hidden by smaller
+    things; otherwise it stays as rendered. Smaller things lie on top. Pixels of a thing that its mask leaves out and no
+    other thing takes are `UNKNOWN`.
 
     Args:
-        shown: int [H, W], the drawn thing of each pixel.
+        shown: int [H, W], rendered thing of each pixel, from 1; 0 is none.
         masks: bool [P, H, W].
-        min_overlap: 0..1.
     """
     count = int(shown.max(initial=0)) + 1
     areas = np.bincount(shown.ravel(), minlength=count)
@@ -144,7 +132,7 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
 
 
 def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
-    """The same evidence, less that of a Gaussian for its thing where it is a stray of it."""
+    """Removes the evidence of stray Gaussians for their thing."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
     cleaned = without_strays(owners, gaussians, size, STRAY_SHARE)
@@ -154,8 +142,7 @@ def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evid
 
 
 def _without_holes(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
-    """The same evidence, where what speaks for nothing in a Gaussian that no thing has speaks for the thing of its
-    nearest neighbors: masks have holes, such as a pattern on a table, where their things have none."""
+    """Assigns holes of masks, such as patterns on a table, to the surrounding thing."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
     filled = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)

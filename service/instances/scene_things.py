@@ -1,4 +1,4 @@
-"""The things of a trained scene: discovered without a vocabulary, then named by what labels there are."""
+"""Things of a trained scene: discovery without a vocabulary, then naming by labels."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import training_size
 
 NAME_OVERLAP = 0.5
-"""A region names the thing that it overlaps this much in its view."""
+"""Least overlap of a region with the thing that it names, in its view."""
 
 _SPECK_PX = 16
 _TRAINING = TrainingSettings()
@@ -43,15 +43,14 @@ def find_scene_things(
     *,
     training: TrainingSettings = _TRAINING,
 ) -> tuple[Things, Gaussians]:
-    """Every thing of a scene, named where its labels say so clearly; and its Gaussians, with codes that say which thing
-    each is of.
+    """Finds and names the things of a scene; also returns its Gaussians with thing codes.
 
     Args:
         gaussians: G of them, trained on the capture.
-        labelling: what was detected in the views, or came with them; an empty dictionary names nothing.
+        labelling: detections or given label maps; an empty dictionary names nothing.
         masks: of each view, without names, see `propose_capture_masks`.
-        on_view: hears of every view whose masks are lifted.
-        training: its backend, seed and `code_size` count here.
+        on_view: called for every view whose masks are lifted.
+        training: for backend, seed and `code_size`.
     """
     recorded = capture.report.vertical
     figures = {} if recorded is None else vertical_figures(recorded.source, recorded.deviation_deg)
@@ -94,12 +93,7 @@ def votes_of_views(
     *,
     backend: Backend = "cpu",
 ) -> NameVotes:
-    """What the regions of views call the things of a scene, see `count_votes`.
-
-    Args:
-        used: the views that were looked at, and what was found in each, which may be nothing.
-        labels: number of names that regions vote for.
-    """
+    """Counts the votes of `used` views' regions for `labels` names, see `count_votes`."""
     return count_votes(
         things,
         _lifted(gaussians, used, settings, backend),
@@ -110,7 +104,7 @@ def votes_of_views(
 
 
 def regions_of_label_map(label_map: NDArray[np.uint16]) -> Regions:
-    """The connected areas of each label as regions that vote for it with a score of 1; specks are left out."""
+    """Makes each label's connected areas regions with score 1, without specks."""
     ids = np.zeros(label_map.shape, np.uint16)
     votes: list[tuple[tuple[int, float], ...]] = []
     for label in np.unique(label_map[label_map > 0]).tolist():

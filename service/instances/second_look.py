@@ -1,4 +1,4 @@
-"""Looking again at a scene for more names: from which views, and what their votes change."""
+"""Second look for more names: choice of views, and use of their votes."""
 
 from __future__ import annotations
 
@@ -24,12 +24,9 @@ from fastsplat_contract.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 
-_NAMED_WORTH = 0.5
-"""Worth of seeing a thing that has a name, of one that has none."""
-_LOOSE_WORTH = 1.0
-"""Worth of seeing all that belongs to no thing."""
-_RIVALS = 0.5
-"""A text is clear only where no other name has more than this share of its probability."""
+_NAMED_WORTH = 0.5  # worth of seeing a named thing, relative to an unnamed one
+_LOOSE_WORTH = 1.0  # worth of seeing all Gaussians without a thing
+_RIVALS = 0.5  # a text is clear only if other names have at most this share of its probability
 
 
 @torch.no_grad()
@@ -42,12 +39,9 @@ def shares_seen(
     *,
     backend: Backend = "cpu",
 ) -> F64:
-    """float64 [V, T + 1], 0..1: the share of each thing's Gaussians that each view sees, in the order of the table, and
-    last of those that belong to no thing.
+    """Share of each thing's Gaussians that each view sees, float64 [V, T + 1].
 
-    Args:
-        cameras: V views.
-        settings: at which size views are looked at.
+    Things are in the order of the table; the last column is for Gaussians without a thing.
     """
     place = np.full(max((thing.id for thing in things.table), default=0) + 1, len(things.table), np.int64)
     place[[thing.id for thing in things.table]] = np.arange(len(things.table))
@@ -66,16 +60,14 @@ def shares_seen(
 
 
 def choose_views(shares: F64, named: Sequence[bool], limit: int) -> list[int]:
-    """Positions of at most `limit` views that together see most of the scene, and of its unnamed things first; the best
-    view comes first.
+    """Chooses at most `limit` views that together see most, unnamed things first.
 
-    Each view in turn adds most: the sum over things (named ones count half) of the share that it sees, halved for every
-    view before that sees most of the thing. A view that sees nothing is not chosen.
+    Greedy: each view adds most to the sum over things (named ones count half) of the share seen, halved for every
+    earlier view that sees most of the thing. Views that see nothing are not chosen.
 
     Args:
         shares: [V, T + 1], see `shares_seen`.
-        named: of each of T things, whether it has a name.
-        limit: at least 1.
+        named: of T things, True for those with a name.
     """
     worth = np.array([*(_NAMED_WORTH if has_name else 1.0 for has_name in named), _LOOSE_WORTH])
     free = np.ones(len(shares), np.bool_)
@@ -93,29 +85,22 @@ def choose_views(shares: F64, named: Sequence[bool], limit: int) -> list[int]:
 
 @dataclass(frozen=True)
 class NamesAdded:
-    """Things after a second look.
-
-    Attributes:
-        things: the same, some with other names and suggestions.
-        named: ids of those whose name is one of the texts by this look.
-        suggested: ids of the others that got one of the texts as a suggestion.
-    """
+    """Things after a second look."""
 
     things: Things
-    named: tuple[int, ...]
-    suggested: tuple[int, ...]
+    named: tuple[int, ...]  # ids of things now named by one of the texts
+    suggested: tuple[int, ...]  # ids of others with one of the texts as a suggestion
 
 
 def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float) -> NamesAdded:
-    """The same things, named where the look is clear, else with suggestions.
+    """Names things by texts that are clear, and suggests the others.
 
-    A text is clear from `name_probability` if no other text, name or suggestion of the thing is nearly as probable.
-    Names of persons and of label maps stay; a detector's name stays unless another is clear, and is a suggestion after
-    that.
+    A text is clear from `name_probability`, 0..1, if no other text, name or suggestion of the thing is nearly as
+    probable. Names of persons and label maps stay; a detector's name is replaced only by a clear one, and becomes a
+    suggestion.
 
     Args:
-        sighted: for ids of things the probability of each text, 0..1; ids that are no thing's are left out.
-        name_probability: the bound, 0..1.
+        sighted: probability, 0..1, of each text by thing id; unknown ids are ignored.
     """
     named, suggested, table = [], [], []
     for thing in things.table:

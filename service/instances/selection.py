@@ -1,4 +1,4 @@
-"""Candidates to things: hierarchy, owners, and surfaces."""
+"""Selection of things among candidates: hierarchy, owners and surfaces."""
 
 from __future__ import annotations
 
@@ -14,41 +14,28 @@ from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import Plane, find_surfaces, join_surfaces, lies_off
 from fastsplat.service.scene.types import Gaussians
 
-_GROWN_SHARE = 0.6
-"""Share of votes of a Gaussian that joined a surface by its place alone."""
+_GROWN_SHARE = 0.6  # vote share of a Gaussian that joined a surface by its place alone
 
 
 @dataclass(frozen=True)
 class Selection:
-    """The things of a scene before they are described.
+    """The things of a scene before they are described."""
 
-    Attributes:
-        things: T candidates.
-        owners: int32 [G], number of the thing of each Gaussian, -1 for none.
-        shares: float32 [G], how sure that is: share of the views that say so; 0 where nobody owns.
-        surfaces: the planes of things that are surfaces.
-        parts: candidates that are parts, each with the number of the thing that it is a part of, the largest first.
-        groups: candidates that are several things.
-    """
-
-    things: tuple[Candidate, ...]
+    things: tuple[Candidate, ...]  # the largest first
     owners: Owners
-    shares: F32
-    surfaces: Mapping[int, Plane]
-    parts: tuple[tuple[Candidate, int], ...] = ()
+    shares: F32  # [G], certainty of the owner as share of views; 0 without owner
+    surfaces: Mapping[int, Plane]  # by thing number
+    parts: tuple[tuple[Candidate, int], ...] = ()  # with the number of their thing
     groups: tuple[Candidate, ...] = ()
 
 
 def select_things(
     candidates: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
 ) -> Selection:
-    """The things among candidates, each Gaussian with one of them at most: things by the hierarchy, without what lies
-    off the plane of a surface; the smaller owns; surfaces have what lies in their planes; strays are left out.
+    """Selects things among candidates, with each Gaussian in at most one.
 
-    Args:
-        candidates: see `find_candidates`.
-        gaussians: G of them.
-        size: float32 [G], see `Overlaps`.
+    Parts do not lie off a surface's plane, smaller things own shared Gaussians, surfaces own what lies in their planes,
+    and strays are removed. `size` [G] is as in `Overlaps`.
     """
     planes = find_surfaces(candidates, gaussians, size)
 
@@ -77,7 +64,7 @@ def _numbered(
     size: F32,
     settings: DiscoverySettings,
 ) -> Selection:
-    """Without things that have lost their Gaussians to others, the largest first."""
+    """Removes things that lost their Gaussians to others, and sorts the largest first."""
     owned = owners != NOBODY
     weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(things))
     order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]

@@ -1,4 +1,4 @@
-"""Surfaces: things that are flat, what lies in their plane beside them, and what they are with respect to gravity."""
+"""Surfaces: flat things, what lies in their planes, and their kind by gravity."""
 
 from __future__ import annotations
 
@@ -13,14 +13,10 @@ from fastsplat.service.instances.ownership import NOBODY, STRAY_SHARE, Owners
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians, SurfaceKind
 
-_SURFACE_SHARE = 0.015
-"""Flat things that fill this share of what is visible are surfaces."""
-_SURFACE_FLATNESS = 0.25
-"""The tolerance of a surface's plane is at most this share of its extent."""
-_PIECE_INSIDE = 0.5
-"""What lies in the plane of a surface, and this share of it in the surface's own masks, is a piece of the surface."""
-_PIECE_SUPPORT = 0.45
-"""What lies in the plane of a surface and has less support is one, too."""
+_SURFACE_SHARE = 0.015  # least share of the visible weight of a surface
+_SURFACE_FLATNESS = 0.25  # largest tolerance of a surface's plane, as a share of its extent
+_PIECE_INSIDE = 0.5  # things in a surface's plane join it with at least this share inside its masks
+_PIECE_SUPPORT = 0.45  # things in a surface's plane with less support join it, too
 
 F64 = NDArray[np.float64]
 
@@ -31,27 +27,18 @@ _MAD_TO_DEVIATION = 1.4826  # of a normal distribution
 _LEVEL = 0.9
 _UPRIGHT = 0.25
 _SAMPLE = 4096
-_CORE = 0.5
-"""Share of a thing's weight that must lie in a plane for the thing to lie in it."""
+_CORE = 0.5  # share of a thing's weight that must lie in a plane for the thing to lie in it
 _TIGHT = 0.5
-_OFFSET = 0.3
-"""Share of a plane's tolerance, 0.9 standard deviations of single centers, that the middle of a piece may be off."""
+_OFFSET = 0.3  # largest median offset of a piece, as a share of a plane's tolerance (0.9 standard deviations)
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The points x with normal · x = offset.
+    """The points x with normal · x = offset."""
 
-    Attributes:
-        normal: float64 [3], unit length, world frame.
-        offset: scene units.
-        tolerance: distance, scene units, within which a Gaussian's center lies in the plane: three standard deviations
-            of the centers that it was fitted to.
-    """
-
-    normal: F64
-    offset: float
-    tolerance: float
+    normal: F64  # [3], unit length, world frame
+    offset: float  # scene units
+    tolerance: float  # scene units, three standard deviations of the centers that it was fitted to
 
     def distance(self, points: NDArray[np.floating]) -> F64:
         """float64 [K] of points [K, 3], never negative."""
@@ -59,8 +46,11 @@ class Plane:
 
 
 def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
-    """The plane of least weighted median distance to points [K, 3], K ≥ 3: least median of squares over random triples
-    (Rousseeuw 1984), then least squares over what is near; its tolerance by the median absolute deviation."""
+    """Fits a plane to weighted points [K, 3], K ≥ 3, robustly.
+
+    Least median of squares over random triples (Rousseeuw 1984), then least squares over the points within the
+    tolerance, which follows from the median absolute deviation.
+    """
     rng = np.random.default_rng(seed)
     some = rng.choice(len(points), min(len(points), _SAMPLE), p=weights / weights.sum())
     triples = points[rng.choice(some, (_TRIALS, 3))]
@@ -68,7 +58,7 @@ def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
     lengths = np.linalg.norm(normals, axis=1)
     normals = normals[lengths > 0] / lengths[lengths > 0, None]
     offsets = np.einsum("ij,ij->i", normals, triples[lengths > 0, 0])
-    sample = points[some]  # drawn by weight, so that its plain median is the weighted one
+    sample = points[some]  # drawn by weight: its median is the weighted one
     if not len(normals):
         return Plane(np.array([0.0, 0.0, 1.0]), float(points[0, 2]), 0.0)
     medians = np.median(np.abs(sample @ normals.T - offsets), axis=0)
@@ -87,12 +77,7 @@ def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
 
 
 def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) -> dict[int, Plane]:
-    """The planes of those things that are surfaces: large and flat.
-
-    Args:
-        gaussians: G of them.
-        size: float32 [G], see `Overlaps`.
-    """
+    """Returns the planes of large and flat things, by number; `size` [G] as in `Overlaps`."""
     surfaces = {}
     visible = float(size.sum())
     for number, thing in enumerate(things):
@@ -108,8 +93,7 @@ def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) 
 
 
 def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
-    """Whether what Gaussians `rows` show lies in the plane: most of it within half the tolerance, and as a whole nearer
-    than that by the median of signed distances."""
+    """True if most Gaussians lie within half the tolerance, and their median offset is small."""
     weights = size[rows].astype(np.float64)
     signed = gaussians.means[rows].astype(np.float64) @ plane.normal - plane.offset
     order = np.argsort(signed)
@@ -122,7 +106,7 @@ def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F
 
 
 def lies_off(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
-    """Whether most of what Gaussians `rows` show is farther from the plane than its tolerance."""
+    """True if most of the Gaussians' weight is farther from the plane than its tolerance."""
     weights = size[rows].astype(np.float64)
     far = plane.distance(gaussians.means[rows]) > plane.tolerance
     return bool(weights[far].sum() > _CORE * weights.sum())
@@ -131,12 +115,11 @@ def lies_off(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: 
 def join_surfaces(
     owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:
-    """The same owners, where surfaces also have what lies in their planes and is connected with them: Gaussians that
-    nobody owns, and smaller things (prints on a cloth) that the surface's masks include or the views hardly support,
-    less than the surface.
+    """Adds to surfaces what lies in their planes and is connected with them.
 
-    Scissors on the cloth stay: the cloth's masks end at their edges. The larger surface comes first; one in the plane
-    of a larger one stays.
+    These are Gaussians without owner, and smaller things with less support (prints on a cloth) that the surface's masks
+    include or that have little support. Scissors on the cloth stay, as the cloth's masks end at their edges. Larger
+    surfaces come first; a surface in the plane of a larger one adds nothing.
     """
     result = owners.copy()
     order = sorted(surfaces, key=lambda n: (-things[n].weight, n))
@@ -170,13 +153,15 @@ def _within(larger: Plane, own: NDArray[np.bool_], gaussians: Gaussians, size: F
 def surface_kinds(
     surfaces: dict[int, Plane], centers: dict[int, F64], cameras: F64, up: F64 | None
 ) -> dict[int, SurfaceKind]:
-    """What each surface is: the lowest level one below all cameras is the floor, if another level one lies between (in
-    a close-up the table is the lowest); level ones above all cameras are ceilings, upright ones walls.
+    """Classifies surfaces as floor, ceiling, wall, horizontal surface or other.
+
+    The floor is the lowest level surface below all cameras, if another level one lies between (in a close-up the table
+    is lowest); ceilings are level ones above all cameras, walls are upright ones.
 
     Args:
         centers: float64 [3] of each.
-        cameras: float64 [V, 3], where the photos were taken.
-        up: unit vector, or None where nothing tells it: then a surface is just that.
+        cameras: float64 [V, 3], positions of the photos.
+        up: unit vector; None if unknown: then all are "surface".
     """
     if up is None:
         return dict.fromkeys(surfaces, "surface")

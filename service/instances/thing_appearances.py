@@ -1,4 +1,4 @@
-"""What the things of a scene look like in its photos: what they are known by in other scenes of their project."""
+"""Appearance of things in their photos, for recognition in other scenes of the project."""
 
 from __future__ import annotations
 
@@ -23,18 +23,15 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import training_size
 
 _MAX_VIEWS = 16
-_BEST = 5
-"""Views from which a thing is described: measured with 1, 3 and 5."""
-_LEAST_SHARE = 0.0015
-"""Of a view's pixels that a thing must cover."""
-_CUT_OFF = 0.4
-"""What a view's area of a thing counts where the thing reaches the picture's edge."""
+_BEST = 5  # number of views that describe a thing; 1, 3 and 5 were measured
+_LEAST_SHARE = 0.0015  # least share of a view's pixels that a thing must cover
+_CUT_OFF = 0.4  # factor for the area of a thing that reaches the picture's edge
 _ALPHA_MIN = 0.5
 
 
 @dataclass(frozen=True)
 class _Sight:
-    """A thing in a view: how well it is seen, and where."""
+    """A thing in a view."""
 
     worth: float
     view: int
@@ -52,13 +49,13 @@ def with_appearances(
     looks: ClipImageText | None = None,
     backend: Backend = "cpu",
 ) -> Things:
-    """The same things, each with its descriptor, a small picture and its looks from the views that show most of it.
+    """Adds descriptor, small picture and looks to things, from their largest views.
 
     Args:
-        views: of the capture; of many, 16 spread evenly.
-        encoder: makes the features; None: things get neither descriptor nor picture.
-        max_side: things are drawn at this many pixels on the image's longer side.
-        looks: embeds what things look like; None: nothing does.
+        views: of the capture; at most 16 are used, spread evenly.
+        encoder: computes features; None: no descriptors and pictures.
+        max_side: pixels of the rendered image's longer side.
+        looks: computes embeddings; None: no looks.
     """
     best = _best_sights(things, gaussians, views, max_side, backend)
     features: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}
@@ -93,7 +90,7 @@ def with_appearances(
 def _best_sights(
     things: Things, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
 ) -> Mapping[int, Sequence[_Sight]]:
-    """By thing, its best views, the best first."""
+    """Maps thing ids to their best views, the best first."""
     device = device_of(backend)
     splats = splats_of(gaussians, device=device)
     classes = max((thing.id for thing in things.table), default=0) + 1

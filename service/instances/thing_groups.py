@@ -1,4 +1,4 @@
-"""Groups of things: candidates that the hierarchy takes for several things, with the things that lie in them."""
+"""Groups of things, from candidates that the hierarchy takes for several things."""
 
 from __future__ import annotations
 
@@ -10,17 +10,13 @@ from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.ownership import Owners
 from fastsplat.service.scene.types import ThingGroup
 
-_MOST = 0.7
-"""Share of a thing's weight in a candidate from which it is a member."""
+_MOST = 0.7  # share of a thing's weight in a candidate that makes it a member
 
 
 def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
-    """The groups of things, those with the highest consensus first: of each candidate the things, at least two, most of
-    which lie in it as they are in the end; candidates with the same members are one.
+    """Finds groups of at least two things, by descending consensus and without duplicates.
 
-    Args:
-        owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
-        size: float32 [G], see `Overlaps`.
+    Thing number n of `owners` [G] has the id n + 1, -1 is none; `size` [G] is as in `Overlaps`.
     """
     weights = size.astype(np.float64)
     whole = np.bincount(owners + 1, weights)[1:]

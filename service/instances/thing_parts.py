@@ -1,4 +1,4 @@
-"""Parts of things: candidates that the hierarchy counts to a larger thing, with the Gaussians that they have of it."""
+"""Parts of things, from candidates that the hierarchy assigns to a larger thing."""
 
 from __future__ import annotations
 
@@ -12,23 +12,21 @@ from fastsplat.service.instances.ownership import NOBODY, Owners, membership_of
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.types import Parts, Thing
 
-_PIXELS = 64.0
-"""Evidence of a Gaussian's membership, in pixels: much against the prior, so that shares of votes are probabilities."""
-_MOST = 0.8
-"""A candidate with more of its thing's weight is the thing itself, and no part."""
+_PIXELS = 64.0  # membership evidence in pixels; large against the prior, so that vote shares become probabilities
+_MOST = 0.8  # a candidate with more of its thing's weight is the thing itself
 
 
 def find_parts(
     candidates: Sequence[tuple[Candidate, int]], owners: Owners, size: F32, settings: DiscoverySettings, first_id: int
 ) -> Parts | None:
-    """The parts of things, the largest first; None for none.
+    """Finds the parts of things, the largest first; None if there are none.
 
-    A part has those Gaussians of its candidate that its thing owns. Where parts overlap the smaller has them, as among
-    things. What then fills fewer pixels than a thing must (`min_weight_px`), or fills most of its thing, is no part.
+    A part has the Gaussians of its candidate that its thing owns; where parts overlap, the smaller one has them. Parts
+    lighter than `min_weight_px`, or with most of their thing, are dropped.
 
     Args:
-        candidates: those that are parts, each with the number of the thing that it is a part of.
-        owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
+        candidates: parts with the number of their thing.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none; number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
     """
     count = len(owners)
@@ -49,7 +47,7 @@ def find_parts(
             parts.append(claimant)
     if not parts:
         return None
-    last = first_id + len(parts) - 1  # the largest, which comes last, is the first
+    last = first_id + len(parts) - 1  # reversed: the largest, found last, comes first
     table = tuple(replace(part, id=last - number) for number, part in enumerate(parts))[::-1]
     rows = np.flatnonzero(owner != NOBODY)
     return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count, pixels=_PIXELS))

@@ -1,4 +1,4 @@
-"""What is written on the things of a scene, read in its photos: each view tells what it shows, and they vote."""
+"""Text and codes on things, read in photos and decided by votes."""
 
 from __future__ import annotations
 
@@ -27,29 +27,22 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.thing_reads import ReadKind, ThingRead
 
-_MOST_DRAWN = 64
-"""Views among which those that are read are chosen."""
+_MOST_DRAWN = 64  # number of views among which those to be read are chosen
 _MOST_READ = 32
-_BEST = 4
-"""Views of each thing that are read: those that show most of it."""
+_BEST = 4  # number of views to read per thing, those that show most of it
 _ALPHA_MIN = 0.5
-_INSIDE = 0.6
-"""Of a line's pixels that must be one thing's."""
+_INSIDE = 0.6  # share of a line's pixels that must belong to one thing
 _LEAST_LETTERS = 2
-_MOST_SIGHTINGS = 400
-"""Of one thing, the surest: what is compared grows with their square."""
-_SAME = 0.34
-"""Lines of one thing that differ by at most this share of their letters are one line, read differently."""
-_TRUST = 0.8
-"""What the reader's own probability counts: it knows its letters, and not what a slanted view hides of them."""
+_MOST_SIGHTINGS = 400  # limit per thing, the surest, as comparisons grow with its square
+_SAME = 0.34  # lines of a thing that differ by at most this share of letters are one line
+_TRUST = 0.8  # factor for the reader's probability, which ignores what a slanted view hides
 _LEAST_PROBABILITY = 0.5
-_MANY = 4
-"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part."""
+_MANY = 4  # with this many reading views, a line read by a single one is dropped
 
 
 @dataclass
 class _Line:
-    """One line of a thing, as some views read it."""
+    """A line of text on a thing, with its readings by view."""
 
     key: str
     votes: dict[str, float]
@@ -71,15 +64,15 @@ def with_reads(
     *,
     backend: Backend = "cpu",
 ) -> Things:
-    """The same things, each with what is written on it.
+    """Adds to things what is written on them.
 
-    Only pixels that may be used are read: what a photo withholds (`load_content`) says nothing.
+    Text in pixels that a photo withholds (`load_content`) is ignored.
 
     Args:
-        views: of the capture; of many, at most 32 are read: those that show most of some thing.
+        views: of the capture; at most 32 are read, those that show most of some thing.
         reader: of lines; None: only codes are read.
-        max_side: things are drawn at this many pixels on the image's longer side.
-        on_view: hears of every view that was read.
+        max_side: pixels of the rendered image's longer side.
+        on_view: called for every view that was read.
     """
     owners = _owners(things, gaussians, views, max_side, backend)
     chosen = _views_to_read(owners, [thing.id for thing in things.table])
@@ -97,14 +90,14 @@ def with_reads(
 
 
 def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ...]:
-    """What the views of one thing agree that is written on it.
+    """Decides by votes what is written on a thing.
 
-    Lines that hardly differ are one, of whose readings the one with most votes (probabilities) counts; a part of a line
-    that is read whole elsewhere is none. A line is the surer the more views read it so, and the fewer otherwise; one
-    view alone is not believed where many read something.
+    Similar lines are merged; the reading with the highest sum of probabilities counts. Parts of a line that is read
+    whole elsewhere are dropped. Agreeing views raise the probability, others lower it; a single view is not believed
+    where many read something.
 
     Args:
-        sightings: the number of a view, and what it shows written on the thing.
+        sightings: view number and reading.
     """
     codes: dict[tuple[ReadKind, str], set[int]] = {}
     for view, writing in sightings:
@@ -124,7 +117,7 @@ def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ..
 
 
 def _lines(sightings: Sequence[tuple[int, Writing]]) -> list[_Line]:
-    """The lines of one thing: of readings that hardly differ, or of which one is a part of the other, one."""
+    """Merges readings of a thing that are similar, or contained in one another."""
     lines: list[_Line] = []
     for view, writing in sorted(sightings, key=lambda one: -one[1].probability)[:_MOST_SIGHTINGS]:
         text = one_line(writing.text)
@@ -149,14 +142,14 @@ def _key(text: str) -> str:
 
 
 def _probability(sure: Sequence[float]) -> float:
-    """That readings of these probabilities, each of another view, are not all wrong."""
+    """Probability that not all readings are wrong, each of another view."""
     return float(1 - np.prod([1 - _TRUST * each for each in sure]))
 
 
 def _owners(
     things: Things, gaussians: Gaussians, views: Sequence[View], max_side: int, backend: Backend
 ) -> dict[int, NDArray[np.uint16]]:
-    """By the number of a view, uint16 [h, w]: the thing of each pixel, 0 for none."""
+    """Maps view numbers to uint16 [h, w], the thing of each pixel, 0 for none."""
     device = device_of(backend)
     splats, blend = splats_of(gaussians, device=device), things_blend(things, gaussians.codes, device)
     owners = {}
@@ -169,7 +162,7 @@ def _owners(
 
 
 def _views_to_read(owners: Mapping[int, NDArray[np.uint16]], ids: Sequence[int]) -> list[int]:
-    """The views that are among the best of some thing; of too many, those of most things."""
+    """Returns the views that are best for a thing, up to a limit."""
     numbers = list(owners)
     if len(numbers) <= _MOST_READ:
         return numbers
@@ -185,7 +178,7 @@ def _views_to_read(owners: Mapping[int, NDArray[np.uint16]], ids: Sequence[int])
 def _thing_of(
     writing: Writing, owner: NDArray[np.uint16], content: NDArray[np.bool_] | None, size: tuple[int, int]
 ) -> int:
-    """The thing on which something is written; 0 where it is on none, on several, or where nothing may be used."""
+    """Returns the thing of a reading; 0 for none, several, or withheld pixels."""
     height, width = owner.shape
     corners = writing.corners * np.array([width / size[0], height / size[1]], np.float32)
     inside = np.zeros(owner.shape, np.uint8)
