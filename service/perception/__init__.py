@@ -1,1 +1,1 @@
-"""Photos to a dictionary of what is in the capture, and a label map per view."""
+"""Perception: photos to a dictionary of the capture and a label map per view."""

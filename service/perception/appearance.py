@@ -1,5 +1,7 @@
-"""What a thing looks like, as numbers by which it is known again in another scene: inner features of the closed-set
-detector, averaged inside the thing's mask (compared in docs/naming.md)."""
+"""Appearance descriptors of things, for recognition in other scenes.
+
+They are inner features of the closed-set detector, averaged inside the thing's mask (compared in docs/naming.md).
+"""
 
 from __future__ import annotations
 
@@ -24,17 +26,17 @@ F32 = NDArray[np.float32]
 
 _SIDE = 416
 _LAYERS = ("conv2d_110.tmp_0", "conv2d_117.tmp_0", "conv2d_130.tmp_0")
-"""Of PicoDet-S: the backbone at strides 16 and 32, the neck at stride 32."""
+"""PicoDet-S: the backbone at strides 16 and 32, the neck at stride 32."""
 _CHANNELS = (192, 384, 96)
 _PICTURE_SIDE = 96
 _PICTURE_QUALITY = 80
 
 SIZE = sum(_CHANNELS)
-"""Numbers of a descriptor."""
+"""Length of a descriptor."""
 
 
 class AppearanceEncoder:
-    """The features of one detector.
+    """Features of a detector.
 
     Raises:
         ModelUnavailableError: on opening, a file that is missing, damaged or no such network.
@@ -44,17 +46,14 @@ class AppearanceEncoder:
         self._session = open_session(model, name=name, threads=threads, inner=_LAYERS)
 
     def features(self, image: Image, mask: NDArray[np.bool_]) -> F32:
-        """float32 [SIZE]: the features of what bool [H, W] covers in uint8 [H, W, 3], to be joined by `descriptor_of`.
-
-        The mask must cover something.
-        """
+        """Computes features, float32 [SIZE], of the image inside a mask, which must not be empty."""
         crop, inside = square_around(image, mask, _SIDE)
         feed = {"image": imagenet_tensor(crop, _SIDE, cubic=False), "scale_factor": np.ones((1, 2), np.float32)}
         return np.concatenate([_pooled(layer[0], inside) for layer in self._session.run(list(_LAYERS), feed)])
 
 
 def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> AppearanceEncoder | None:
-    """The encoder over the detector that `settings.closed_set_detector` names; None for one whose inside is not known.
+    """Opens the encoder of `settings.closed_set_detector`; None if its layers are not known.
 
     Raises:
         ModelUnavailableError: unknown name or adapter, missing or damaged file.
@@ -67,8 +66,10 @@ def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> Appea
 
 
 def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
-    """float16 [SIZE] of length 1: the descriptor of a thing in V pictures, at least one. A layer's features, less what
-    things have in common, are brought to length 1, averaged over the pictures, and brought to length 1 again."""
+    """Combines the features of a thing's pictures into a unit vector, float16 [SIZE].
+
+    Each layer's features are centered, normalized, averaged over the pictures, and normalized again.
+    """
     rows = np.stack(features).astype(np.float64) - _center()
     parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
     whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])
@@ -76,7 +77,7 @@ def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
 
 
 def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
-    """A JPEG of what a mask covers, with a little of what is around it, to be recognized by people."""
+    """Encodes a mask's contents with a margin as a small JPEG for people."""
     crop, _ = square_around(image, mask, _PICTURE_SIDE)
     coded = cv2.imencode(".jpg", cv2.cvtColor(crop, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PICTURE_QUALITY])
     return coded[1].tobytes()
@@ -84,7 +85,7 @@ def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
 
 @cache
 def _center() -> NDArray[np.float64]:
-    """The mean features of the things of the demo's sample."""
+    """Mean features of the things of the demo's sample."""
     text = (Path(__file__).parent / "appearance_center.json").read_text(encoding="utf-8")
     return np.array(json.loads(text), np.float64)
 
@@ -94,8 +95,7 @@ def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _pooled(layer: F32, inside: NDArray[np.bool_]) -> F32:
-    """float32 [C]: the mean of [C, h, w] over the cells that a mask covers by half; where it covers none, those that it
-    covers most."""
+    """Averages [C, h, w] over the cells inside a mask, or those it covers most."""
     share = cv2.resize(inside.astype(np.float32), layer.shape[:0:-1], interpolation=cv2.INTER_AREA)
     weights = np.where(share > min(0.5, 0.9 * float(share.max())), share, 0)
     return np.asarray((layer * weights).sum(axis=(1, 2)) / max(float(weights.sum()), 1e-6), np.float32)

@@ -1,4 +1,4 @@
-"""Arithmetic of boxes: float32 [K, 4], x1, y1, x2, y2 in pixels."""
+"""Box arithmetic: float32 [K, 4], x1, y1, x2, y2 in pixels."""
 
 from __future__ import annotations
 
@@ -30,6 +30,6 @@ def nms(boxes: Boxes, scores: NDArray[np.float32], iou: float) -> NDArray[np.int
 
 
 def clip_boxes(boxes: Boxes, width: int, height: int) -> Boxes:
-    """The boxes' parts inside an image of that size."""
+    """Clips boxes to an image."""
     limit = np.array([width, height, width, height], np.float32)
     return np.clip(boxes, 0, limit).astype(np.float32)

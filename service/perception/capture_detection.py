@@ -1,4 +1,4 @@
-"""Detections of every view of a capture: which detector looks for what."""
+"""Detections in all views of a capture, by the configured detectors."""
 
 from __future__ import annotations
 
@@ -21,33 +21,30 @@ from fastsplat.service.perception.tagging import propose_texts
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
 
-_TAGGER_VIEWS = 16
-"""Views that are tagged, evenly spread; 0: all."""
+_TAGGER_VIEWS = 16  # views that are tagged, evenly spread; 0: all
 
 _CROP = 0.6
 _CUT_PX = 4
 
 LoadImage = Callable[[int], Image]
-"""Loads the image of a position among the views that perception looks at."""
+"""Loads an image by its position among the views for perception."""
 
 OnView = Callable[[int, str], None]
-"""Called with the number of views done in this pass and a line for people; may raise `CancelledError`."""
+"""Called with the number of views done and a message; may raise `CancelledError`."""
 
 
 class CaptureDetector:
-    """Detects the objects of a capture's views, each view once, in whatever order they are asked for: with an open-set
-    detector prompted by the labels, else by the tagger or `settings.prompt_source`; without one by the closed-set
-    detector.
+    """Detects the objects of a capture's views, once per view, in any order.
+
+    An open-set detector is prompted by the labels, else by the tagger or `settings.prompt_source`; without one the
+    closed-set detector is used. `searched` has the names that are looked for.
 
     Args:
         count: views, numbered from 0.
-        labels: names to look for; empty: whatever is there.
-
-    Attributes:
-        searched: the names that are looked for.
+        labels: names to look for; empty: anything.
 
     Raises:
-        InvalidInputError: the closed-set detector cannot know some of the labels; names them.
+        InvalidInputError: names labels that the closed-set detector does not know.
         ModelUnavailableError: see the detectors.
     """
 
@@ -85,11 +82,9 @@ class CaptureDetector:
         return len(self._found)
 
     def detections(self, views: Sequence[int]) -> list[Detections]:
-        """Raw detections of these views, scoring the settings' floor at least, with one name for each class; those that
-        were not looked at yet are.
+        """Returns raw detections above the score floor, with one name per class.
 
-        Raises:
-            CancelledError: `on_view` says so.
+        Views that were not looked at yet are. Raises `CancelledError` if `on_view` does.
         """
         new = [view for view in views if view not in self._found]
         found = in_order(lambda view: self._detect(self._load(view)), new, self._at_once)
@@ -117,23 +112,21 @@ def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: 
 def _detect_named(
     detector: ClosedSetDetector, image: Image, names: Sequence[str], settings: PerceptionSettings
 ) -> Detections:
-    """What the detector detects of these names; without names, everything."""
+    """Detects objects of these names; without names, everything."""
     keys = {label_key(name) for name in names}
     everything = detect_closed_set(detector, image, settings)
     return everything.take([row for row, label in enumerate(everything.labels) if not keys or label_key(label) in keys])
 
 
 def detect_closed_set(detector: ClosedSetDetector, image: Image, settings: PerceptionSettings) -> Detections:
-    """All objects that the detector detects in uint8 [H, W, 3] and that score `score_floor`; with `closer_look`, in the
-    image's four corners as well."""
+    """Detects objects that score `score_floor`; with `closer_look`, also in the image's four corners."""
     if not settings.closer_look:
         return detector.detect(image, settings.score_floor)
     return _detect_in_crops(detector, image, settings.score_floor)
 
 
 def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float) -> Detections:
-    """What the detector detects in the whole image and in its four corners, each _CROP of the sides; a box that ends
-    where its crop ends, inside the image, is a part of an object and does not count."""
+    """Detects in the image and its four corners, without boxes cut off by a crop."""
     height, width = image.shape[:2]
     crop_height, crop_width = round(height * _CROP), round(width * _CROP)
     parts = [detector.detect(image, min_score)]
@@ -151,17 +144,17 @@ def _detect_in_crops(detector: ClosedSetDetector, image: Image, min_score: float
 
 
 def spread(total: int, limit: int) -> list[int]:
-    """Positions of at most `limit` of `total` views, evenly spread, first and last included; 0: all."""
+    """Positions of at most `limit` of `total` views, evenly spread, with both ends; 0: all."""
     if not limit or limit >= total:
         return list(range(total))
     return sorted({round(position) for position in np.linspace(0, total - 1, limit)})
 
 
 def check_labels_known(names: Sequence[str], settings: PerceptionSettings) -> None:
-    """Raise unless the configured detectors can look for all of these names; no model is opened.
+    """Checks, without opening models, that the configured detectors know these names.
 
     Raises:
-        InvalidInputError: there is no open-set detector, and the closed-set detector cannot know some; names them.
+        InvalidInputError: names those that the closed-set detector, in use alone, does not know.
         ModelUnavailableError: no such closed-set detector.
     """
     if settings.open_set_detector or not names:

@@ -1,4 +1,4 @@
-"""Masks without names for the views of a capture that nobody labels: with given label maps, or none."""
+"""Masks without names for the views of a capture that is not labelled by models."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ OnView = Callable[[int, int], None]
 def propose_capture_masks(
     views: Sequence[View], settings: PerceptionSettings, models: Path, on_view: OnView = lambda done, total: None
 ) -> tuple[ViewMasks | None, ...]:
-    """What is in each of at most `proposal_views` of these views, evenly spread; None for the others.
+    """Proposes masks in at most `proposal_views` evenly spread views; None for the others.
 
     Raises:
-        ModelUnavailableError: the closed-set detector or the segmenter of the settings is missing or damaged.
+        ModelUnavailableError: the closed-set detector or the segmenter is missing or damaged.
     """
     _, of_each = side_by_side(settings)
     detector, segmenter = open_closed_set_detector(of_each, models), open_segmenter(of_each, models)
@@ -40,7 +40,7 @@ def propose_view_masks(
     settings: PerceptionSettings,
     on_view: OnView = lambda done, total: None,
 ) -> tuple[ViewMasks | None, ...]:
-    """As `propose_capture_masks`, with these models. What the detector calls its boxes does not matter."""
+    """Proposes masks as `propose_capture_masks`, by these models; the detector's labels are ignored."""
     positions = spread(len(views), settings.proposal_views)
     masks: list[ViewMasks | None] = [None] * len(views)
 

@@ -1,4 +1,4 @@
-"""The lists of class names that come with the software."""
+"""Built-in lists of class names."""
 
 from __future__ import annotations
 
@@ -24,4 +24,4 @@ flower, tree, plant, fence, bicycle, sign, ladder, toolbox, hammer, screwdriver,
 sculpture""".replace("\n", " ").split(", ")
 
 TAGS = tuple(entry.label for entry in dictionary_of((*COCO_80, *_MORE)).entries)
-"""The prompts of an open-set detector when the user names nothing: about 150 objects of homes, offices, streets."""
+"""Default prompts of an open-set detector: about 150 objects of homes, offices, streets."""

@@ -1,4 +1,4 @@
-"""Resolution of detections over all views: which classes are in the scene, and which class an object is of."""
+"""Votes over all views: classes in the scene, and one class per object."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ SAME_LABEL_IOU = 0.6
 
 
 def merge_spellings(detections: Sequence[Detections], names: Sequence[str] = ()) -> list[Detections]:
-    """The detections with one name for all spellings of one `label_key`: the one in `names`, else the first in view
-    order."""
+    """Unifies labels with the same `label_key`: to the one in `names`, else the first."""
     name_by_key: dict[str, str] = {}
     for label in (*names, *(label for view in detections for label in view.labels)):
         name_by_key.setdefault(label_key(label), label)
@@ -33,12 +32,12 @@ def merge_spellings(detections: Sequence[Detections], names: Sequence[str] = ())
 def resolve_detections(
     detections: Sequence[Detections], settings: PerceptionSettings, *, named: bool
 ) -> tuple[list[Detections], dict[str, float]]:
-    """The detections that the views together support, one for each object; and each class's support.
+    """Selects the detections supported by the views, one per object; also each class's support.
 
-    A class is believed when it scores `score_threshold` in enough views (`min_view_share`, `min_views`; one if the user
-    `named` it). Of overlapping boxes of one class (`same_label_iou`) the best stays, of two classes (`rival_iou`) the
-    one with the larger score × support, support being the mean over the views of the class's best score; repeated until
-    the believed classes stand.
+    A class is in the scene if it scores `score_threshold` in enough views (`min_view_share`, `min_views`; one view if
+    the user `named` it). Of overlapping boxes of one class the best stays, of two classes (`rival_iou`) the one with
+    the larger score × support, where support is the class's best score averaged over views. This is repeated until the
+    classes are stable.
     """
     enough = (
         1 if named else min(len(detections), max(settings.min_views, ceil(settings.min_view_share * len(detections))))
@@ -66,13 +65,13 @@ def resolve_detections(
 def region_votes(
     resolved: Detections, candidates: Detections, ids: Mapping[str, int], rival_iou: float
 ) -> list[dict[int, float]]:
-    """For each resolved detection, the label ids that boxes in its place were given, and their best scores.
+    """Collects, per resolved detection, the best score by label id of boxes in its place.
 
     Args:
-        resolved: what stayed of `candidates` in one view.
+        resolved: the resolved ones of `candidates` in a view.
         candidates: all detections of the view that score enough to count.
         ids: label id of each class; others have no vote.
-        rival_iou: boxes that overlap more are in one place.
+        rival_iou: boxes that overlap more are in the same place.
     """
     overlap = box_iou(resolved.boxes, candidates.boxes)
     votes: list[dict[int, float]] = []
@@ -87,7 +86,7 @@ def region_votes(
 
 
 def detection_weights(view: Detections, support: Mapping[str, float]) -> NDArray[np.float32]:
-    """float32 [K]: score × support, what rivals are compared by."""
+    """float32 [K]: score × support, by which rivals are compared."""
     return view.scores * np.array([support[label] for label in view.labels], np.float32)
 
 

@@ -1,4 +1,4 @@
-"""A first look at a capture: its views in an order in which few of them show most of the place."""
+"""Order of views in which few of them show most of the place."""
 
 from __future__ import annotations
 
@@ -10,21 +10,22 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.perception.types import Labelling
 
-_TIMES = 2
-"""A point counts in so many views: a thing is one that two views show."""
+_TIMES = 2  # a point counts in this many views, as a thing needs two
 _MOST_POINTS = 4_000
 
 
 EARLY_VIEWS = 8
-"""Views that are looked at before all others, and that a draft of the scene knows."""
+"""Number of views that are looked at first, for a draft of the scene."""
 
 ShowEarly = Callable[[Labelling, Sequence[int]], None]
-"""Who is given the labelling as far as it has come, and the numbers of the views looked at, `EARLY_VIEWS` at most."""
+"""Called with the labelling so far and the numbers of its views, at most `EARLY_VIEWS`."""
 
 
 def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:
-    """The views `numbers` of a capture in an order in which each adds as many of the capture's points as it can, each
-    point counted in its first two views; what adds nothing keeps its place behind the others."""
+    """Sorts views so that each adds as many points of the capture as possible.
+
+    Points count in their first two views; views that add nothing keep their order at the end.
+    """
     points = capture.points
     if len(points) > _MOST_POINTS:
         points = points[np.sort(np.random.default_rng(0).choice(len(points), _MOST_POINTS, replace=False))]
@@ -39,7 +40,7 @@ def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:
 
 
 def _shows(view: View, points: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """bool [P]: which points are in a view's picture, whatever is before them."""
+    """bool [P]: points inside a view's picture, ignoring occlusion."""
     camera, local = view.posed.camera, np.c_[points, np.ones(len(points))] @ view.posed.camera_from_world().T
     depth = np.where(local[:, 2] > 1e-6, local[:, 2], np.inf)
     x, y = local[:, 0] / depth * camera.fx + camera.cx, local[:, 1] / depth * camera.fy + camera.cy

@@ -13,20 +13,21 @@ from fastsplat.service.perception.types import Image
 
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
-_AROUND = 1.2
-"""Side of the square that is cut out, in longer sides of the thing's box."""
+_AROUND = 1.2  # side of the cut-out square over the longer side of the thing's box
 _GRAY = (123.675, 116.28, 103.53)
 
 
 def imagenet_tensor(image: Image, side: int, *, cubic: bool = False) -> NDArray[np.float32]:
-    """float32 [1, 3, side, side]: resized without keeping the aspect, ImageNet mean and deviation taken out."""
+    """float32 [1, 3, side, side]: resized without keeping the aspect, ImageNet-normalized."""
     resized = cv2.resize(image, (side, side), interpolation=cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR)
     return _planar((resized.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_STD)
 
 
 def square_around(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Image, NDArray[np.bool_]]:
-    """The square around a mask that covers something, as uint8 [side, side, 3] and bool [side, side]; outside the image
-    it is gray."""
+    """Cuts out a square around a non-empty mask, and the mask in it.
+
+    Returns uint8 [side, side, 3], gray outside of the image, and bool [side, side].
+    """
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
     scale = side / (_AROUND * max(width, height))
     matrix = np.array(
@@ -40,20 +41,20 @@ def square_around(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Ima
 
 @dataclass(frozen=True)
 class Letterbox:
-    """An image inside a square: pixel (x, y) lands at (x·scale + left, y·scale + top)."""
+    """An image in a square; (x, y) maps to (x·scale + left, y·scale + top)."""
 
     scale: float
     left: int
     top: int
 
     def to_image(self, boxes: NDArray[np.float32]) -> NDArray[np.float32]:
-        """float32 [K, 4] boxes of the square as boxes of the image."""
+        """Converts boxes [K, 4] from the square to the image."""
         shift = np.array([self.left, self.top, self.left, self.top], np.float32)
         return ((boxes - shift) / self.scale).astype(np.float32)
 
 
 def letterboxed(image: Image, side: int) -> tuple[NDArray[np.float32], Letterbox]:
-    """float32 [1, 3, side, side] in 0..1 with the image in the middle, and where it lies."""
+    """float32 [1, 3, side, side] in 0..1 with the image centered, and its place."""
     height, width = image.shape[:2]
     scale = side / max(height, width)
     inner_w, inner_h = max(1, round(width * scale)), max(1, round(height * scale))
@@ -64,7 +65,7 @@ def letterboxed(image: Image, side: int) -> tuple[NDArray[np.float32], Letterbox
 
 
 def long_side_padded(image: Image, side: int, fill: NDArray[np.float32]) -> tuple[NDArray[np.float32], float]:
-    """float32 [1, 3, side, side] in 0..255 with the image at the top left and `fill` [3] beside it, and its scale."""
+    """float32 [1, 3, side, side], 0..255, padded at right and bottom; and the scale."""
     height, width = image.shape[:2]
     scale = side / max(height, width)
     inner_w, inner_h = max(1, int(width * scale + 0.5)), max(1, int(height * scale + 0.5))

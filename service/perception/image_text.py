@@ -1,5 +1,4 @@
-"""Image-text models: one network embeds pictures, another texts, so that what belongs together lies close together, as
-CLIP (Radford et al. 2021), whose preparation of pictures this is."""
+"""Image-text models with a shared embedding space, like CLIP (Radford et al. 2021)."""
 
 from __future__ import annotations
 
@@ -24,16 +23,14 @@ F32 = NDArray[np.float32]
 
 _MEAN = np.array([0.48145466, 0.4578275, 0.40821073], np.float32)
 _DEVIATION = np.array([0.26862954, 0.26130258, 0.27577711], np.float32)
-_SIDE = 224
-"""Of pictures where the network does not say."""
+_SIDE = 224  # side of pictures if the network does not tell
 
 
 class ClipImageText:
-    """`pixel_values` [N, 3, S, S] → `image_embeds` [N, E], and a text tower as `ClipTextEncoder` has it. It is a text
-    encoder by itself; the network of pictures is opened with the first one.
+    """An image network and a text tower of one embedding space; also a text encoder.
 
-    Raises:
-        ModelUnavailableError: a file is missing, damaged, or does not keep this contract.
+    `pixel_values` [N, 3, S, S] → `image_embeds` [N, E]; text as in `ClipTextEncoder`. The image network is opened for
+    the first picture. Raises `ModelUnavailableError` if a file is missing, damaged, or breaks this contract.
     """
 
     def __init__(self, image: Path, text: Path, words: Path, *, name: str, threads: int = 0) -> None:
@@ -49,13 +46,7 @@ class ClipImageText:
         return self._text.encode(texts)
 
     def embed(self, image: Image, mask: NDArray[np.bool_]) -> F32:
-        """float32 [E] of unit length: of what bool [H, W] covers in uint8 [H, W, 3], with a little of what is around.
-
-        The mask must cover something.
-
-        Raises:
-            ModelUnavailableError: the network does not keep the contract.
-        """
+        """float32 [E] of unit length, of a non-empty mask with a margin."""
         side = self._session.get_inputs()[0].shape[2]
         crop, _ = square_around(image, mask, side if isinstance(side, int) else _SIDE)
         pixels = (crop.astype(np.float32) / 255 - _MEAN) / _DEVIATION
@@ -75,11 +66,7 @@ class ClipImageText:
 
 
 def open_image_text(settings: PerceptionSettings, models: Path) -> ClipImageText:
-    """The model that `settings.image_text` names.
-
-    Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
-    """
+    """Opens the model of `settings.image_text`; raises `ModelUnavailableError` if that fails."""
     name = settings.image_text
     _, inside = find_model(name, "image_text")
     image, text = image_and_text(models / inside, name=name)
@@ -87,5 +74,5 @@ def open_image_text(settings: PerceptionSettings, models: Path) -> ClipImageText
 
 
 def find_image_text(settings: PerceptionSettings, models: Path) -> ClipImageText | None:
-    """As `open_image_text`; None where the settings name none."""
+    """Opens the model of `settings.image_text`; None if it is unset."""
     return open_image_text(settings, models) if settings.image_text else None

@@ -1,4 +1,4 @@
-"""A capture in, a dictionary and label maps out."""
+"""Labelling of a capture: its dictionary and a label map per view."""
 
 from __future__ import annotations
 
@@ -28,30 +28,24 @@ from fastsplat.service.perception.vocabulary import build_labelling, labelling_f
 from fastsplat_contract.errors import InvalidInputError
 
 _SYNONYM_COSINE = 0.85
-"""Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
-(`_SYNONYM_IOU`); names the user gave are never merged. 0.85 merges 7 of 30 pairs of one class."""
-_SYNONYM_IOU = 0.5
-"""Mean overlap of two classes over the views that show both, before rivals are resolved."""
+"""Least cosine of the name embeddings of synonyms; see `_SYNONYM_IOU`.
+
+Names given by the user are never merged. 0.85 merges 7 of 30 pairs of one class.
+"""
+_SYNONYM_IOU = 0.5  # mean overlap of two classes over the views that show both, before rivals are resolved
 
 _SEGMENTED_VIEW = {"closed": 20, "open": 3}
-"""What a view takes to be segmented, in times its detection by either kind of detector, for the stage's progress."""
+"""Time to segment a view in units of its detection, for the stage's progress."""
 
 
 @dataclass(frozen=True)
 class _ResolvedViews:
-    """The detections of all views after the views were compared.
+    """Detections of all views after the views were compared."""
 
-    Attributes:
-        candidates: of each view, every detection that scores enough to count, under the name of its entry.
-        objects: of each view, those that the views together support, one for each object.
-        support: of each class, see `resolve_detections`.
-        ids: label id of each class, from 1.
-    """
-
-    candidates: Sequence[Detections]
-    objects: Sequence[Detections]
-    support: Mapping[str, float]
-    ids: Mapping[str, int]
+    candidates: Sequence[Detections]  # of each view, all that score enough, under their entries' names
+    objects: Sequence[Detections]  # of each view, those that the views support, one per object
+    support: Mapping[str, float]  # of each class, see `resolve_detections`
+    ids: Mapping[str, int]  # label id of each class, from 1
     aliases: Mapping[str, str]
 
 
@@ -65,28 +59,26 @@ def label_capture(
     masks: bool = False,
     early: ShowEarly | None = None,
 ) -> Labelling:
-    """Label maps of every view, and the dictionary of their labels.
+    """Labels all views of a capture.
 
-    Label maps that came with the capture are taken as they are. Otherwise the views together decide which detections
-    stand (`resolve_detections`); boxes become masks and masks regions (`_segment_regions`), in the order in which views
-    show most of the capture's points (`covering_order`), with what rivals were called (`region_votes`).
+    Label maps of the capture are taken unchanged. Otherwise the views vote on the detections (`resolve_detections`),
+    and boxes become masks and regions (`_segment_regions`) with the votes for rival names (`region_votes`), in an order
+    in which views soon show most of the capture's points (`covering_order`).
 
     Args:
-        labels: names to look for; empty: whatever is there.
+        labels: names to look for; empty: anything.
         progress: called for every view; may raise `CancelledError`.
-        masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
-            images; never where label maps came with the capture.
-        early: sees the labelling once its first views are done: with `masks` those that together show most, of those
-            whose masks without names are looked for; None for nobody. What it is shown costs nothing twice, and the
-            result is the same without it.
+        masks: also propose masks without names (`propose_masks`) from the same image features, unless label maps came
+            with the capture.
+        early: called once the first views are done (with `masks`, those with mask proposals that together show most);
+            neither costs extra work nor changes the result.
 
     Returns:
-        One label map per view, in order. Views that were not looked at (`settings.max_views`) are undetected
-        throughout, and with `masks` so are those beside the `settings.proposal_views` that no class needs. A scene in
-        which nothing is detected has an empty dictionary.
+        One label map per view, in order. Undetected throughout are views beyond `settings.max_views`, and with `masks`
+        those beyond `settings.proposal_views` that no class needs. The dictionary is empty if nothing is detected.
 
     Raises:
-        InvalidInputError: labels the closed-set detector cannot know; label maps of a wrong size or with unknown ids.
+        InvalidInputError: labels unknown to the closed-set detector; label maps of a wrong size or with unknown ids.
         ModelUnavailableError: a configured model is missing, damaged or of another contract.
     """
     if capture.given_labels is not None:
@@ -123,7 +115,7 @@ def label_capture(
     looked_at = [*first, *(each for each in order if each in segmented and each not in first)]
 
     def look(position: int) -> tuple[NDArray[np.bool_] | None, ViewMasks | None]:
-        """The masks of a view's objects, and its masks without names."""
+        """Masks of a view's objects, and masks without names."""
         objects = resolved.objects[position]
         if position not in proposing:
             found = segmenter.masks(segmenter.embed(load(position)), objects.boxes) if len(objects) else None
@@ -148,7 +140,7 @@ def label_capture(
 
 
 class _LabelMaps:
-    """Regions and labels of a capture's views, of one after another."""
+    """Regions and label maps, filled view by view."""
 
     def __init__(self, capture: Capture, resolved: _ResolvedViews, settings: PerceptionSettings) -> None:
         self._views, self._resolved, self._settings = capture.views, resolved, settings
@@ -156,11 +148,10 @@ class _LabelMaps:
         self._regions = [Regions(blank, ()) for blank in self._maps]
 
     def add(self, number: int, row: int, masks: NDArray[np.bool_]) -> None:
-        """Label view `number` of the capture, which is `row` of those that were resolved, by bool [K, H, W] masks of
-        its objects."""
+        """Labels view `number`, `row` of the resolved ones, by its objects' masks [K, H, W]."""
         objects, resolved, settings = self._resolved.objects[row], self._resolved, self._settings
         content = load_content(self._views[number])
-        if len(objects) and content is not None:  # what is withheld is no object, whatever its outline looks like
+        if len(objects) and content is not None:  # withheld pixels are no object, whatever their outline looks like
             inside = 2 * (masks & content).sum((1, 2)) >= masks.sum((1, 2))
             objects, masks = objects.take(np.flatnonzero(inside)), masks[inside]
         if not len(objects):
@@ -173,7 +164,7 @@ class _LabelMaps:
         self._maps[number] = labels[region_ids]
 
     def labelling(self, *, expected: bool) -> Labelling:
-        """As far as it has come; `expected`: whether the user gave the names."""
+        """Returns the labelling so far; `expected`: the user gave the names."""
         resolved = self._resolved
         return build_labelling(
             list(resolved.ids),
@@ -186,12 +177,7 @@ class _LabelMaps:
 
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:
-    """Positions of the views whose masks are looked for anyway, and for each class that none of them shows of the view
-    that shows it best.
-
-    Args:
-        proposing: positions of the views with masks without names.
-    """
+    """Positions of `proposing`, and of the best view for each class missing there."""
     shown = {label for position in proposing for label in objects[position].labels}
     best: dict[str, tuple[float, int]] = {}
     for position, view in enumerate(objects):
@@ -204,12 +190,7 @@ def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[
 def _resolve(
     detections: Sequence[Detections], named: bool, settings: PerceptionSettings, models: Path
 ) -> _ResolvedViews:
-    """The detections that stand, under their entries' names.
-
-    Args:
-        detections: of each view, as detected.
-        named: whether the user gave the names: then none is another's synonym.
-    """
+    """Resolves detections under their entries' names; names `named` by the user are no synonyms."""
     thresholds = _thresholds(settings)
     aliases: dict[str, str] = {}
     if settings.open_set_detector and not named:
@@ -220,7 +201,7 @@ def _resolve(
         detections = merge_synonyms(detections, aliases)
     objects, support = resolve_detections(detections, thresholds, named=named)
     classes = dict.fromkeys(label for view in objects for label in view.labels)
-    if named:  # a name that was asked for may lose every box to a rival; when the views vote again it may win after all
+    if named:  # a requested name that loses every box to rivals may still win when the views vote again
         classes |= dict.fromkeys(label for view in detections for label in view.labels)
     return _ResolvedViews(
         candidates=[view.take(np.flatnonzero(view.scores >= thresholds.score_floor)) for view in detections],
@@ -238,14 +219,7 @@ def _thresholds(settings: PerceptionSettings) -> PerceptionSettings:
 def _segment_regions(
     masks: NDArray[np.bool_], objects: Detections, support: Mapping[str, float], settings: PerceptionSettings
 ) -> tuple[NDArray[np.uint16], list[int]]:
-    """uint16 [H, W], the region 1..R of each pixel, 0 = none; and which of the masks each region is.
-
-    Args:
-        masks: bool [K, H, W].
-        objects: the K detections that they came from.
-        support: of each class.
-        settings: the least area, and which overlap makes rivals.
-    """
+    """Numbers masks as regions 1..R, uint16 [H, W]; also returns each region's mask number."""
     weights = detection_weights(objects, support)
     cleaned = np.stack([clean_mask(mask) for mask in masks])
     large = np.flatnonzero(cleaned.sum((1, 2)) >= settings.min_pixels)
@@ -282,6 +256,6 @@ def _blank(view: View) -> NDArray[np.uint16]:
 
 
 def _blank_outside(label_map: NDArray[np.uint16], content: NDArray[np.bool_] | None) -> None:
-    """Set to 0 what has no content: margins that undistortion leaves, pixels that are masked or withheld."""
+    """Sets pixels without content to 0: undistortion margins, masked and withheld pixels."""
     if content is not None:
         label_map[~content] = 0

@@ -1,5 +1,4 @@
-"""Label maps on disk: `dictionary.json` and one 16-bit PNG a view, two where regions were detected, and one NPZ for
-each view with masks without names."""
+"""Labelling on disk: `dictionary.json`, 16-bit PNGs of labels and regions, NPZs of masks."""
 
 from __future__ import annotations
 
@@ -24,7 +23,7 @@ _INDEX = "dictionary.json"
 
 
 def save_labelling(labelling: Labelling, directory: Path) -> None:
-    """Write `dictionary.json`, `000000.png`, ... into `directory`, replacing it whole by a rename."""
+    """Writes a labelling to `directory`, replacing it as a whole by a rename."""
     directory.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as work:
         staged = Path(work) / "new"
@@ -67,11 +66,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
 
 
 def load_labelling(directory: Path) -> Labelling:
-    """Read what `save_labelling` wrote.
-
-    Raises:
-        InvalidInputError: a file is missing or damaged, or ids and dictionary disagree.
-    """
+    """Reads what `save_labelling` wrote; damage raises `InvalidInputError`."""
     try:
         index = json.loads((directory / _INDEX).read_text("utf-8"))
         if index["schema_version"] != 1:

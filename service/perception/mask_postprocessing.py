@@ -13,7 +13,7 @@ _SPECK = 0.01  # of the mask's area
 
 
 def clean_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Without specks and pinholes: connected pieces, of the mask and of what it leaves, below 1 % of its area."""
+    """Removes specks and pinholes: connected pieces below 1 % of the mask's area."""
     limit = _SPECK * int(mask.sum())
     return ~_without_small(~_without_small(mask, limit), limit)
 
@@ -21,15 +21,14 @@ def clean_mask(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def upsampled(
     logits: NDArray[np.floating[Any]], scale: tuple[float, float], size: tuple[int, int], width: int, height: int
 ) -> NDArray[np.bool_]:
-    """bool [K, height, width]: masks of a segmenter's grid for the image at another size, edges interpolated between
-    grid steps.
+    """Resizes masks of a segmenter's grid, with interpolated edges, to bool [K, height, width].
 
     Args:
         logits: [K, h, w], positive inside.
-        scale: steps of the grid a pixel of the image, along x and y.
+        scale: grid steps per pixel of the image, along x and y.
         size: height and width of the image.
     """
-    # Pixel x of the resized image has its center at (x + 0.5)·step on the grid, whose first center is at 0.5.
+    # The center of pixel x of the resized image is at (x + 0.5)·step on the grid, whose first center is at 0.5.
     step_x, step_y = scale[0] * size[1] / width, scale[1] * size[0] / height
     to_grid = np.array([[step_x, 0, step_x / 2 - 0.5], [0, step_y, step_y / 2 - 0.5]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
@@ -45,8 +44,10 @@ def upsampled(
 def resolve_overlaps(
     masks: NDArray[np.bool_], classes: Sequence[str], weights: NDArray[np.float32], rival_iou: float
 ) -> list[int]:
-    """Rows of bool [K, H, W] to keep: of masks of two classes that overlap by more than `rival_iou` (the same pixels
-    under two names), the one with the larger weight. Overlap is intersection over union."""
+    """Rows of masks [K, H, W] to keep: the heavier of rivals.
+
+    Rivals are masks of two classes with an intersection over union above `rival_iou`.
+    """
     areas = masks.sum((1, 2))
     winners: list[int] = []
     for row in np.argsort(-weights, kind="stable"):
@@ -61,13 +62,9 @@ def resolve_overlaps(
 
 
 def paint(masks: NDArray[np.bool_], ids: Sequence[int], weights: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """uint16 [H, W]: where masks overlap, the smallest wins, since an object on or before another shows less of itself;
-    of equal ones the heavier.
+    """Paints masks [K, H, W] into a label map, the smallest (or heaviest) on top.
 
-    Args:
-        masks: bool [K, H, W].
-        ids: label id of each, from 1.
-        weights: float32 [K].
+    An object on or before another shows less of itself. `ids` count from 1.
     """
     label_map = np.zeros(masks.shape[1:], np.uint16)
     areas = masks.sum((1, 2))

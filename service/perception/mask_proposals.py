@@ -1,5 +1,7 @@
-"""Masks of whatever is in an image, without a name or a vocabulary: a segmenter's sure answers to boxes of a detector,
-which say how much is one object, then to points where no mask, or only a large one, is (`prompt_points`)."""
+"""Mask proposals without names or a vocabulary, from a segmenter.
+
+Prompts are a detector's boxes, which tell how much is one object, then points where no mask, or only a large one, is.
+"""
 
 from __future__ import annotations
 
@@ -17,32 +19,21 @@ from fastsplat.service.perception.segmenters.mask_selection import best_answers
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections, MaskLogits, Segmenter, ViewMasks, box_prompts, point_prompts
 
-_PROPOSAL_OVERLAP = 0.75
-"""Masks without a name of one view that overlap more are one."""
-_PROPOSAL_SIDE = 640
-"""Masks without names are stored at this many pixels on the image's longer side."""
+_PROPOSAL_OVERLAP = 0.75  # masks without names of a view that overlap more are one
+_PROPOSAL_SIDE = 640  # pixels of stored masks on the image's longer side
 
-_ROUNDS = (0.25, 0.6, 1.0)
-"""Share of the points that are prompted by the end of each round: what one round explains, the next leaves alone."""
-_BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8
-"""As the settings' bounds, for answers to boxes, which are not ambiguous."""
+_ROUNDS = (0.25, 0.6, 1.0)  # share of points prompted by the end of each round; later rounds skip what is explained
+_BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8  # like the settings' bounds, for answers to boxes, which are not ambiguous
 
 
 @dataclass(frozen=True)
 class MaskProposals:
-    """P masks of one image that may overlap: parts, things and groups of things.
+    """P masks of an image that may overlap: parts, things and groups of things."""
 
-    Attributes:
-        logits: float16 [P, h, w], positive inside, on the segmenter's grid, which covers the image and no more.
-        quality: float32 [P], predicted intersection over union times stability, 0..1.
-        scale: steps of the grid a pixel of the image, along x and y.
-        size: height and width of the image.
-    """
-
-    logits: NDArray[np.float16]
-    quality: NDArray[np.float32]
-    scale: tuple[float, float]
-    size: tuple[int, int]
+    logits: NDArray[np.float16]  # [P, h, w], positive inside, on the segmenter's grid, which covers just the image
+    quality: NDArray[np.float32]  # [P], predicted intersection over union times stability, 0..1
+    scale: tuple[float, float]  # grid steps per pixel of the image, along x and y
+    size: tuple[int, int]  # height and width of the image
 
     def __post_init__(self) -> None:
         assert self.logits.ndim == 3 and self.logits.dtype == np.float16
@@ -53,28 +44,25 @@ class MaskProposals:
 
     @property
     def inside(self) -> NDArray[np.bool_]:
-        """bool [P, h, w]: where the logits are above 0."""
-        return np.asarray(self.logits.view(np.int16) > 0)  # the same; numpy compares 16-bit floats far more slowly
+        """bool [P, h, w], True for logits above 0."""
+        return np.asarray(self.logits.view(np.int16) > 0)  # numpy compares 16-bit floats far more slowly
 
     def take(self, rows: Sequence[int] | NDArray[np.integer]) -> MaskProposals:
-        """Those of these rows, in this order."""
+        """Selects rows, in this order."""
         index = np.asarray(rows, np.intp)
         return MaskProposals(self.logits[index], self.quality[index], self.scale, self.size)
 
     def masks(self, width: int, height: int) -> NDArray[np.bool_]:
-        """bool [P, height, width]: the masks for the image at this size, edges interpolated between grid steps."""
+        """bool [P, height, width]: the masks resized, with interpolated edges."""
         return upsampled(self.logits, self.scale, self.size, width, height)
 
 
 def propose_masks(
     segmenter: Segmenter, embedding: Any, boxes: MaskLogits, size: tuple[int, int], settings: PerceptionSettings
 ) -> ViewMasks:
-    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is, or only a large one. A
-    mask that both agree on is the box's.
+    """Proposes masks from answers to boxes, then, in rounds, from open points.
 
-    Args:
-        boxes: the best answer to each box, see `answer_boxes`.
-        size: height and width of the image.
+    Of a mask found both ways, the box's is kept. `boxes` are from `answer_boxes`, `size` is height and width.
     """
     of_boxes = settings.model_copy(update={"proposal_quality": _BOX_QUALITY, "proposal_stability": _BOX_STABILITY})
     parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), _PROPOSAL_OVERLAP)]
@@ -101,8 +89,7 @@ def propose_masks(
 
 
 def boxes_to_prompt(objects: Detections, others: Detections, settings: PerceptionSettings) -> NDArray[np.float32]:
-    """float32 [K, 4]: the boxes of `objects`, in their order, then those of `others` that overlap none before by more
-    than `rival_iou`, whatever they are called."""
+    """Boxes of `objects`, then those of `others` that overlap no earlier one above `rival_iou`."""
     boxes = np.concatenate([objects.boxes, others.boxes])
     first = np.full(len(objects), 2.0, np.float32)
     rows = nms(boxes, np.concatenate([first, others.scores]), settings.rival_iou)
@@ -111,18 +98,14 @@ def boxes_to_prompt(objects: Detections, others: Detections, settings: Perceptio
 
 
 def answer_boxes(segmenter: Segmenter, embedding: Any, boxes: NDArray[np.float32]) -> MaskLogits:
-    """The segmenter's best answer to each of [K, 4] boxes in pixels of the image: logits [K, 1, h, w]."""
+    """Answers boxes [K, 4] in pixels by the best masks, logits [K, 1, h, w]."""
     return best_answers(segmenter.mask_logits(embedding, box_prompts(boxes)), boxes)
 
 
 def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: PerceptionSettings) -> MaskProposals:
-    """The answers that the segmenter predicts to be good, that are stable (Segment-Anything's score: IoU of the masks
-    cut at logits +1 and -1) and that are no specks.
+    """Keeps answers with high predicted quality and stability that are no specks.
 
-    Args:
-        answer: to K prompts, M masks each.
-        size: height and width of the image.
-        settings: `proposal_quality`, `proposal_stability` and `min_pixels`.
+    Stability is Segment-Anything's: the IoU of the masks cut at logits +1 and -1. `size` is height and width.
     """
     sure = _sure(answer, settings)
     logits = answer.logits[sure].reshape(-1, *answer.logits.shape[2:])
@@ -131,7 +114,7 @@ def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: Percepti
 
 
 def _sure(answer: MaskLogits, settings: PerceptionSettings) -> NDArray[np.bool_]:
-    """bool [K, M]; only the masks that are predicted to be good are looked at."""
+    """bool [K, M]; areas and stability are only computed for masks of sufficient quality."""
     sure = answer.quality > settings.proposal_quality
     logits = answer.logits[sure]
     area = (logits > 0).sum(axis=(1, 2)) / (answer.scale[0] * answer.scale[1])
@@ -144,15 +127,13 @@ def _stability(logits: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
 
 def joined_proposals(parts: Sequence[MaskProposals]) -> MaskProposals:
-    """All proposals of several rounds of prompts on one image; at least one part."""
+    """Joins at least one round of proposals on one image."""
     logits = np.concatenate([part.logits for part in parts])
     return MaskProposals(logits, np.concatenate([part.quality for part in parts]), parts[0].scale, parts[0].size)
 
 
 def distinct_proposals(proposals: MaskProposals, max_overlap: float, *, first: int = 0) -> MaskProposals:
-    """The best of every set of proposals that are the same mask: the first `first`, then the others, both by descending
-    quality, those whose intersection over union with each one before is at most `max_overlap` (non-maximum
-    suppression)."""
+    """Non-maximum suppression by quality, after the first `first`; IoU above `max_overlap` is the same."""
     if not len(proposals):
         return proposals
     later = np.arange(len(proposals)) >= first

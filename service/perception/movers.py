@@ -1,4 +1,4 @@
-"""Where a photo shows people and other things that move, by the word of the configured detectors."""
+"""Masks of people and other moving things in photos, by the configured detectors."""
 
 from __future__ import annotations
 
@@ -27,23 +27,16 @@ from fastsplat.service.perception.types import ClosedSetDetector, Detections, Im
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from fastsplat_contract.operations import Movers, Privacy
 
-_MOVER_MARGIN = 0.01
-"""Masks of what is withheld are widened by this share of the photo's longer side."""
+_MOVER_MARGIN = 0.01  # dilation of withheld masks, as a share of the photo's longer side
 
 _MIN_FILL = 0.25
 _MIN_EXTENT = 0.5
-_LEAST_MARGIN_PX = 4
-"""A mask of the segmenter's grid is no surer than that of where something ends."""
+_LEAST_MARGIN_PX = 4  # least dilation, as the edges of a segmenter's grid masks are not more accurate
 
 
 @dataclass(frozen=True)
 class MoverDetectors:
-    """Which detector is asked for which words.
-
-    Attributes:
-        closed_set: words that the closed-set detector is asked for; none: it is not asked.
-        open_set: the same for the open-set detector.
-    """
+    """Words that each detector is asked for; without any it is not used."""
 
     closed_set: tuple[str, ...]
     open_set: tuple[str, ...]
@@ -52,12 +45,10 @@ class MoverDetectors:
 def mover_detectors(
     movers: Movers | None, privacy: Privacy | None, settings: PerceptionSettings, models: Path
 ) -> MoverDetectors:
-    """Who is asked for what, if these choices withhold anything; no network is opened.
-
-    Every configured detector is asked for the words that it knows, so that what one overlooks another may see.
+    """Assigns the words to withhold to every detector that knows them, without opening networks.
 
     Raises:
-        ModelUnavailableError: no configured detector knows some of the words; names them.
+        ModelUnavailableError: names the words that no configured detector knows.
     """
     words = (*(settings.people_words if privacy else ()), *(settings.mover_words if movers == "ignore" else ()))
     words = tuple(dict.fromkeys(words))
@@ -78,10 +69,10 @@ def mover_detectors(
 def open_withholding(
     movers: Movers | None, privacy: Privacy | None, settings: PerceptionSettings, models: Path
 ) -> Withholding | None:
-    """What is to be left out of photos, with its models opened; None where nothing is.
+    """Opens the models that find what to leave out of photos; None if nothing is.
 
     Raises:
-        ModelUnavailableError: a model that this needs is missing or damaged, or none knows what is to be withheld.
+        ModelUnavailableError: a needed model is missing or damaged, or none knows a word.
     """
     if privacy is None and movers != "ignore":
         return None
@@ -93,13 +84,10 @@ def open_withholding(
 
 @dataclass(frozen=True)
 class MoverMasks:
-    """A `FindMovers`: detectors give boxes, the segmenter their masks. It errs towards withholding: low scores count,
-    masks are widened by `mover_margin`, and the whole box counts where a mask hardly fills it.
+    """A `FindMovers` by detectors and a segmenter, in doubt withholding too much.
 
-    Attributes:
-        asked: which words which detector is asked for.
-        closed_set, open_set: the detectors; None for one that is not asked.
-        segmenter: of boxes.
+    Low scores count, masks are dilated, and the whole box counts if a mask hardly fills it. Detectors are None if not
+    used.
     """
 
     asked: MoverDetectors
@@ -109,7 +97,7 @@ class MoverMasks:
     settings: PerceptionSettings
 
     def __call__(self, pixels: Image) -> NDArray[np.bool_]:
-        """bool [H, W] of uint8 [H, W, 3]: true where a detector sees one of its words."""
+        """bool [H, W], True where a detector sees one of its words."""
         height, width = pixels.shape[:2]
         boxes = self._detections(pixels).boxes
         movers = np.zeros((height, width), np.bool_)
@@ -139,7 +127,7 @@ class MoverMasks:
 
 
 def _covers(inside: NDArray[np.bool_]) -> bool:
-    """Whether a mask, cut to its box, is plausibly the whole of what the box shows."""
+    """True if a mask, cut to its box, is plausibly the whole object."""
     rows, columns = inside.any(1), inside.any(0)
     if not inside.size or inside.mean() < _MIN_FILL:
         return False

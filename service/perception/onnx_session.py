@@ -1,4 +1,4 @@
-"""Opening models: one onnxruntime session each, checked against the contract of its adapter."""
+"""onnxruntime sessions of models, checked against the contract of their adapter."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ import onnxruntime
 
 from fastsplat_contract.errors import ModelUnavailableError
 
-onnxruntime.disable_telemetry_events()  # what people photograph, and when, is nobody's business
+onnxruntime.disable_telemetry_events()  # photos and their times are private
 
 Shape = Sequence[int | None]
 """Sizes; None: any. A size that the model leaves open fits every number."""
 
 
 def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()) -> onnxruntime.InferenceSession:
-    """An onnxruntime CPU session of an `.onnx` or `.ort` file; `threads` 0: all cores.
+    """Opens a CPU session of an `.onnx` or `.ort` file.
 
     Args:
-        threads: of one run.
-        inner: names of values inside an `.onnx` network that become outputs after its own.
+        threads: of one run; 0: all cores.
+        inner: inner values of an `.onnx` network that become outputs after its own.
 
     Raises:
-        ModelUnavailableError: the file is not there or not a model, or has no such value inside; names the model and
-            the file.
+        ModelUnavailableError: names model and file: missing, no model, or without these inner values.
     """
     if not path.is_file():
         raise ModelUnavailableError(
@@ -37,10 +36,10 @@ def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.log_severity_level = 3
-    # onnxruntime plans the memory of every shape of the inputs anew, and a segmenter is prompted in ever new numbers:
-    # without plans its decoder takes a sixth less CPU time and 0.6 GB in place of 1.0, its encoder 0.4 in place of 0.7.
+    # Memory is planned for every input shape anew, and prompts vary in number: without plans a segmenter's decoder
+    # takes a sixth less CPU time and 0.6 instead of 1.0 GB, its encoder 0.4 instead of 0.7 GB.
     options.enable_mem_pattern = False
-    # Waiting threads sleep: a server that trains and answers at the same time has better uses for its cores.
+    # Waiting threads sleep, as a server also trains and answers.
     options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     try:
         model = path.read_bytes() + _outputs(inner) if inner else str(path)
@@ -61,12 +60,11 @@ def check_contract(
     outputs: Mapping[str, Shape] | Sequence[Shape],
     optional_inputs: Sequence[str] = (),
 ) -> None:
-    """Raise `ModelUnavailableError` unless the session has these inputs (no others) and at least these outputs.
+    """Raises `ModelUnavailableError` unless a session has these inputs and at least these outputs.
 
     Args:
-        inputs: shape by input name.
-        outputs: shape by output name; or shapes by position, for exporters that invent names.
-        optional_inputs: inputs that the model may have as well.
+        inputs: shape by name; no others may exist, except `optional_inputs`.
+        outputs: shape by name, or shapes by position, for exporters that invent names.
     """
     model_inputs = {node.name: _shape(node.shape) for node in session.get_inputs()}
     model_outputs = {node.name: _shape(node.shape) for node in session.get_outputs()}
@@ -92,19 +90,21 @@ def check_contract(
 
 @cache
 def file_sha256(path: Path) -> str:
-    """Hex digest of a file that does not change while the process lives."""
+    """Hex SHA-256 of a file that does not change during the process; cached."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _outputs(names: Sequence[str]) -> bytes:
-    """An ONNX model of nothing but outputs of these names (`ModelProto.graph` 7, `GraphProto.output` 12,
-    `ValueInfoProto.name` 1): behind another model's bytes, protobuf merges the two."""
+    """Encodes an ONNX model of outputs only, which protobuf merges with bytes before it.
+
+    Fields: `ModelProto.graph` 7, `GraphProto.output` 12, `ValueInfoProto.name` 1.
+    """
     return _field(7, b"".join(_field(12, _field(1, name.encode())) for name in names))
 
 
 def _field(number: int, content: bytes) -> bytes:
-    """A protobuf field with a length and its content."""
+    """Encodes a length-delimited protobuf field."""
     return _varint(number << 3 | 2) + _varint(len(content)) + content
 
 

@@ -1,4 +1,4 @@
-"""Where a segmenter is prompted by points: in what no mask explains yet, and in what only a large mask has."""
+"""Point prompts in areas that no mask, or only a large one, explains."""
 
 from __future__ import annotations
 
@@ -10,21 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LEAST_RADIUS = 2.0
-"""Pieces that reach no farther from their edge are left alone, in steps of the segmenter's grid: gaps between masks. A
-pencil on a table reaches farther: the table's mask has a hole of its shape."""
-_APART, _LEAST_APART = 1.5, 24
-"""Points of a round in one piece keep this share of the distance to its edge from each other, and so many steps."""
-_ANSWERED = 3
-"""Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
-_SMALL = 0.05
-"""Masks that fill less of the image are one object, or a part of one: what lies in them is not prompted again."""
+"""Least grid steps to the edge of a piece: smaller ones are gaps between masks.
+
+A pencil on a table reaches farther: the table's mask has a hole of its shape.
+"""
+_APART, _LEAST_APART = 1.5, 24  # points keep this share of their distance to the edge from each other; least steps
+_ANSWERED = 3  # grid steps around a prompt that are not prompted again, whatever the answer
+_SMALL = 0.05  # masks with a smaller share of the image are objects or parts, not prompted inside again
 
 
 class CutImage:
-    """How masks cut the image into pieces, and which of the pieces need no prompt.
+    """An image cut into pieces by masks, with pieces that need no prompt.
 
-    Attributes:
-        pieces: int64 [h, w]: pixels that lie in the same masks have the same number, those in none have 0.
+    In `pieces`, int64 [h, w], pixels in the same masks have the same number, those in none 0.
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
@@ -33,14 +31,14 @@ class CutImage:
         self._random = np.random.default_rng(0)
 
     def add(self, masks: NDArray[np.bool_]) -> None:
-        """Cut the pieces by bool [P, h, w]."""
+        """Cuts the pieces by masks, bool [P, h, w]."""
         small = masks.mean(axis=(1, 2)) < _SMALL
         self._small |= masks[small].any(axis=0)
         for mask in masks:  # sums of random numbers tell sets of masks apart
             self.pieces[mask] += self._random.integers(1, 1 << 56)
 
     def answered(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """bool [h, w]: what lies in a small mask, in a piece that [K, 2] `points` prompted, or near such a point."""
+        """bool [h, w]: in small masks and prompted pieces, and near `points` [K, 2]."""
         columns, rows = points.astype(int).T
         prompted = self.pieces[rows, columns]
         result = self._small | np.isin(self.pieces, prompted[prompted != 0])
@@ -50,8 +48,10 @@ class CutImage:
 
 
 def open_points(pieces: NDArray[np.integer[Any]], answered: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
-    """float64 [K, 2] x and y, K at most `count`: the points of int [h, w] `pieces` farthest from the edges of piece and
-    image, the farthest first, none where bool [h, w] is `answered`; those of one connected piece are kept apart."""
+    """Chooses at most `count` points [K, 2], x and y, farthest from edges first.
+
+    Edges are those of pieces [h, w], of `answered` pixels and of the image. Points of a connected piece are kept apart.
+    """
     inner = ~answered
     inner[1:] &= pieces[1:] == pieces[:-1]
     inner[:, 1:] &= pieces[:, 1:] == pieces[:, :-1]

@@ -1,5 +1,4 @@
-"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector,
-as in FAST-Splat with RAM (Zhang et al. 2023)."""
+"""Taggers (RAM, Zhang et al. 2023), whose tags prompt open-set detectors as in FAST-Splat."""
 
 from __future__ import annotations
 
@@ -30,32 +29,26 @@ _USUAL_SIDE = 384
 
 @dataclass(frozen=True)
 class PooledTag:
-    """A tag that several views agree on.
-
-    Attributes:
-        share: of the views that show it, 0..1.
-        probability: mean over the views that show it, 0..1.
-    """
+    """A tag that several views agree on."""
 
     tag: str
-    share: float
-    probability: float
+    share: float  # of the views that show it, 0..1
+    probability: float  # mean over the views that show it, 0..1
 
 
 class RamTagger:
-    """`image` [1, 3, S, S] → [1, T] probabilities of T tags, or logits if its name says so: RAM's contract, for any
-    size and list.
+    """Adapter of RAM's contract, for any size and list of tags.
 
-    The image is resized to S × S without keeping its aspect, ImageNet's mean and deviation taken out. Beside the
-    network lie `tags.txt`, a tag a line in the order of the probabilities, and, if the tags have thresholds of their
-    own, `thresholds.txt`, as many numbers 0..1.
+    `image` [1, 3, S, S] → [1, T] probabilities of T tags, or logits if the output's name says so. The image is resized
+    to S × S without keeping its aspect, and ImageNet-normalized. The folder has `tags.txt`, a tag a line in the order
+    of the output, and optionally `thresholds.txt`, as many numbers 0..1.
 
     Args:
-        model: the ONNX file; S is what its input says, 384 where it leaves that open.
-        threshold: of all tags, where there is no file of thresholds.
+        model: the ONNX file; S is 384 if its input leaves it open.
+        threshold: of all tags, without a file of thresholds.
 
     Raises:
-        ModelUnavailableError: a file is missing, damaged or does not keep this contract.
+        ModelUnavailableError: a file is missing, damaged or breaks this contract.
     """
 
     def __init__(self, model: Path, folder: Path, *, name: str, threshold: float, threads: int = 0) -> None:
@@ -72,11 +65,7 @@ class RamTagger:
         self.thresholds = self._thresholds(folder, threshold)
 
     def tag(self, image: Image) -> F32:
-        """float32 [T], 0..1: how probable it is that uint8 [H, W, 3] shows each tag.
-
-        Raises:
-            ModelUnavailableError: the network answers with something else than T probabilities.
-        """
+        """Probability of each tag for an image, float32 [T]; may raise as the class."""
         output = np.asarray(self._session.run(None, {"image": imagenet_tensor(image, self._side)})[0], np.float32)
         if "logits" in self._session.get_outputs()[0].name:
             output = expit(output)
@@ -112,15 +101,11 @@ class RamTagger:
 
 
 TAGGERS: Mapping[Adapter, type[RamTagger]] = {"ram": RamTagger}
-"""The classes of taggers, by the manifest's adapter."""
+"""Taggers by the manifest's adapter."""
 
 
 def open_tagger(settings: PerceptionSettings, models: Path) -> RamTagger:
-    """The tagger that `settings.tagger` names.
-
-    Raises:
-        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract.
-    """
+    """Opens the tagger of `settings.tagger`; raises `ModelUnavailableError` if that fails."""
     name = settings.tagger
     adapter, inside = find_model(name, "tagger")
     tagger = select_adapter(TAGGERS, adapter, name, "tagger")
@@ -137,16 +122,16 @@ def open_tagger(settings: PerceptionSettings, models: Path) -> RamTagger:
 def pool_tags(
     tags: Sequence[str], probabilities: F32, thresholds: F32, *, min_share: float, min_views: int, limit: int
 ) -> list[PooledTag]:
-    """The tags that enough views show, those in most views first; of equals the more probable one first.
+    """Selects tags that enough views show, sorted by number of views, then by probability.
 
-    A view shows a tag from its threshold on. Spellings of one name (`label_key`) are one tag, the first.
+    Of spellings of one name (`label_key`) the first counts.
 
     Args:
         tags: T of them.
-        probabilities: float32 [V, T], of each view.
-        thresholds: float32 [T].
+        probabilities: float32 [V, T].
+        thresholds: float32 [T], from which a view shows a tag.
         min_share: of the views, that must show a tag.
-        min_views: as `min_share`, in views; never more than there are.
+        min_views: as `min_share`, in views; at most V.
     """
     views = len(probabilities)
     if not views:
@@ -171,12 +156,7 @@ def propose_texts(
     models: Path,
     on_view: Callable[[int, str], None],
 ) -> list[str]:
-    """The texts that the tagger proposes for a detector to look for, see `pool_tags`; none where the views agree on
-    none.
-
-    Raises:
-        ModelUnavailableError: see `RamTagger`.
-    """
+    """Proposes texts for a detector by tagging views, see `pool_tags`."""
     tagger = open_tagger(settings, models)
     rows = []
     for done, position in enumerate(positions, start=1):
@@ -194,7 +174,7 @@ def propose_texts(
 
 
 def _lines(path: Path, name: str) -> list[str]:
-    """The lines of a text file that are not empty, without white space at their ends."""
+    """Non-empty lines of a text file, stripped."""
     try:
         text = checked_file(path, name=name).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:

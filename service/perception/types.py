@@ -1,4 +1,4 @@
-"""The results of perception, and the protocols of its models."""
+"""Results of perception, and protocols of its models."""
 
 from __future__ import annotations
 
@@ -18,45 +18,33 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Writing:
-    """Something that a picture shows written.
+    """A text or code shown in a picture."""
 
-    Attributes:
-        kind: see `ThingRead`.
-        probability: 0..1, that it says exactly that, as the reader believes; codes check themselves.
-        corners: float32 [4, 2] pixels, clockwise from the text's or code's top left where that is known.
-    """
-
-    kind: ReadKind
+    kind: ReadKind  # see `ThingRead`
     text: str
-    probability: float
-    corners: NDArray[np.float32]
+    probability: float  # 0..1, of exactly this text, by the reader; codes check themselves
+    corners: NDArray[np.float32]  # [4, 2] pixels, clockwise, from the top left if known
 
 
 class LineReader(Protocol):
     """Reads lines of text."""
 
     def read(self, image: Image) -> list[Writing]:
-        """The lines of uint8 [H, W, 3]."""
+        """Reads the lines of an image."""
 
 
 @dataclass(frozen=True)
 class Regions:
-    """Region proposals of one view and the votes for their classes, before the views agree.
+    """Region proposals of a view with votes for their classes, before the views agree."""
 
-    Attributes:
-        ids: uint16 [H, W], region 1..R of each pixel, 0 = none.
-        votes: for each region, label ids and the scores that the detector gave them, 0..1; several where rivals had the
-            same place, none for a region that nobody classified.
-    """
-
-    ids: NDArray[np.uint16]
-    votes: tuple[tuple[tuple[int, float], ...], ...]
+    ids: NDArray[np.uint16]  # [H, W], region 1..R of each pixel, 0 = none
+    votes: tuple[tuple[tuple[int, float], ...], ...]  # per region, (label id, score 0..1): several for rivals, or none
 
     def __post_init__(self) -> None:
         assert self.ids.ndim == 2 and self.ids.dtype == np.uint16 and int(self.ids.max(initial=0)) <= len(self.votes)
 
     def masks(self) -> ViewMasks | None:
-        """Each region as a mask; None without any."""
+        """Converts each region to a mask; None without any."""
         if not self.votes:
             return None
         height, width = self.ids.shape
@@ -72,20 +60,13 @@ class Regions:
 
 @dataclass(frozen=True)
 class ViewMasks:
-    """P masks without names of one view, which may overlap: what is there, whatever it is.
+    """P masks without names of a view, which may overlap."""
 
-    Attributes:
-        bits: uint8 [P, ceil(height·width / 8)], `numpy.packbits` of each mask, row by row.
-        quality: float32 [P], predicted intersection over union times stability, 0..1.
-        width, height: of the masks; the view's image, possibly reduced.
-        prompts: how many the segmenter answered.
-    """
-
-    bits: NDArray[np.uint8]
-    quality: NDArray[np.float32]
-    width: int
+    bits: NDArray[np.uint8]  # [P, ceil(height·width / 8)], `numpy.packbits` of each mask, row by row
+    quality: NDArray[np.float32]  # [P], predicted intersection over union times stability, 0..1
+    width: int  # of the masks: that of the view's image, possibly reduced
     height: int
-    prompts: int
+    prompts: int  # number that the segmenter answered
 
     def __post_init__(self) -> None:
         assert self.bits.shape == (len(self.quality), -(-self.width * self.height // 8))
@@ -105,8 +86,10 @@ class ViewMasks:
         return np.asarray(masks[:, rows][:, :, columns])
 
     def within(self, content: NDArray[np.bool_]) -> ViewMasks:
-        """The masks cut to the pixels that have content, bool [H, W] of the view's image; without those of which more
-        than half is elsewhere: they are of what a photo withholds."""
+        """Cuts masks to the pixels with content, bool [H, W] of the view's image.
+
+        Masks with less than half inside are dropped, as they show what a photo withholds.
+        """
         rows = ((np.arange(self.height) + 0.5) * content.shape[0] / self.height).astype(np.int64)
         columns = ((np.arange(self.width) + 0.5) * content.shape[1] / self.width).astype(np.int64)
         whole = self.resized(self.width, self.height)
@@ -118,25 +101,14 @@ class ViewMasks:
 
 @dataclass(frozen=True)
 class Labelling:
-    """The scene's dictionary and one label map per view.
+    """The scene's dictionary and a label map per view."""
 
-    Attributes:
-        dictionary: all labels of all views, with pixel and view counts.
-        label_maps: one uint16 [H, W] per view of the capture, in its order, of its image size; 0 is undetected. A
-            map of zeros alone says nothing: nobody looked, or nothing was detected.
-        exact: the maps came with the capture and are the truth: they agree with each other, and 0 in a map that names
-            anything is "none of these classes" rather than "not detected".
-        regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
-        masks: one per view, its masks without names, None where nobody looked for any; empty where nobody did at all.
-        searched: the names that a detector looked for; None where that is not known, or none did.
-    """
-
-    dictionary: Dictionary
-    label_maps: tuple[NDArray[np.uint16], ...]
-    exact: bool = False
-    regions: tuple[Regions, ...] = ()
-    masks: tuple[ViewMasks | None, ...] = ()
-    searched: tuple[str, ...] | None = None
+    dictionary: Dictionary  # all labels, with pixel and view counts
+    label_maps: tuple[NDArray[np.uint16], ...]  # [H, W] per view, 0 is undetected; all 0: not looked at, or nothing
+    exact: bool = False  # maps of the capture, the truth; 0 is "none of these classes" in a map that names anything
+    regions: tuple[Regions, ...] = ()  # per view, sources of the label maps; empty if nothing was detected by us
+    masks: tuple[ViewMasks | None, ...] = ()  # per view, masks without names; None, or empty, if not looked for
+    searched: tuple[str, ...] | None = None  # names that a detector looked for; None if unknown, or no detector
 
     def __post_init__(self) -> None:
         assert len(self.regions) in (0, len(self.label_maps))
@@ -146,23 +118,19 @@ class Labelling:
             assert int(label_map.max(initial=0)) <= len(self.dictionary)
 
     def learnt(self) -> Labelling:
-        """What Gaussians learn: this labelling, or none of its labels where they were detected. Detections of single
-        views contradict each other; they are counted once there are things for them to name."""
+        """The labelling that Gaussians learn: this one, or without detected labels.
+
+        Detections of single views contradict each other; they are counted once there are things to name.
+        """
         return Labelling(Dictionary(()), ()) if self.regions else self
 
 
 @dataclass(frozen=True)
 class Detections:
-    """Boxes of one image.
+    """Boxes of an image, with scores and labels."""
 
-    Attributes:
-        boxes: float32 [K, 4]: x1, y1, x2, y2 in pixels of the image (corners of the image are 0, 0 and W, H).
-        scores: float32 [K], 0..1.
-        labels: K names.
-    """
-
-    boxes: NDArray[np.float32]
-    scores: NDArray[np.float32]
+    boxes: NDArray[np.float32]  # [K, 4]: x1, y1, x2, y2 in pixels (corners of the image are 0, 0 and W, H)
+    scores: NDArray[np.float32]  # [K], 0..1
     labels: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -170,7 +138,7 @@ class Detections:
         assert self.scores.shape == (len(self.labels),) and self.scores.dtype == np.float32
 
     def take(self, rows: Sequence[int] | NDArray[np.intp]) -> Detections:
-        """The detections of these rows, in this order."""
+        """Selects rows, in this order."""
         index = np.asarray(rows, dtype=np.intp)
         return Detections(self.boxes[index], self.scores[index], tuple(self.labels[i] for i in index))
 
@@ -179,7 +147,7 @@ class Detections:
 
 
 def joined(parts: Sequence[Detections]) -> Detections:
-    """All detections of several looks at one image, best first."""
+    """Joins several looks at one image, best detections first."""
     if not parts:
         return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
     together = Detections(
@@ -195,31 +163,25 @@ class ClosedSetDetector(Protocol):
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """All classes it can know."""
+        """All classes that it knows."""
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """Objects in uint8 [H, W, 3] that score at least `min_score`."""
+        """Detects objects that score at least `min_score`."""
 
 
 class OpenSetDetector(Protocol):
-    """Detects whatever is named."""
+    """Detects objects by name."""
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Objects in uint8 [H, W, 3] that score at least `min_score`; their labels are among `prompts`."""
+        """Detects objects that score at least `min_score`, with labels among `prompts`."""
 
 
 @dataclass(frozen=True)
 class Prompts:
-    """K prompts for a segmenter, of N points each.
+    """K prompts for a segmenter, of N points each."""
 
-    Attributes:
-        points: float32 [K, N, 2], x and y in pixels of the image.
-        kinds: float32 [K, N], as in Segment-Anything: 1 inside, 0 outside, 2 and 3 a box's upper left and lower right
-            corner, -1 a filler that means nothing.
-    """
-
-    points: NDArray[np.float32]
-    kinds: NDArray[np.float32]
+    points: NDArray[np.float32]  # [K, N, 2], x and y in pixels of the image
+    kinds: NDArray[np.float32]  # [K, N], 1 inside, 0 outside, 2 and 3 a box's corners, -1 a filler (Segment-Anything)
 
     def __post_init__(self) -> None:
         assert self.points.ndim == 3 and self.points.shape[2] == 2 and self.points.dtype == np.float32
@@ -230,46 +192,40 @@ class Prompts:
 
 
 def point_prompts(points: NDArray[np.floating[Any]]) -> Prompts:
-    """One prompt for each of [K, 2] points: what is there."""
+    """Builds a prompt for each of [K, 2] points."""
     padded = np.stack([points, np.zeros_like(points)], axis=1).astype(np.float32)
     return Prompts(padded, np.tile(np.array([[1, -1]], np.float32), (len(points), 1)))
 
 
 def box_prompts(boxes: NDArray[np.floating[Any]]) -> Prompts:
-    """One prompt for each of [K, 4] boxes x1, y1, x2, y2."""
+    """Builds a prompt for each of [K, 4] boxes x1, y1, x2, y2."""
     corners = np.asarray(boxes, np.float32).reshape(-1, 2, 2)
     return Prompts(corners, np.tile(np.array([[2, 3]], np.float32), (len(boxes), 1)))
 
 
 @dataclass(frozen=True)
 class MaskLogits:
-    """A segmenter's answers to K prompts, M to each (a part, a thing, a group), on the segmenter's own grid.
+    """A segmenter's answers to K prompts, M each (part, thing, group)."""
 
-    Attributes:
-        logits: float32 [K, M, h, w], positive inside; the grid covers the image and no more.
-        quality: float32 [K, M], predicted intersection over union, 0..1.
-        scale: steps of the grid a pixel of the image, along x and y.
-    """
-
-    logits: NDArray[np.float32]
-    quality: NDArray[np.float32]
-    scale: tuple[float, float]
+    logits: NDArray[np.float32]  # [K, M, h, w], positive inside, on the segmenter's grid, which covers just the image
+    quality: NDArray[np.float32]  # [K, M], predicted intersection over union, 0..1
+    scale: tuple[float, float]  # grid steps per pixel of the image, along x and y
 
     def __post_init__(self) -> None:
         assert self.logits.ndim == 4 and self.quality.shape == self.logits.shape[:2]
 
 
 class Segmenter(Protocol):
-    """Masks of what boxes show. `embed` is the slow half and runs once an image."""
+    """Segments prompted objects; the slow `embed` runs once an image."""
 
     def embed(self, image: Image) -> Any:
-        """What `masks` needs to know of uint8 [H, W, 3]."""
+        """Computes the embedding of an image, for the other methods."""
 
     def masks(self, embedding: Any, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """bool [K, H, W] for float32 [K, 4] boxes (x1, y1, x2, y2 in pixels of the image)."""
+        """bool [K, H, W] for float32 [K, 4] boxes (x1, y1, x2, y2 in pixels)."""
 
     def mask_logits(self, embedding: Any, prompts: Prompts) -> MaskLogits:
-        """Every answer to every prompt, none chosen."""
+        """Returns all answers to all prompts."""
 
 
 class TextEncoder(Protocol):
@@ -281,7 +237,7 @@ class TextEncoder(Protocol):
 
     @property
     def sha256(self) -> str:
-        """Of the weights, in hex: embeddings of different hashes must not be compared."""
+        """Hex digest of the weights; embeddings of different ones must not be compared."""
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         """float32 [B, E] of unit length; a text's row does not depend on the others."""

@@ -1,4 +1,4 @@
-"""What a segmenter answers in one view: masks without names, and the masks of what a detector has boxes of."""
+"""A segmenter's answers for a view: masks of detected boxes, and masks without names."""
 
 from __future__ import annotations
 
@@ -15,15 +15,10 @@ from fastsplat.service.perception.types import Detections, Image, MaskLogits, Se
 
 @dataclass(frozen=True)
 class ViewAnswers:
-    """The answers to all prompts of one view.
+    """Answers to all prompts of a view."""
 
-    Attributes:
-        answer: the best answer to each of K boxes, see `answer_boxes`: first those of the objects.
-        size: height and width of the image.
-    """
-
-    answer: MaskLogits
-    size: tuple[int, int]
+    answer: MaskLogits  # the best to each of K boxes, see `answer_boxes`, the objects' first
+    size: tuple[int, int]  # height and width of the image
     masks: ViewMasks
 
     def masks_of_first(self, count: int) -> NDArray[np.bool_]:
@@ -35,12 +30,7 @@ class ViewAnswers:
 def look_at_view(
     segmenter: Segmenter, image: Image, objects: Detections, candidates: Detections, settings: PerceptionSettings
 ) -> ViewAnswers:
-    """Prompt a segmenter with what was detected in a view, and then where nothing was.
-
-    Args:
-        image: uint8 [H, W, 3].
-        candidates: all others that may be objects.
-    """
+    """Prompts a segmenter by objects and other candidates of a view, then elsewhere."""
     embedding, size = segmenter.embed(image), (image.shape[0], image.shape[1])
     boxes = boxes_to_prompt(objects, candidates, settings)
     answer = answer_boxes(segmenter, embedding, boxes)

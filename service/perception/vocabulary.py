@@ -1,4 +1,4 @@
-"""Names to dictionary entries: synonyms, counts, confidence, order."""
+"""Dictionary entries from class names: synonyms, counts, confidence, order."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from fastsplat_contract.errors import InvalidInputError
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:
-    """Which classes are another's synonym: alias → the class that keeps the entry, the one detected in more views.
+    """Maps aliases to the class that keeps the entry, the one detected in more views.
 
-    Synonyms have names whose embeddings are closer than `cosine`, and lie in the same place: over the views that show
-    both, the mean of each box's best overlap with a box of the other class exceeds `iou`.
+    Synonyms have name embeddings closer than `cosine` and lie in the same place: the mean best overlap of their boxes
+    over the views that show both exceeds `iou`.
     """
     views: dict[str, int] = {}
     for view in detections:
@@ -48,7 +48,7 @@ def _same_place(detections: Sequence[Detections], first: str, second: str) -> fl
 
 
 def merge_synonyms(detections: Sequence[Detections], entry_of: Mapping[str, str]) -> list[Detections]:
-    """The detections with every alias under the name of its entry, see `synonyms`."""
+    """Renames aliases to their entries, see `synonyms`."""
     return [
         Detections(view.boxes, view.scores, tuple(entry_of.get(label, label) for label in view.labels))
         for view in detections
@@ -64,16 +64,15 @@ def build_labelling(
     regions: Sequence[Regions] = (),
     expected: bool = False,
 ) -> Labelling:
-    """Dictionary and label maps in their final numbering: most pixels first, ties by name.
+    """Numbers dictionary and label maps: most pixels first, ties by name.
 
-    Classes that hold fewer than `min_pixels` in every view are dropped, their pixels become undetected; but an
-    `expected` class that a region has a vote for stays.
+    Classes with fewer than `min_pixels` in every view become undetected, except `expected` (requested) ones with a
+    vote.
 
     Args:
         classes: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
-        regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
-        expected: whether the names were asked for, so that each is expected to be somewhere.
+        regions: of each view, with votes in the present numbering; none: the names are taken as sure.
     """
     counts = _counts(maps, len(classes))
     voted = {label for view in regions for votes in view.votes for label, _ in votes} if expected else set()
@@ -106,12 +105,11 @@ def build_labelling(
 def name_confidence(
     maps: Sequence[NDArray[np.uint16]], regions: Sequence[Regions], classes: int
 ) -> NDArray[np.float64]:
-    """float64 [N], 0..1: how sure it is that what carries a class's label is one, from the scores of its detections:
-    share × (1 − Π_v (1 − s_v)).
+    """Confidence of class labels from detection scores, float64 [N], 0..1.
 
-    s_v is the best score for the class in view v, the product the noisy-or of the views (Pearl 1988), which errs
-    upwards as views err alike; share is that of the class's votes among all in the regions that carry the label (in all
-    regions that have a vote for it, if none does).
+    It is share × (1 − Π_v (1 − s_v)). s_v is the best score for the class in view v, the product the noisy-or of the
+    views (Pearl 1988), which errs upwards as views err alike. share is that of the class's votes among all in the
+    regions that carry the label (in all regions with a vote for it, if none does).
 
     Args:
         maps: uint16 [H, W] of each view, classes from 1.
@@ -140,7 +138,7 @@ class _Votes:
         self.total = np.zeros(classes)
 
     def add(self, view: int, label: int, score: float, total: float) -> None:
-        """Counts the score of one label in a region, of `total` for all labels there."""
+        """Adds a label's score in a region, of `total` for all labels there."""
         self.best[view, label - 1] = max(self.best[view, label - 1], score)
         self.votes[label - 1] += score
         self.total[label - 1] += total
@@ -157,7 +155,7 @@ def _renumbered(view: Regions, lookup: NDArray[np.uint16]) -> Regions:
 
 
 def labelling_from_maps(dictionary: Dictionary, maps: Sequence[NDArray[np.uint16]]) -> Labelling:
-    """Label maps that came with a capture, taken to be exact, and their dictionary in its own order, with counts.
+    """Builds an exact labelling from a capture's own maps, with counts.
 
     Raises:
         InvalidInputError: a map holds an id that the dictionary does not have.

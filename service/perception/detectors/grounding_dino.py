@@ -1,4 +1,4 @@
-"""GroundingDINO, prompted by label strings. Open set."""
+"""GroundingDINO, an open-set detector prompted by label strings."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ _NMS_IOU = 0.6
 
 
 class GroundingDino:
-    """`pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits` [1, Q,
-    256], `pred_boxes` [1, Q, 4] (center and size, of the whole image = 1).
+    """Adapter of GroundingDINO's ONNX export.
 
-    The prompt is every phrase in lower case, ended by a full stop; its score is the mean of σ(logit) over its tokens.
+    `pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits`
+    [1, Q, 256], `pred_boxes` [1, Q, 4] (center and size, of the whole image = 1). The prompt is every phrase in lower
+    case, ended by a full stop; its score is the mean of σ(logit) over its tokens.
 
     Args:
         tokenizer: its `tokenizer.json` (BERT's).
-        prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and
-            scores only the first of several; 1 is right for it.
+        prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and scores
+            only the first of several: use 1.
 
     Raises:
-        ModelUnavailableError: when a file is missing or does not keep this contract.
+        ModelUnavailableError: a file is missing or breaks this contract.
     """
 
     def __init__(self, model: Path, tokenizer: Path, *, name: str, prompts_per_pass: int = 1, threads: int = 0) -> None:
@@ -55,10 +56,10 @@ class GroundingDino:
         self._per_pass = prompts_per_pass
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Objects in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt of a pass.
+        """Detects objects that score at least `min_score`; a box takes its best prompt.
 
         Raises:
-            InvalidInputError: a prompt longer than the model's 256 tokens.
+            InvalidInputError: a prompt is longer than 256 tokens.
         """
         pixels = imagenet_tensor(image, self._side)
         passes = [
@@ -93,7 +94,7 @@ class GroundingDino:
         return Detections(boxes[rows], score[rows], tuple(prompts[best[row]] for row in rows))
 
     def _tokens(self, prompts: Sequence[str]) -> tuple[NDArray[np.int64], list[list[int]]]:
-        """int64 [1, T] ids of "cup. red chair." and, per phrase, its token positions (full stops left out)."""
+        """int64 [1, T] ids of "cup. red chair.", and token positions per phrase."""
         text, ranges = "", []
         for prompt in prompts:
             phrase = " ".join(prompt.lower().replace(".", " ").split())

@@ -1,4 +1,7 @@
-"""Opening of detectors by the names that settings give."""
+"""Opening of detectors by their names in the settings.
+
+Functions raise `ModelUnavailableError` for an unknown name or adapter, a missing or damaged file, or a broken contract.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,7 @@ from fastsplat_contract.errors import ModelUnavailableError
 
 
 def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> ClosedSetDetector:
-    """The detector that `settings.closed_set_detector` names.
-
-    Raises:
-        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract.
-    """
+    """Opens the detector of `settings.closed_set_detector`."""
     name = settings.closed_set_detector
     adapter, inside = find_model(name, "closed_set_detector")
     detector = select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector")
@@ -30,23 +29,14 @@ def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> Clos
 
 
 def closed_set_labels(settings: PerceptionSettings) -> tuple[str, ...]:
-    """The classes that the detector of `settings.closed_set_detector` knows; it is not opened.
-
-    Raises:
-        ModelUnavailableError: unknown name or adapter.
-    """
+    """Returns the classes of `settings.closed_set_detector` without opening it."""
     name = settings.closed_set_detector
     adapter, _ = find_model(name, "closed_set_detector")
     return tuple(select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector").labels)
 
 
 def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
-    """The detector that `settings.open_set_detector` names.
-
-    Raises:
-        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract, no prompt encoder
-            where one is needed.
-    """
+    """Opens the detector of `settings.open_set_detector`, with its prompt encoder if it needs one."""
     name = settings.open_set_detector
     adapter, inside = find_model(name, "open_set_detector")
     open_detector = select_adapter(OPEN_SET_DETECTORS, adapter, name, "open_set_detector")
@@ -54,11 +44,7 @@ def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSe
 
 
 def check_open_set_detector(settings: PerceptionSettings) -> None:
-    """Raise unless the settings name an open-set detector, and a text encoder if it needs one; none is opened.
-
-    Raises:
-        ModelUnavailableError: they do not; says how.
-    """
+    """Checks, without opening it, that an open-set detector, with any text encoder, is configured."""
     if not settings.open_set_detector:
         known = ", ".join(entry.name for entry in load_manifest() if entry.role == "open_set_detector")
         raise ModelUnavailableError(
@@ -74,12 +60,7 @@ def check_open_set_detector(settings: PerceptionSettings) -> None:
 
 
 def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models: Path, *, field: str) -> None:
-    """Raise if the configured open-set detector gets its words from a table that does not hold all of these texts.
-
-    Raises:
-        InvalidInputError: it does not; names the texts, as `field`.
-        ModelUnavailableError: the table is missing or damaged.
-    """
+    """Raises `InvalidInputError`, for `field`, that names texts missing in a configured label table."""
     if not settings.open_set_detector or not settings.prompt_encoder:
         return
     adapter, inside = find_model(settings.prompt_encoder, "text_encoder")
@@ -116,10 +97,10 @@ def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -
 
 
 CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}
-"""The classes of closed-set detectors, by the manifest's adapter."""
+"""Closed-set detectors by the manifest's adapter."""
 
 OPEN_SET_DETECTORS: Mapping[Adapter, Callable[[Path, Path, PerceptionSettings], OpenSetDetector]] = {
     "grounding_dino": _open_grounding_dino,
     "yolo_world": _open_yolo_world,
 }
-"""Functions that open open-set detectors, by the manifest's adapter: of model directory, model folder and settings."""
+"""Openers of open-set detectors by the manifest's adapter: (model directory, model folder, settings)."""

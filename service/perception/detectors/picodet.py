@@ -1,4 +1,4 @@
-"""PicoDet exported by Paddle, with its non-maximum suppression inside. Closed set: COCO-80."""
+"""PicoDet exported by Paddle with non-maximum suppression: closed set of COCO-80."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from fastsplat.service.perception.types import Detections, Image
 
 
 class PicoDet:
-    """`image` [1, 3, S, S] and `scale_factor` [1, 2] → [K, 6]: class, score, x1, y1, x2, y2 in image pixels.
+    """Adapter of PicoDet's ONNX export.
 
-    Raises:
-        ModelUnavailableError: on opening, when the file does not keep this contract.
+    `image` [1, 3, S, S] and `scale_factor` [1, 2] → [K, 6]: class, score, x1, y1, x2, y2 in image pixels. Opening
+    raises `ModelUnavailableError` if the file breaks this contract.
     """
 
     labels = COCO_80
@@ -31,7 +31,7 @@ class PicoDet:
         self._side = sides[0] if isinstance(sides[0], int) else 416
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """COCO objects in uint8 [H, W, 3] that score at least `min_score` (the model itself cuts at about 0.3)."""
+        """Detects COCO objects that score at least `min_score` (the model itself cuts at about 0.3)."""
         height, width = image.shape[:2]
         feed = {
             "image": imagenet_tensor(image, self._side, cubic=True),

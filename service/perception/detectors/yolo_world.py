@@ -1,4 +1,4 @@
-"""YOLO-World style detectors, prompted by label embeddings. Open set, as far as the text encoder's words go."""
+"""YOLO-World style open-set detectors, prompted by label embeddings."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ _NMS_IOU = 0.6  # of boxes with one label; rivals between labels are resolved by
 
 
 class YoloWorld:
-    """`images` [1, 3, S, S], `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N], nothing suppressed.
+    """Adapter of YOLO-World ONNX exports without non-maximum suppression.
+
+    `images` [1, 3, S, S], `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N].
 
     Args:
-        encoder: embeds prompts in the space the detector was trained with (CLIP ViT-B/32 for the public weights).
+        encoder: embeds prompts in the detector's space (CLIP ViT-B/32 for the public weights).
 
     Raises:
-        ModelUnavailableError: when the file does not keep this contract, or the encoder has another width.
+        ModelUnavailableError: the file breaks this contract, or, in `detect`, the encoder has another width.
     """
 
     def __init__(self, model: Path, encoder: TextEncoder, *, name: str, threads: int = 0) -> None:
@@ -41,7 +43,7 @@ class YoloWorld:
         self._name = name
 
     def detect(self, image: Image, prompts: Sequence[str], min_score: float) -> Detections:
-        """Objects in uint8 [H, W, 3] that score at least `min_score`; a box takes its best prompt.
+        """Detects objects that score at least `min_score`; a box takes its best prompt.
 
         Raises:
             InvalidInputError: the encoder does not know a prompt (label tables).

@@ -1,1 +1,1 @@
-"""Lexicons: words to their senses, with definitions and what is a kind or a part of what."""
+"""Lexicons: senses of words, with definitions, hypernyms and parts."""

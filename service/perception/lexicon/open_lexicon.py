@@ -1,4 +1,4 @@
-"""Opening of lexicons by the name that a setting gives."""
+"""Opening of lexicons by their names in the settings."""
 
 from __future__ import annotations
 
@@ -9,24 +9,13 @@ from fastsplat.service.perception.models.model_manifest import find_model
 
 
 def open_lexicon(name: str, models: Path) -> Lexicon:
-    """The lexicon that a setting names ("wordnet", or "wordnet:folder").
-
-    Args:
-        name: an entry of the manifest, or "wordnet:my_folder".
-
-    Raises:
-        ModelUnavailableError: unknown name, missing or damaged file.
-    """
+    """Opens a lexicon by manifest entry or "wordnet:my_folder"; may raise `ModelUnavailableError`."""
     _, inside = find_model(name, "lexicon")
     return Lexicon(models / inside, name=name)
 
 
 def find_lexicon(name: str, models: Path) -> Lexicon | None:
-    """The lexicon that a setting names; None where it names none, or one that was never fetched.
-
-    Raises:
-        ModelUnavailableError: unknown name, or a folder with a missing or damaged file.
-    """
+    """Opens a lexicon as `open_lexicon`; None if the name is empty or it was never fetched."""
     if not name:
         return None
     _, inside = find_model(name, "lexicon")

@@ -1,5 +1,4 @@
-"""WordNet's own database files (wndb(5WN)), read where they lie: lines are found by bisection in mapped files, so that
-opening costs nothing."""
+"""WordNet's database files (wndb(5WN)), memory-mapped and searched by bisection."""
 
 from __future__ import annotations
 
@@ -27,50 +26,34 @@ _PLURALS = (
     *(("ses", "s"), ("xes", "x"), ("zes", "z"), ("ches", "ch"), ("shes", "sh"), ("men", "man"), ("ies", "y")),
     *(("ves", "f"), ("ves", "fe"), ("s", "")),
 )
-"""Endings of plurals and of what they stand for: the detachment rules of morphy(7WN), and two more."""
+"""Plural endings and their singulars: the detachment rules of morphy(7WN), and two more."""
 
 
 @dataclass(frozen=True)
 class Sense:
-    """One meaning of a noun.
+    """A meaning of a noun."""
 
-    Attributes:
-        id: its place in the file, the same in every run.
-        lexical_class: artifact, food, animal, ...; "" where the file says none that is known.
-        words: lower case; all that mean this.
-        definition: without examples.
-        wider: ids of the senses that this is a kind or an instance of.
-        parts: ids of the senses that are parts or the substance of this.
-    """
-
-    id: int
-    lexical_class: str
-    words: tuple[str, ...]
-    definition: str
-    wider: tuple[int, ...]
-    parts: tuple[int, ...]
+    id: int  # its place in the file, the same in every run
+    lexical_class: str  # artifact, food, animal, ...; "" if unknown
+    words: tuple[str, ...]  # synonyms, lower case
+    definition: str  # without examples
+    wider: tuple[int, ...]  # ids of hypernyms, also of instances
+    parts: tuple[int, ...]  # ids of parts and substances
 
 
 @dataclass(frozen=True)
 class Verb:
-    """One meaning of a verb.
+    """A meaning of a verb."""
 
-    Attributes:
-        words: lower case; all that mean this.
-        definition: without examples.
-        wider: ids of the meanings that this is a way of.
-    """
-
-    words: tuple[str, ...]
-    definition: str
-    wider: tuple[int, ...]
+    words: tuple[str, ...]  # synonyms, lower case
+    definition: str  # without examples
+    wider: tuple[int, ...]  # ids of hypernyms
 
 
 class Lexicon:
-    """The nouns and verbs of WordNet. Threads may share it.
+    """The nouns and verbs of WordNet; safe from several threads.
 
-    Raises:
-        ModelUnavailableError: a file is missing, empty or no file of WordNet.
+    Opening and queries raise `ModelUnavailableError` for missing, empty or contradictory files, and unknown ids.
     """
 
     def __init__(self, folder: Path, *, name: str = "wordnet") -> None:
@@ -86,36 +69,26 @@ class Lexicon:
         self.verb = lru_cache(20_000)(self._verb)
 
     def close(self) -> None:
-        """Give the files back; nothing can be asked any more."""
+        """Closes the files."""
         self._opened.close()
 
     def _is_verb(self, word: str) -> bool:
-        """Whether the word, as it stands, is a verb."""
+        """True if the word, uninflected, is a verb."""
         return self._line("index.verb", word) is not None
 
     def _senses(self, noun: str) -> tuple[Sense, ...]:
-        """The senses of a noun of one or more words, the most frequent first; none if the lexicon lacks it.
-
-        Upper case and plural endings do not matter.
-
-        Raises:
-            ModelUnavailableError: the files contradict each other.
-        """
+        """Returns a noun's senses, the most frequent first; case and plural endings do not matter."""
         for lemma in _singulars(" ".join(noun.lower().split())):
             if offsets := self._offsets("index.noun", lemma):
                 return tuple(self.sense(offset) for offset in offsets)
         return ()
 
     def _verbs(self, word: str) -> tuple[Verb, ...]:
-        """The meanings of a verb as it stands, the most frequent first; none if the lexicon lacks it.
-
-        Raises:
-            ModelUnavailableError: the files contradict each other.
-        """
+        """Returns the meanings of an uninflected verb, the most frequent first."""
         return tuple(self.verb(offset) for offset in self._offsets("index.verb", word))
 
     def _offsets(self, file: str, lemma: str) -> list[int]:
-        """The places of a word's meanings in the file of data; none if the index lacks the word."""
+        """Places of a word's meanings in the data file."""
         line = self._line(file, lemma)
         if line is None:
             return []
@@ -127,11 +100,6 @@ class Lexicon:
             raise self._damaged(file) from error
 
     def _sense(self, sense_id: int) -> Sense:
-        """The sense of an id.
-
-        Raises:
-            ModelUnavailableError: there is none at that place.
-        """
         lexical_class, words, pointers, definition = self._entry("data.noun", sense_id)
         nouns = [(symbol, offset) for symbol, offset, kind in pointers if kind == "n"]
         return Sense(
@@ -144,18 +112,12 @@ class Lexicon:
         )
 
     def _verb(self, verb_id: int) -> Verb:
-        """The meaning of a verb of an id.
-
-        Raises:
-            ModelUnavailableError: there is none at that place.
-        """
         _, words, pointers, definition = self._entry("data.verb", verb_id)
         above = tuple(offset for symbol, offset, kind in pointers if kind == "v" and symbol == "@")
         return Verb(words, definition, above)
 
     def _entry(self, file: str, place: int) -> tuple[int, tuple[str, ...], list[tuple[str, int, str]], str]:
-        """Of a line of data: the number of its class, its words, its pointers (symbol, place, part of speech) and the
-        definition without examples."""
+        """Parses a data line: class number, words, pointers (symbol, place, part of speech), definition."""
         data = self._files[file]
         end = data.find(b"\n", place)
         fields, bar, gloss = data[place : end if end >= 0 else len(data)].decode("utf-8", "replace").partition(" | ")
@@ -176,11 +138,7 @@ class Lexicon:
             raise self._damaged(file) from error
 
     def _wider(self, sense_id: int) -> Mapping[int, int]:
-        """By id, how many steps up each sense is that this one is a kind of; itself 0.
-
-        Raises:
-            ModelUnavailableError: there is none at that place.
-        """
+        """Maps each transitive hypernym to its distance in steps; the sense itself to 0."""
         distance, waiting = {sense_id: 0}, deque([sense_id])
         while waiting:
             below = waiting.popleft()
@@ -191,7 +149,7 @@ class Lexicon:
         return distance
 
     def _line(self, file: str, lemma: str) -> str | None:
-        """The line of a sorted index that begins with the lemma."""
+        """Finds the line of a sorted index that begins with the lemma."""
         index, key = self._files[file], lemma.lower().replace(" ", "_").encode()
         low, high = 0, len(index)
         while low < high:
@@ -200,7 +158,7 @@ class Lexicon:
             end = index.find(b"\n", middle)
             end = len(index) if end < 0 else end
             line = index[start:end]
-            word = b"" if line.startswith(b" ") else line.partition(b" ")[0]  # the license stands first, indented
+            word = b"" if line.startswith(b" ") else line.partition(b" ")[0]  # the license comes first, indented
             if word == key:
                 return line.decode("utf-8", "replace") if key else None
             low, high = (end + 1, high) if word < key else (low, start)
@@ -226,7 +184,7 @@ class Lexicon:
 
 
 def _singulars(noun: str) -> Iterator[str]:
-    """The noun as it is, then what it may be the plural of."""
+    """Yields the noun, then its possible singulars."""
     yield noun
     for ending, singular in _PLURALS:
         if noun.endswith(ending) and len(noun) > len(ending) + 1:

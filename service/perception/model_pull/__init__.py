@@ -1,1 +1,1 @@
-"""The pull of models: fetched, converted and checked before they are put in place."""
+"""Model pulls: fetch, conversion and checks, before models are put in place."""

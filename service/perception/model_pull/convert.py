@@ -1,4 +1,4 @@
-"""Conversions: carrier files to ONNX, in a child process with packages that the product does not install."""
+"""Conversion of model files to ONNX in a child process with its own packages."""
 
 from __future__ import annotations
 
@@ -16,13 +16,10 @@ _SCRIPTS = {"paddle": "convert_paddle.py", "mobile_sam": "convert_mobile_sam.py"
 
 
 def convert(conversion: Conversion, carriers: Path, target: Path, *, packages: Path, name: str) -> None:
-    """Fill `target` with what the conversion makes of the files in `carriers`.
+    """Converts the files in `carriers` and writes the result to `target`.
 
-    Args:
-        packages: temporary folder that the packages are installed into, never the product's environment.
-
-    Raises:
-        ModelUnavailableError: a package or the conversion failed; has its last words.
+    The temporary folder `packages` keeps the conversion's packages out of the product's environment. Raises
+    `ModelUnavailableError` with the end of the output if it fails.
     """
     if conversion.packages:
         arguments = ["install", "--no-deps", "--only-binary", ":all:", "--target", str(packages), *conversion.packages]
@@ -35,7 +32,7 @@ def convert(conversion: Conversion, carriers: Path, target: Path, *, packages: P
                 hint="Check the network and the package index.",
             ) from error
     script = Path(__file__).parent / _SCRIPTS[conversion.kind]
-    # Scripts put the packages at the end of their own search path, so that these shadow nothing of the product's.
+    # Scripts append the packages to their search path, so that they shadow none of the product's.
     command = [sys.executable, str(script), str(carriers), str(target), str(packages)]
     # The script's folder must not become importable: it holds modules of the product under bare names.
     environment = {**os.environ, "PYTHONSAFEPATH": "1"}

@@ -1,7 +1,6 @@
 """Child process: MobileSAM's checkpoint to ONNX. Usage: convert_mobile_sam.py CARRIERS TARGET PACKAGES.
 
-The model's own code builds the network; what it imports from timm is replaced, and the checkpoint read as plain
-tensors.
+The model's own code builds the network, with its imports from timm replaced; the checkpoint is read as plain tensors.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ _SIDE = 1024
 
 
 class _DropPath(nn.Module):
-    """Stochastic depth drops nothing at inference."""
+    """Stochastic depth, which drops nothing at inference."""
 
     def __init__(self, drop_prob: float = 0.0, scale_by_keep: bool = True) -> None:
         super().__init__()
@@ -33,7 +32,7 @@ class _DropPath(nn.Module):
 
 
 class _Encoder(nn.Module):
-    """RGB 0..255 in, features out: the pixel normalization is part of the graph."""
+    """RGB 0..255 to features, with the pixel normalization in the graph."""
 
     mean: torch.Tensor
     deviation: torch.Tensor
@@ -49,8 +48,7 @@ class _Encoder(nn.Module):
 
 
 class _BatchDecoder(nn.Module):
-    """Many prompts against one image, answered on the mask grid: no mask input, no picture size, and the dense
-    encoding of an absent mask is a constant."""
+    """Decodes many prompts for one image on the mask grid, with a constant absent mask."""
 
     positions: torch.Tensor
 
@@ -66,8 +64,7 @@ class _BatchDecoder(nn.Module):
         count = sparse.shape[0]
         own = torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).unsqueeze(0).expand(count, -1, -1)
         absent = self.sam.prompt_encoder.no_mask_embed.weight.reshape(1, -1, 1, 1)
-        # The image is one for all prompts until its features have looked at them: what the first layer makes of it is
-        # computed once, by broadcasting.
+        # Until image features attend to prompts, they are the same for all: broadcasting computes them once.
         tokens, image = decoder.transformer(embeddings + absent, self.positions, torch.cat([own, sparse], dim=1))
         masks = decoder.num_mask_tokens
         upscaled = decoder.output_upscaling(image.transpose(1, 2).reshape(-1, 256, 64, 64))
@@ -86,7 +83,7 @@ def _pretend(name: str, **members: Any) -> None:
 
 
 def _network(carriers: Path, work: Path) -> tuple[Any, Any]:
-    """The model with its weights, and the decoder's ONNX wrapper class."""
+    """Returns the model with its weights, and the decoder's ONNX wrapper class."""
     package = work / "mobile_sam_code"
     for source in carriers.glob("*.py"):
         # Carriers are flat: "modeling.common.py" was modeling/common.py.

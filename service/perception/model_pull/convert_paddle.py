@@ -1,6 +1,6 @@
 """Child process: a Paddle inference model to ONNX. Usage: convert_paddle.py CARRIERS TARGET PACKAGES.
 
-paddle2onnx's compiled half is loaded alone: its Python half imports the whole of PaddlePaddle.
+Only the compiled part of paddle2onnx is loaded, as its Python part imports all of PaddlePaddle.
 """
 
 from __future__ import annotations

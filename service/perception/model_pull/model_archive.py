@@ -1,8 +1,7 @@
-"""Models in one file, for machines without a network.
+"""Model archives, for machines without a network.
 
-The archive is a zip of folders of a model directory: each file lies at MODEL/FILE. Only models of the manifest are
-taken, file by file by name, so nothing else in an archive is ever read. Where the manifest knows a file's digest, it is
-checked; every model is tried out before it appears, as in a pull.
+An archive is a zip with files at MODEL/FILE, as in a model directory. Only files of the manifest are read, by name.
+Known digests are checked, and every model is tried out before it appears, as in a pull.
 """
 
 from __future__ import annotations
@@ -27,18 +26,17 @@ _CHUNK = 1 << 20
 def unpack(
     source: Path, models: Path, *, report: Callable[[Step], None], manifest: Path | None = None
 ) -> Sequence[str]:
-    """Put the models of an archive into the model directory; those that are there and sound are left alone.
+    """Puts an archive's models into the model directory, except those that are there and sound.
 
-    A model appears in one rename, after its bytes have matched and its adapter has solved a drawn exercise. The first
-    model that fails ends it; those before it stay.
+    A model appears by a rename, after its digests and a trial have passed. The first failure ends it; earlier models
+    stay.
 
     Returns:
-        The models that the archive has.
+        The models in the archive.
 
     Raises:
         InvalidInputError: the file is no such archive.
-        UnsafeArchiveError: it has models or files that the manifest does not have, lacks a file, or has one twice or
-            larger than it may be.
+        UnsafeArchiveError: it has models or files unknown to the manifest, lacks a file, or has one twice or too large.
         ChecksumMismatchError: bytes are not those of the manifest.
         ResourceError: the model directory cannot be written.
         ModelUnavailableError: a model does not work.
@@ -60,7 +58,7 @@ def unpack(
                     report(Step(name, "trying it out"))
                     check_model(entries[name], Path(work) / "models")
                     put_in_place(staged, models / name, entries[name])
-                    file_sha256.cache_clear()  # under these paths are other files now
+                    file_sha256.cache_clear()  # the files at these paths have changed
                     report(Step(name, "ready"))
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as error:
         raise InvalidInputError(
@@ -74,7 +72,7 @@ def unpack(
 
 
 def _models_in(archive: zipfile.ZipFile, entries: Mapping[str, ModelEntry]) -> Sequence[str]:
-    """The models of an archive: each file is one of the manifest's, there once, and not larger than it may be."""
+    """Lists an archive's models; checks their files for names, duplicates and size."""
     members = [info for info in archive.infolist() if not info.is_dir()]
     held = list(dict.fromkeys(info.filename.partition("/")[0] for info in members))
     if not held:

@@ -1,4 +1,4 @@
-"""Checks of a pulled model: its contract, and an exercise whose answer needs no stored numbers."""
+"""Checks of pulled models: their contract, and an exercise with a known answer."""
 
 from __future__ import annotations
 
@@ -24,11 +24,9 @@ _CANVAS = 320
 
 
 def check_model(entry: ModelEntry, models: Path) -> None:
-    """Raise unless the model in `models / entry.name` opens and solves an exercise that is easy for its role. Detectors
-    that are prompted by embeddings are only opened, since their text encoder need not be there yet.
+    """Checks that a model opens and solves an easy exercise, else `ModelUnavailableError`.
 
-    Raises:
-        ModelUnavailableError: the contract is broken or the answer wrong.
+    Detectors prompted by embeddings are only opened, as their text encoder may be missing yet.
     """
     name = f"{entry.adapter}:{entry.name}"
     if entry.role == "text_encoder":
@@ -93,7 +91,7 @@ def _drawn_disc() -> tuple[Image, NDArray[np.bool_], NDArray[np.float32]]:
 
 
 def _drawn_stop_sign() -> Image:
-    """A red octagon with a white rim and the word, on a pole before sky and grass."""
+    """Draws a red octagon with white rim and word, on a pole, outdoors."""
     image = np.full((_CANVAS, _CANVAS, 3), (150, 190, 230), np.uint8)
     image[240:] = (90, 130, 70)
     cv2.rectangle(image, (155, 150), (165, 300), (120, 120, 120), -1)

@@ -1,4 +1,4 @@
-"""The pull of models into the model directory: fetch, checksum, conversion, trial, and one rename at the end."""
+"""Model pulls: fetch, checksum, conversion, trial, and a rename at the end."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ELSEWHERE = "Allow writing (chmod u+w), or name another directory with --models
 
 @dataclass(frozen=True)
 class Step:
-    """Progress of a pull: `done` of `total` bytes, both 0 where nothing can be counted."""
+    """Progress of a pull: `done` of `total` bytes, both 0 if unknown."""
 
     model: str
     what: str
@@ -45,22 +45,21 @@ def pull(
     allow_licenses: Collection[str] = (),
     revision: str | None = None,
 ) -> None:
-    """Put models into the model directory; those already there are left alone if they work.
+    """Puts models into the model directory, except those that are there and work.
 
-    A model appears in one rename, after its files have matched their sha256, its conversion has run, and its adapter
-    has opened it and solved a drawn exercise; a failure leaves nothing behind.
+    A model appears by a rename, after checksums, conversion and a trial; a failure leaves nothing behind.
 
     Args:
-        models: the model directory; made if need be.
+        models: the model directory, made if missing.
         names: manifest entries; none: the defaults.
         manifest: another manifest than the built-in one.
         allow_licenses: SPDX names to accept beyond the permissive ones.
-        revision: commit for Hugging Face repositories that the manifest pins none for.
+        revision: commit for Hugging Face repositories without one in the manifest.
 
     Raises:
-        InvalidInputError: an unknown name, or a license that needs a yes; nothing has been fetched then.
-        ResourceError: the directory, or a folder to be replaced, is marked read-only, or cannot be written; nothing has
-            been fetched then.
+        InvalidInputError: an unknown name, or a license that needs consent; nothing was fetched.
+        ResourceError: the directory, or a folder to be replaced, is read-only or cannot be written; nothing was
+            fetched.
         ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
     """
     source = manifest or BUILT_IN_MANIFEST
@@ -94,9 +93,9 @@ def pull(
 
 
 def model_state(entry: ModelEntry, models: Path) -> ModelState:
-    """What the model directory holds of an entry; reads every file once.
+    """Checks the files of an entry in the model directory; reads every file once.
 
-    "unverified": all files are there, and nothing says what their bytes should be (put there by hand).
+    "unverified": all files are there, but without known digests (put there by hand).
     """
     folder = models / entry.name
     expected = {file.name: file.sha256 for file in entry.files}
@@ -118,7 +117,7 @@ def model_state(entry: ModelEntry, models: Path) -> ModelState:
 def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -> bool:
     state = model_state(entry, models)
     if state == "unverified":
-        # Somebody put it there by hand: theirs to keep, if it works.
+        # Put there by hand: kept if it works.
         report(Step(entry.name, "trying out what is there"))
         try:
             check_model(entry, models)
@@ -131,12 +130,9 @@ def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder if need be, and see that models may be put there.
+    """Makes a folder if missing; raises `ResourceError` unless models may be put there.
 
-    Raises:
-        ResourceError: they may not.
-
-    The marks count for root, too, whom they do not stop: a folder is marked read-only because others use it as it is.
+    Read-only marks count for root, too: a folder is marked because others use it unchanged.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -174,16 +170,16 @@ def _pull_one(
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
     put_in_place(staged, models / entry.name, entry)
-    file_sha256.cache_clear()  # under these paths are other files now
+    file_sha256.cache_clear()  # the files at these paths have changed
     report(Step(entry.name, "ready"))
 
 
 def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
-    """Write the receipt, flush all to the disk, and rename a finished folder to the model's, in place of one there.
+    """Writes the receipt, flushes a finished folder and renames it to the model's.
 
     Raises:
         ModelUnavailableError: a file of the model is missing.
-        OSError: the disk is full or cannot be written; the model that was there still is.
+        OSError: the disk is full or cannot be written; an earlier model is kept.
     """
     missing = [file.name for file in entry.files if not (staged / file.name).is_file()]
     if missing:
@@ -199,7 +195,7 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
             os.fsync(stream.fileno())
     aside = staged.parent / f"{entry.name}-before"
     if target.exists():
-        target.rename(aside)  # goes with the temporary folder
+        target.rename(aside)  # removed with the temporary folder
     try:
         staged.rename(target)
     except OSError:

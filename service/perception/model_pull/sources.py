@@ -1,4 +1,4 @@
-"""Fetching one file from one source, and verifying it."""
+"""Download and verification of a single file from its sources."""
 
 from __future__ import annotations
 
@@ -30,17 +30,16 @@ _NPM_REGISTRY = "https://registry.npmjs.org"
 def fetch_file(
     file: ModelFile, target: Path, *, cache: Path, base: Path, revision: str | None = None, on_bytes: Bytes
 ) -> str:
-    """Write `file` to `target` from the first of its sources that has it; its sha256.
+    """Writes `file` to `target` from the first source that has it; returns its SHA-256.
 
     Args:
-        file: the file, with its size and sha256 where they are known.
-        target: where to; the file there is whole and verified, or absent.
-        cache: a temporary folder for downloaded archives, shared by the files of one pull.
-        base: what relative local paths count from.
-        revision: commit for Hugging Face sources that the manifest pins none for.
+        target: whole and verified on return, absent after an error.
+        cache: temporary folder of downloaded archives, shared within a pull.
+        base: folder of relative local paths.
+        revision: commit for Hugging Face sources without one in the manifest.
 
     Raises:
-        ModelUnavailableError: no source gave the file; the message has every source's reason.
+        ModelUnavailableError: no source gave the file; has every source's reason.
     """
     reasons = []
     for source in file.sources:
@@ -59,7 +58,7 @@ def fetch_file(
 
 
 class _RefusedError(Exception):
-    """This source does not have the file, or has another one."""
+    """The source does not have the file, or has another one."""
 
 
 def _open(
@@ -91,7 +90,7 @@ def _open(
 
 
 def _archive(source: PackageSource, cache: Path) -> Path:
-    """The package's wheel, source archive or npm tarball, downloaded once and verified."""
+    """Downloads and verifies the package's wheel, source archive or npm tarball once."""
     folder = cache / re.sub(r"[^A-Za-z0-9.-]", "_", f"{source.kind}-{source.package}-{source.version}")
     if not folder.is_dir():
         arriving = folder.with_name(folder.name + ".part")
@@ -117,7 +116,7 @@ def _pip_download(source: PackageSource, folder: Path) -> None:
 
 
 def run_pip(arguments: list[str], *, refuse: type[Exception]) -> None:
-    """Run this interpreter's pip quietly; raise `refuse` with its last words when it fails."""
+    """Runs this interpreter's pip; a failure raises `refuse` with the end of its output."""
     quiet = ["--quiet", "--disable-pip-version-check", "--no-input"]
     _run([sys.executable, "-m", "pip", arguments[0], *quiet, *arguments[1:]], refuse=refuse)
 
@@ -134,7 +133,7 @@ def _npm_pack(source: PackageSource, folder: Path) -> None:
 
 
 def _npm_download(source: PackageSource, folder: Path) -> None:
-    """Without npm: a server that was installed as a wheel needs no Node.js. Of npm's settings the variable counts."""
+    """Downloads without npm (no Node.js needed); of its settings, only npm_config_registry counts."""
     import httpx
 
     registry = os.environ.get("npm_config_registry") or _NPM_REGISTRY  # noqa: SIM112 - npm names it so

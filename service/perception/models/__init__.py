@@ -1,1 +1,1 @@
-"""The manifest of models that the software knows, and their files."""
+"""The manifest of known models, and their files."""

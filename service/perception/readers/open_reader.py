@@ -1,4 +1,4 @@
-"""Opening of readers by the name that a setting gives."""
+"""Opening of readers by their names in the settings."""
 
 from __future__ import annotations
 
@@ -11,11 +11,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 
 
 def open_reader(settings: PerceptionSettings, models: Path) -> PpOcr:
-    """The reader that `settings.reader` names.
-
-    Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
-    """
+    """Opens the reader of `settings.reader`; raises `ModelUnavailableError` if that fails."""
     name = settings.reader
     _, inside = find_model(name, "reader")
     detector, recognizer = (checked_file(models / inside / file, name=name) for file in PpOcr.FILES)
@@ -23,7 +19,7 @@ def open_reader(settings: PerceptionSettings, models: Path) -> PpOcr:
 
 
 def find_reader(settings: PerceptionSettings, models: Path) -> PpOcr | None:
-    """As `open_reader`; None where the settings name none, or one that was never fetched."""
+    """Opens the reader of `settings.reader`; None if it is unset or was never fetched."""
     if not settings.reader:
         return None
     _, inside = find_model(settings.reader, "reader")

@@ -1,6 +1,8 @@
-"""Written lines of pictures by PP-OCR: a DBNet (Liao et al. 2020) gives the probability that a pixel is of a line's
-shrunk area, and a recognizer reads lines of 48 pixels' height by CTC (Graves et al. 2006): a repeated character counts
-once, and a blank stands between two equal ones."""
+"""Text lines of pictures by PP-OCR.
+
+A DBNet (Liao et al. 2020) gives the probability of a line's shrunk area per pixel; a recognizer reads lines 48 pixels
+high by CTC (Graves et al. 2006): repeated characters are one, unless a blank is between them.
+"""
 
 from __future__ import annotations
 
@@ -18,37 +20,29 @@ from fastsplat_contract.errors import ModelUnavailableError
 F32 = NDArray[np.float32]
 
 _STRIDE = 32
-_MOST_PIXELS = 4_000_000
-"""Larger pictures are reduced to so many: the detector's memory and time grow with them."""
-_INNER = 0.3
-"""Probability from which a pixel is of a line."""
-_LINE = 0.6
-"""Mean probability of a line's inner area from which it is one."""
-_UNCLIP = 1.6
-"""Area times this, over the perimeter, is how far a line reaches beyond its inner area (DBNet, section 3.3)."""
+_MOST_PIXELS = 4_000_000  # larger pictures are reduced to this many, as memory and time grow with them
+_INNER = 0.3  # least probability of a pixel of a line
+_LINE = 0.6  # least mean probability of a line's inner area
+_UNCLIP = 1.6  # area times this over the perimeter is the margin around the inner area (DBNet, section 3.3)
 _LEAST_SIDE_PX = 3.0
-_MOST_LINES = 200
-"""Of one picture, those found most clearly."""
+_MOST_LINES = 200  # most lines of a picture, the clearest ones
 _HEIGHT = 48
 _MOST_WIDTH = 1_600
-_BATCH_WIDTH = 4_800
-"""Columns of one run of the recognizer: short lines share one."""
-_STANDING = 1.5
-"""A line so much higher than wide runs down or up."""
-_TURNED_BELOW = 0.9
-"""A line read less surely than this may stand on its head."""
+_BATCH_WIDTH = 4_800  # most columns of one run of the recognizer, shared by short lines
+_STANDING = 1.5  # height over width from which a line is vertical
+_TURNED_BELOW = 0.9  # lines read with less probability are also tried upside down
 
 
 class PpOcr:
-    """A detector `x` [N, 3, H, W] → [N, 1, H, W], and a recognizer `x` [N, 3, 48, W] → [N, T, C + 2] of C characters,
-    which its file names in its metadata `character`, one a line; class 0 is the blank, the last one a space.
+    """Adapter of PP-OCR's detector and recognizer.
 
-    Raises:
-        ModelUnavailableError: a file is missing, damaged, or does not keep this contract.
+    Detector `x` [N, 3, H, W] → [N, 1, H, W]; recognizer `x` [N, 3, 48, W] → [N, T, C + 2] of C characters, listed in
+    its metadata `character`, one a line; class 0 is the blank, the last one a space. Opening raises
+    `ModelUnavailableError` if a file is missing, damaged, or breaks this contract.
     """
 
     FILES = ("detection.onnx", "recognition.onnx")
-    """Of a model's folder."""
+    """Names in the model's folder."""
 
     def __init__(self, detector: Path, recognizer: Path, *, name: str, threads: int = 0) -> None:
         self._detector = open_session(detector, name=name, threads=threads)
@@ -68,7 +62,7 @@ class PpOcr:
         )
 
     def read(self, image: Image) -> list[Writing]:
-        """The lines of uint8 [H, W, 3], from the clearest on; their probability is the least of their characters'."""
+        """Reads the lines of a picture, clearest first; their probability is their characters' least."""
         corners = self._lines(image)
         upright = [_cut_out(image, each) for each in corners]
         texts = self._texts(upright)
@@ -80,7 +74,7 @@ class PpOcr:
         return [Writing("text", text, probability, each) for (text, probability), each in found if text]
 
     def _lines(self, image: Image) -> list[F32]:
-        """float32 [4, 2] pixels of each line, its first side along what is most probably its top."""
+        """Corners of each line, float32 [4, 2] pixels, beginning with its likely top side."""
         height, width = image.shape[:2]
         scale = min(1.0, (_MOST_PIXELS / (height * width)) ** 0.5)
         size = [max(1, round(side * scale / _STRIDE)) * _STRIDE for side in (width, height)]
@@ -101,7 +95,7 @@ class PpOcr:
         return [corners for _, corners in sorted(lines, key=lambda line: -line[0])[:_MOST_LINES]]
 
     def _texts(self, lines: Sequence[Image]) -> list[tuple[str, float]]:
-        """Text and probability of pictures of lines, 48 pixels high."""
+        """Recognizes text and probability of pictures of lines, 48 pixels high."""
         texts: list[tuple[str, float]] = [("", 0.0)] * len(lines)
         order = sorted(range(len(lines)), key=lambda at: lines[at].shape[1])
         while order:
@@ -133,14 +127,14 @@ def _mean_inside(shown: F32, outline: NDArray[np.int32]) -> float:
 
 
 def _from_top_left(box: F32) -> F32:
-    """The corners clockwise, from the one at the top left on."""
+    """Sorts corners clockwise from the top left."""
     by_x = box[np.argsort(box[:, 0], kind="stable")]
     left, right = (side[np.argsort(side[:, 1], kind="stable")] for side in (by_x[:2], by_x[2:]))
     return np.stack([left[0], right[0], right[1], left[1]])
 
 
 def _cut_out(image: Image, corners: F32) -> Image:
-    """uint8 [48, W, 3]: the quadrilateral made straight; one that stands, laid down to its left."""
+    """uint8 [48, W, 3]: rectifies a quadrilateral; a vertical one is turned."""
     width, height = (float(np.linalg.norm(corners[side] - corners[0])) for side in (1, 3))
     if height > _STANDING * width:
         corners, width, height = np.roll(corners, -1, axis=0), height, width

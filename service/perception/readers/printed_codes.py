@@ -1,4 +1,4 @@
-"""Codes for machines in pictures: QR codes, bar codes (EAN and UPC), and AprilTags of the family that is known here."""
+"""Machine-readable codes in pictures: QR codes, bar codes (EAN, UPC), AprilTags (one family)."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from fastsplat_contract.thing_reads import ReadKind
 
 
 def read_codes(image: Image) -> list[Writing]:
-    """The codes of uint8 [H, W, 3] that were decoded; each of them carries a check of its own, so that its probability
-    is 1. A tag that is there twice is left out."""
+    """Reads self-checking codes (probability 1) of a picture; tags that occur twice are left out."""
     gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
     tags = find_tags(gray, 0, range(TAG_COUNT))
     found, texts, corners, _ = cv2.QRCodeDetectorAruco().detectAndDecodeMulti(gray)
@@ -26,6 +25,6 @@ def read_codes(image: Image) -> list[Writing]:
 
 
 def _decoded(kind: ReadKind, texts: Sequence[str], corners: Any) -> list[Writing]:
-    """Those of the codes that were found whose text was made out."""
+    """Keeps the codes that were not only found but decoded."""
     rows = np.asarray(corners, np.float32).reshape(-1, 4, 2)
     return [Writing(kind, text, 1.0, row) for text, row in zip(texts, rows, strict=True) if text]

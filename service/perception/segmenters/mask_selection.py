@@ -1,4 +1,4 @@
-"""The best of a segmenter's mask proposals."""
+"""Selection of the best of a segmenter's masks."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from fastsplat.service.perception.types import MaskLogits
 
 
 def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:
-    """Index of the proposal to keep.
+    """Index of the best mask for a box prompt.
 
-    The product of three numbers decides: the predicted IoU; the IoU of the mask's own box with the prompt; and the
-    stability score of Segment-Anything, the IoU of the masks cut at logits +1 and −1.
+    Maximizes the product of predicted IoU, IoU of the mask's own box with the prompt, and stability.
 
     Args:
         logits: float32 [M, H, W], positive inside.
@@ -25,11 +24,7 @@ def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: 
 
 
 def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
-    """To each of K box prompts the one answer that `select_mask` takes: logits [K, 1, h, w], quality [K, 1].
-
-    Args:
-        boxes: float32 [K, 4], pixels of the image.
-    """
+    """Selects the best answer to each box [K, 4] in pixels: [K, 1, h, w]."""
     on_grid = boxes * np.array(answer.scale * 2, np.float32)
     layers = zip(answer.logits, answer.quality, on_grid, strict=True)
     best = np.array([select_mask(logits, quality, box) for logits, quality, box in layers], np.intp)
@@ -38,12 +33,12 @@ def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
 
 
 def stability(logits: NDArray[np.floating[Any]]) -> float:
-    """Segment-Anything's: the intersection over union of the masks cut at logits +1 and -1."""
+    """Segment-Anything's stability: IoU of the masks cut at logits +1 and -1."""
     return float((logits > 1).sum() / max(1, (logits > -1).sum()))
 
 
 def box_agreement(mask: NDArray[np.bool_], box: NDArray[np.floating[Any]]) -> float:
-    """The intersection over union of the box around a mask [H, W] and another box [4], in pixels; 0 without a mask."""
+    """IoU of a mask's bounding box with a box [4] in pixels; 0 without mask."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     if not len(columns):
         return 0.0

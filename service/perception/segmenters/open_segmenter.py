@@ -1,4 +1,4 @@
-"""Opening of segmenters by the name that a setting gives."""
+"""Opening of segmenters by their names in the settings."""
 
 from __future__ import annotations
 
@@ -14,11 +14,7 @@ from fastsplat.service.perception.types import Segmenter
 
 
 def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
-    """The segmenter that `settings.segmenter` names.
-
-    Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
-    """
+    """Opens the segmenter of `settings.segmenter`; raises `ModelUnavailableError` if that fails."""
     name = settings.segmenter
     adapter, inside = find_model(name, "segmenter")
     encoder, decoder = encoder_and_decoder(models / inside, name=name)
@@ -31,4 +27,4 @@ def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:
 
 
 SEGMENTERS: Mapping[Adapter, type[Sam1] | type[Sam2]] = {"sam1": Sam1, "sam2": Sam2}
-"""The classes of segmenters, by the manifest's adapter."""
+"""Segmenters by the manifest's adapter."""

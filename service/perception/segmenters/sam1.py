@@ -32,16 +32,17 @@ class _Embedding:
 
 
 class Sam1:
-    """Encoder `image` [1, 3, 1024, 1024] (RGB 0..255, long side 1024, padded with the mean) → `image_embeddings`;
-    decoder with points, an unused mask and `orig_im_size` → `masks` [1, M, H, W] logits, `iou_predictions` [1, M].
+    """Adapter of the original Segment-Anything ONNX contract.
 
-    A second decoder, where there is one, takes `image_embeddings`, `point_coords` [B, N, 2] and `point_labels` [B, N]
-    and gives `low_res_masks` [B, M, 256, 256] and `iou_predictions` [B, M]; without it, prompts are decoded one by one
-    by the output `low_res_masks` of the first.
+    Encoder `image` [1, 3, 1024, 1024] (RGB 0..255, long side 1024, padded with the mean) → `image_embeddings`; decoder
+    with points, an unused mask and `orig_im_size` → `masks` [1, M, H, W] logits, `iou_predictions` [1, M]. An optional
+    second decoder takes `image_embeddings`, `point_coords` [B, N, 2] and `point_labels` [B, N] and gives
+    `low_res_masks` [B, M, 256, 256] and `iou_predictions` [B, M]; without it, prompts are decoded one by one by the
+    first one's `low_res_masks`.
 
     Raises:
-        ModelUnavailableError: on opening, when a file does not keep this contract; on `mask_logits`, when there is
-            neither a second decoder nor that output.
+        ModelUnavailableError: a file breaks this contract; on `mask_logits`, both the second decoder and that output
+            are missing.
     """
 
     def __init__(self, encoder: Path, decoder: Path, *, name: str, threads: int = 0, batch: Path | None = None) -> None:
@@ -75,14 +76,13 @@ class Sam1:
             )
 
     def embed(self, image: Image) -> _Embedding:
-        """Features of uint8 [H, W, 3]."""
         tensor, scale = long_side_padded(image, _SIDE, _MEAN)
         features = self._encoder.run(["image_embeddings"], {"image": tensor})[0]
         return _Embedding(features, scale, image.shape[0], image.shape[1])
 
     def masks(self, embedding: _Embedding, boxes: NDArray[np.float32]) -> NDArray[np.bool_]:
         """bool [K, H, W] for float32 [K, 4] boxes in pixels of the image."""
-        if self._batch is not None:  # at the grid's resolution, and the best answers alone are enlarged
+        if self._batch is not None:  # at grid resolution; only the best answers are enlarged
             best = best_answers(self.mask_logits(embedding, box_prompts(boxes)), boxes)
             size = (embedding.height, embedding.width)
             return upsampled(best.logits[:, 0], best.scale, size, embedding.width, embedding.height)
@@ -101,7 +101,6 @@ class Sam1:
         return result
 
     def mask_logits(self, embedding: _Embedding, prompts: Prompts) -> MaskLogits:
-        """See `Segmenter`."""
         scale = embedding.scale * _GRID / _SIDE
         rows, columns = (max(1, math.ceil(side * scale)) for side in (embedding.height, embedding.width))
         points = prompts.points * np.float32(embedding.scale)

@@ -26,12 +26,11 @@ class _Embedding:
 
 
 class Sam2:
-    """Encoder `image` [1, 3, 1024, 1024] (ImageNet-normalized, aspect not kept) → `high_res_feats_0`,
-    `high_res_feats_1`, `image_embed`; decoder with these, points and an unused mask → `masks` [L, M, S, S] logits of
-    the square image, `iou_predictions` [L, M].
+    """Adapter of the SAM 2 ONNX contract.
 
-    Raises:
-        ModelUnavailableError: on opening, when a file does not keep this contract.
+    Encoder `image` [1, 3, 1024, 1024] (ImageNet-normalized, aspect not kept) → `high_res_feats_0`, `high_res_feats_1`,
+    `image_embed`; decoder with these, points and an unused mask → `masks` [L, M, S, S] logits of the square image,
+    `iou_predictions` [L, M]. Opening raises `ModelUnavailableError` if a file breaks this contract.
     """
 
     def __init__(self, encoder: Path, decoder: Path, *, name: str, threads: int = 0) -> None:
@@ -55,7 +54,6 @@ class Sam2:
         self._sized = "orig_im_size" in {node.name for node in self._decoder.get_inputs()}
 
     def embed(self, image: Image) -> _Embedding:
-        """Features of uint8 [H, W, 3]."""
         features = self._encoder.run(list(_FEATURES), {"image": imagenet_tensor(image, _SIDE)})
         return _Embedding(dict(zip(_FEATURES, features, strict=True)), image.shape[0], image.shape[1])
 
@@ -71,7 +69,6 @@ class Sam2:
         return result
 
     def mask_logits(self, embedding: _Embedding, prompts: Prompts) -> MaskLogits:
-        """See `Segmenter`."""
         height, width = embedding.height, embedding.width
         stretch = np.array([_SIDE / width, _SIDE / height], np.float32)
         parts = []

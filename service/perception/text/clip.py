@@ -13,9 +13,10 @@ _CONTEXT = 77
 
 
 class ClipTextEncoder(TextTower):
-    """`input_ids` int64 [B, T] (and `attention_mask`, where the export kept it) → `text_embeds` [B, E]; unit length.
+    """Adapter of CLIP text towers; one unpadded text a run.
 
-    One text a run, unpadded: the tower reads its embedding at the first end-of-text token, which CLIP also pads with.
+    `input_ids` int64 [B, T] (and `attention_mask`, if the export kept it) → `text_embeds` [B, E]. The tower reads its
+    embedding at the first end-of-text token, which CLIP also pads with.
     """
 
     def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:

@@ -1,4 +1,4 @@
-"""Label embeddings from a table, in place of a text tower."""
+"""Label embeddings from a table instead of a text tower."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
 class LabelTable:
-    """An `.npz` of `names` [N] and `embeds` [N, E]. Knows its own labels only, by `label_key`; the first row wins.
+    """An `.npz` with `names` [N] and `embeds` [N, E], looked up by `label_key`.
 
-    Raises:
-        ModelUnavailableError: on opening, when the file is missing, damaged, or lacks these arrays.
+    Of equal names the first counts. Opening raises `ModelUnavailableError` if the file is missing, damaged, or lacks
+    these arrays.
     """
 
     def __init__(self, table: Path, *, name: str) -> None:
@@ -40,21 +40,13 @@ class LabelTable:
         self.sha256 = file_sha256(table)
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        """float32 [B, E] of unit length.
-
-        Raises:
-            InvalidInputError: names the texts that the table does not hold.
-        """
+        """float32 [B, E] of unit length; unknown texts raise `InvalidInputError`."""
         self.check_known(texts, "labels")
         rows = [self._rows[label_key(text)] for text in texts]
         return np.asarray(self._embeds[rows], np.float32)
 
     def check_known(self, texts: Sequence[str], field: str) -> None:
-        """Raise unless the table holds all of these texts.
-
-        Raises:
-            InvalidInputError: names those that it does not, as `field`.
-        """
+        """Raises `InvalidInputError`, for `field`, that names the texts missing in the table."""
         unknown = [text for text in texts if label_key(text) not in self._rows]
         if unknown:
             raise InvalidInputError(

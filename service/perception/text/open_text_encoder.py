@@ -1,4 +1,4 @@
-"""Opening of text encoders by the names that settings give."""
+"""Opening of text encoders by their names in the settings."""
 
 from __future__ import annotations
 
@@ -14,14 +14,9 @@ from fastsplat.service.perception.types import TextEncoder
 
 
 def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncoder:
-    """The text encoder that a setting names ("minilm_l6_int8", or "adapter:folder").
+    """Opens a text encoder by manifest entry or "adapter:folder"; may raise `ModelUnavailableError`.
 
-    Args:
-        name: an entry of the manifest, or "clip:my_folder".
-        threads: texts that are embedded at a time; 0: as many as there are cores.
-
-    Raises:
-        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+    `threads` texts are embedded at a time; 0: as many as cores.
     """
     adapter, inside = find_model(name, "text_encoder")
     folder = models / inside
@@ -35,4 +30,4 @@ TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
     "sentence": SentenceEncoder,
     "clip": ClipTextEncoder,
 }
-"""The classes of text encoders that are networks, by the manifest's adapter."""
+"""Text encoders that are networks, by the manifest's adapter."""

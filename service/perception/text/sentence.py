@@ -1,4 +1,4 @@
-"""Sentence encoders of the MiniLM family: a BERT and a masked mean."""
+"""Sentence encoders of the MiniLM family: BERT with mean pooling."""
 
 from __future__ import annotations
 
@@ -13,8 +13,11 @@ _MAX_TOKENS = 256
 
 
 class SentenceEncoder(TextTower):
-    """`input_ids`, `attention_mask`, `token_type_ids` int64 [B, T] → `last_hidden_state` [B, T, E]; mean over tokens,
-    then unit length. One text a run: the int8 weights scale activations by the whole batch."""
+    """Adapter of MiniLM sentence encoders; one text a run.
+
+    `input_ids`, `attention_mask`, `token_type_ids` int64 [B, T] → `last_hidden_state` [B, T, E], averaged over tokens.
+    The int8 weights scale activations by the whole batch, hence single texts.
+    """
 
     def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
         super().__init__(

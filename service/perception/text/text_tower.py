@@ -1,4 +1,4 @@
-"""Networks that embed texts, one a run, several runs side by side."""
+"""Text embedding networks, one text a run, several runs in parallel."""
 
 from __future__ import annotations
 
@@ -19,27 +19,22 @@ from fastsplat.service.perception.text.tokens import load_tokenizer
 def embed_side_by_side(
     run: Callable[[str], NDArray[np.float32]], texts: Sequence[str], threads: int
 ) -> NDArray[np.float32]:
-    """float32 [B, E], in the order of the texts: one a run, as many runs at a time as there are threads. Sentences are
-    short, so that a second thread inside a run gains nothing.
+    """Embeds at least one text in parallel, one a run, in order, float32 [B, E].
 
-    Args:
-        run: float32 [E] of a text, from any thread.
-        texts: one or more.
-        threads: runs at a time; 0: all cores.
+    Sentences are short, so that a second thread inside a run gains nothing. `threads` 0: all cores.
     """
     side_by_side = min(threads or os.cpu_count() or 1, len(texts))
     if side_by_side == 1:
         return np.stack([run(text) for text in texts])
-    # Threads of this call alone: they have the priority of who calls, which kept ones would not.
+    # New threads inherit the caller's priority, which kept ones would not.
     with ThreadPoolExecutor(side_by_side, thread_name_prefix="text-encoder") as pool:
         return np.stack(list(pool.map(run, texts)))
 
 
 class TextTower(ABC):
-    """An encoder of texts; texts are cut at `max_tokens`.
+    """A text encoder that cuts texts at `max_tokens`.
 
-    Raises:
-        ModelUnavailableError: on opening, when a file is missing or does not keep the contract.
+    Opening raises `ModelUnavailableError` if a file is missing or breaks the contract.
     """
 
     def __init__(

@@ -10,11 +10,7 @@ from fastsplat_contract.errors import ModelUnavailableError
 
 
 def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None) -> Tokenizer:
-    """The tokenizer of model `name`, unpadded, cut at `max_tokens`.
-
-    Raises:
-        ModelUnavailableError: the file is missing or not a tokenizer.
-    """
+    """Loads an unpadded tokenizer, cut at `max_tokens`; may raise `ModelUnavailableError`."""
     hint = f'Run "fastsplat models pull {name}".'
     if not path.is_file():
         raise ModelUnavailableError(f"model {name}: there is no file {path}", field=name, hint=hint)
