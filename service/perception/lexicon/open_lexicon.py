@@ -15,7 +15,7 @@ def open_lexicon(name: str, models: Path) -> Lexicon:
 
 
 def find_lexicon(name: str, models: Path) -> Lexicon | None:
-    """Opens a lexicon as `open_lexicon`; None if the name is empty or it was never fetched."""
+    """Opens a lexicon as `open_lexicon`; None if unnamed or never fetched."""
     if not name:
         return None
     _, inside = find_model(name, "lexicon")
