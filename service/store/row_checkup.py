@@ -32,9 +32,7 @@ _RESTORE = "Restore a backup of the database, or delete what the row is about."
 _HASH = re.compile(r"[0-9a-f]{64}")
 _TABLES = (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
 _COLUMNS: Mapping[Table, Sequence[Table | Column[Any]]] = {
-    **{
-        table: (table,) for table in (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
-    },
+    **{table: (table,) for table in _TABLES},
     known_names: (known_names.c.id, known_names.c.version, known_names.c.scene_id),  # other columns are large
 }
 _POINTING = (
