@@ -99,7 +99,7 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
 def whole(lost: Sequence[Lost]) -> list[Lost]:
     """Drops pieces that touch a kept item in half of the photos of both.
 
-    One object is often several of the scene's things, or more than those.
+    One object is often several of the scene's things, or extends beyond them.
     """
     kept: list[Lost] = []
     for one in lost:
