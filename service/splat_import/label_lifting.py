@@ -48,17 +48,14 @@ def splat_gaussians(capture: Capture) -> Gaussians:
 
 def lift_labels(
     capture: Capture,
-    labelling: Labelling,
+    labelling: Labelling,  # a label map per view; an empty dictionary gives a scene without labels
     training: TrainingSettings,
     settings: SplatImportSettings,
-    progress: Progress,
+    progress: Progress,  # of the stage "training"; may raise CancelledError
 ) -> TrainedSplats:
     """Labels the capture's splat; its Gaussians stay unchanged.
 
-    Args:
-        labelling: one label map per view; an empty dictionary gives a scene without labels.
-        training: only backend, max_side, seed, label_mode, code_size and undetected_weight are used.
-        progress: hears of the stage "training"; may raise `CancelledError`.
+    Of `training`, only backend, max_side, seed, label_mode, code_size and undetected_weight are used.
 
     Raises:
         InvalidInputError: the photos do not show the splat from their poses.

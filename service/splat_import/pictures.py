@@ -40,20 +40,14 @@ _COVERED = 0.5  # alpha from which on a pixel has content
 @torch.no_grad()
 def render_views(
     validated_dir: Path,
-    out_dir: Path,
+    out_dir: Path,  # new or empty; appears only when complete
     settings: SplatImportSettings,
-    progress: Progress,
+    progress: Progress,  # of the stage "capture"; may raise CancelledError
     *,
-    up: UpAxis | None = None,
+    up: UpAxis | None = None,  # in the splat's world; None: estimated
     backend: Backend = "cpu",
 ) -> Capture:
     """Renders the capture of a validated splat without photos, in its own world.
-
-    Args:
-        validated_dir: `ValidatedUpload.folder`.
-        out_dir: new or empty; appears only when complete.
-        progress: hears of the stage "capture"; may raise `CancelledError`.
-        up: up axis of the splat's world; None: estimated.
 
     Raises:
         InvalidInputError: nothing of the splat can be seen.
@@ -121,11 +115,9 @@ class Painter:
 def render_pictures(
     paint: Paint, cameras: Sequence[PosedCamera], folder: Path, on_picture: Callable[[int], None] = lambda done: None
 ) -> tuple[View, ...]:
-    """Writes pictures as a capture's views, with masks where pixels have no content.
+    """Writes pictures and masks of their content as views, in new folders below `folder`.
 
-    Args:
-        folder: `images/` and `masks/` are made in it.
-        on_picture: called before each picture with the number done; may raise `CancelledError`.
+    Calls `on_picture` before each with the number done; it may raise `CancelledError`.
     """
     (folder / "images").mkdir()
     (folder / "masks").mkdir()

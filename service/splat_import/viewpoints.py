@@ -36,6 +36,7 @@ _ROWS = 60_000
 _WORST = 0.2  # share of the best view's quality; worse views are dropped
 
 OnTrial = Callable[[int, int], None]
+"""Hears the index of each candidate and their number; may raise `CancelledError`."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,9 @@ class _Trial:
 def choose_viewpoints(
     gaussians: Gaussians,
     bulk: Bulk,
-    up: F64,
+    up: F64,  # [3], unit vector
     count: int,
-    field_of_view_deg: float,
+    field_of_view_deg: float,  # horizontal
     on_trial: OnTrial = lambda done, total: None,
     *,
     backend: Backend = "cpu",
@@ -64,11 +65,6 @@ def choose_viewpoints(
     and the bulk's core count for it, matter close to the lens and large blurry Gaussians against it. A greedy search
     maximizes Σ_g opacity_g · √(Σ_views quality · weight_g), so that everything is shown from several sides; outside
     the core, opacities count half.
-
-    Args:
-        up: unit vector.
-        field_of_view_deg: horizontal.
-        on_trial: hears the index of each candidate and their number; may raise `CancelledError`.
 
     Raises:
         InvalidInputError: nothing can be seen from anywhere.
