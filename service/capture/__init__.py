@@ -1,1 +1,1 @@
-"""Turns uploads into captures: photos, videos, COLMAP models and transforms.json in; undistorted posed views out."""
+"""Turns uploads into captures: undistorted views with poses."""

@@ -56,19 +56,18 @@ def build_capture(
     withholding: Withholding | None = None,
     exclude: Collection[str] = (),
 ) -> Capture:
-    """The capture of a validated upload, written to `out_dir`, which appears only when complete.
+    """Builds the capture of a validated upload in `out_dir`, which appears only when complete.
 
-    Images alone get their poses by structure from motion, and a normalized world with +z up (see `normalize_world`).
-    Poses of the upload stay as they are, and get points by triangulation if the upload has none and no splat. A splat
-    alone has no views yet: see `service.splat_import`.
+    Images alone get poses by structure from motion and a normalized world (`normalize_world`). Poses of the upload
+    stay unchanged; points are triangulated if it has neither points nor a splat. Captures of a splat alone are built by
+    `service.splat_import`.
 
     Args:
-        validated_dir: `ValidatedUpload.folder`, or the upload's folder that holds it.
+        validated_dir: `ValidatedUpload.folder`, or the raw upload's folder around it.
         out_dir: new, empty, or an earlier capture, which is replaced.
-        settings: sizes of images, limits and options of structure from motion.
-        on_placed: is shown the cameras while structure from motion places them, now and then.
-        withholding: which pixels of the photos enter nothing; None: all are used.
-        exclude: paths of photos in the upload that are left out.
+        on_placed: receives the cameras placed so far, now and then during structure from motion.
+        withholding: pixels of photos that are not used at all; None: all are used.
+        exclude: paths in the upload of photos that are left out.
 
     Raises:
         ReconstructionError: no usable geometry, or no view with a valid pixel.
@@ -105,7 +104,7 @@ def build_capture(
 
 
 def load_image(view: View) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] RGB of a view, of its camera's size."""
+    """Loads a view's image, uint8 [H, W, 3] RGB."""
     return load_rgb(view.image_path)
 
 
@@ -122,7 +121,7 @@ class _Build:
     held: WithheldPixels
 
     def reconstructed(self) -> Capture:
-        """The capture of images or a video without poses."""
+        """Builds the capture of images or a video without poses."""
         log = ViewLog()
         images = self._video_frames() if self.manifest.source == "video" else self._upright_photos(log)
         if len(images) < _FEWEST_IMAGES:
@@ -174,7 +173,7 @@ class _Build:
         return with_gps(self._in_meters(capture), log.places([view.posed.name for view in written.views]))
 
     def posed(self) -> Capture:
-        """The capture of a COLMAP model or a transforms.json."""
+        """Builds the capture of an upload with poses."""
         dataset = read_validated_dataset(self.files, self.manifest, self.settings)
         if self.manifest.splat_frame:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
@@ -216,12 +215,12 @@ class _Build:
             test_names=test_views(dataset.test_names, names),
             splat=take_splat(self.files.parent, self.out) if self.manifest.splat else None,
         )
-        # The rows of a splat that was brought stay as they are, so its units stay too.
+        # The rows of an imported splat stay unchanged, so its units stay, too.
         exact = capture.scale == "METRIC" and capture.report.scale is None
         return capture if exact or self.manifest.splat else self._in_meters(capture)
 
     def _in_meters(self, capture: Capture) -> Capture:
-        """The capture in meters if printed tags tell how long they are, else the same."""
+        """Scales a capture to meters by printed tags, if there are any."""
         count = len(capture.views)
         return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 
@@ -249,7 +248,7 @@ class _Build:
             **self.settings.model_dump(),
             "max_side": frame_width(self.settings),
             "video_frames": self.settings.panorama_frames if panorama else self.settings.video_frames,
-            "by_place": self.held.promised,  # which frame is the sharpest, people in it would decide, too
+            "by_place": self.held.promised,  # else withheld people would influence which frame is sharpest
         }
         result = run_sandboxed("frames", request, self._task_folder("frames"), self.settings, self._listener(0.0, 0.15))
         width, height = (int(number) for number in result["size"])
@@ -261,7 +260,7 @@ class _Build:
         return read_label_table(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None
 
     def _write(self, sources: Iterator[SourceImage], count: int, begin: float, end: float) -> WrittenViews:
-        """Views without a valid pixel are left out: nothing could be learnt from them, nor measured on them."""
+        """Writes the views except those without a valid pixel."""
         written, blank = [], []
         for index, source in enumerate(sources):
             self._report(begin + (end - begin) * index / count, f"undistorting images {min(index, count)}/{count}")
@@ -304,7 +303,7 @@ class _Build:
         return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
 
     def _placing_listener(self, images: list[SfmImage]) -> Listener:
-        """As `_listener`, and shows the cameras that are placed, never fewer than before."""
+        """Makes a listener that also reports placed cameras, never fewer than before."""
         names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
         shown = 0
 

@@ -22,177 +22,104 @@ Source = Literal["images", "video", "colmap", "nerfstudio", "splat", "polycam", 
 
 @dataclass(frozen=True)
 class ValidatedUpload:
-    """An upload that was checked and unpacked; its folder is all that `build_capture` needs.
+    """An upload that was checked and unpacked; input of `build_capture`."""
 
-    Attributes:
-        folder: where it lies, inside the raw upload's folder.
-        images: images in it; 0 for a video, whose frames are chosen later.
-        has_labels: whether label maps came with it, so that no detector will run.
-        warnings: what will not be used, as sentences for people.
-        gaussians: of the splat that it brings; 0 for none.
-        left_out: why files and frames are not used that were meant to be, by their names in the upload.
-    """
-
-    folder: Path
+    folder: Path  # inside the raw upload's folder
     source: Source
-    images: int
-    has_labels: bool = False
-    warnings: tuple[str, ...] = ()
-    gaussians: int = 0
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    images: int  # 0 for a video, whose frames are chosen later
+    has_labels: bool = False  # brings label maps, so no detector runs
+    warnings: tuple[str, ...] = ()  # sentences for people about what will not be used
+    gaussians: int = 0  # of its splat
+    left_out: Mapping[str, str] = field(default_factory=dict)  # reasons by names of unused files and frames
 
 
 @dataclass(frozen=True)
 class SensorDepth:
-    """What a depth sensor measured of a view: camera z, in a 16-bit gray PNG.
+    """A view's depth map from a sensor: camera z in a 16-bit gray PNG."""
 
-    Attributes:
-        path: the PNG in the capture's folder; 0 where nothing was measured.
-        camera: pinhole intrinsics of the map's own pixels; its pose is the view's.
-        unit: scene units of one step.
-    """
-
-    path: Path
-    camera: Camera
-    unit: float
+    path: Path  # in the capture's folder; 0 where nothing was measured
+    camera: Camera  # intrinsics of the map's own pixels; its pose is the view's
+    unit: float  # scene units of one step
 
 
 @dataclass(frozen=True)
 class View:
-    """One registered image: upright, undistorted, RGB, of exactly the camera's size.
+    """A registered image: upright, undistorted, RGB, of exactly the camera's size."""
 
-    Attributes:
-        posed: pinhole intrinsics of the stored image, pose, and the image's name in the upload.
-        image_path: the undistorted image (PNG or JPEG) in the capture's folder.
-        valid_path: PNG mask, 255 where the undistorted image has content, or None when every pixel has.
-        depth: what a depth sensor measured, if there was one.
-        exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None
-            where it does not say.
-        taken_at: when the photo was taken, seconds since 1970; None where it does not say it with its time zone.
-        lens: of the photo before it was undistorted; None where that is not known, or two numbers do not say it.
-    """
-
-    posed: PosedCamera
-    image_path: Path
-    valid_path: Path | None = None
+    posed: PosedCamera  # with the image's name in the upload
+    image_path: Path  # PNG or JPEG in the capture's folder
+    valid_path: Path | None = None  # PNG mask, 255 where the image has content; None: everywhere
     depth: SensorDepth | None = None
-    exposure_ev: float | None = None
-    taken_at: float | None = None
-    lens: RadialLens | None = None
+    exposure_ev: float | None = None  # see `PhotoInfo.exposure_ev`
+    taken_at: float | None = None  # seconds since 1970; None without a time zone
+    lens: RadialLens | None = None  # before undistortion; None if unknown or not radial
 
 
 @dataclass(frozen=True)
 class GivenLabels:
-    """Label maps of the upload; with them, no detector runs.
+    """Label maps of the upload, which replace the detector."""
 
-    Attributes:
-        dictionary: the names of `labels.json`, in id order.
-        map_paths: one 8- or 16-bit gray PNG per view, in the order of `Capture.views`, or None for a view without;
-            same size and undistortion as the view's image, nearest-neighbor resampled.
-    """
-
-    dictionary: Dictionary
-    map_paths: tuple[Path | None, ...]
+    dictionary: Dictionary  # of `labels.json`, in id order
+    map_paths: tuple[Path | None, ...]  # 8- or 16-bit gray PNGs by view
+    """Same size and undistortion as the view's image, nearest-neighbor resampled; None for a view without."""
 
 
 @dataclass(frozen=True)
 class ScaleEstimate:
-    """How long a scene unit is, and how sure that is.
+    """Length of a scene unit, with its uncertainty."""
 
-    Attributes:
-        source: what told it: "tags", printed tags of a known side; "arkit", a phone's tracking; "sensor_depth", its
-            depth sensor; "gps", the places in the photos' EXIF; several, the surest first, joined by "+".
-        meters_per_unit: of the world before it was scaled to meters.
-        relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
-    """
-
-    source: str
-    meters_per_unit: float
-    relative_error_95: float
+    source: str  # "tags", "arkit", "sensor_depth" or "gps"; several, the surest first, joined by "+"
+    meters_per_unit: float  # of the world before scaling to meters
+    relative_error_95: float  # half of the 95 % interval as a share: a length l is l ± l·relative_error_95
 
 
 @dataclass(frozen=True)
 class WithheldReport:
-    """What a capture withholds.
+    """Withheld pixels of a capture."""
 
-    Attributes:
-        privacy: what was promised, or None.
-        photos: of how many photos pixels are withheld.
-        share: of the pixels of all photos, each photo counted alike, 0..1.
-    """
-
-    privacy: Privacy | None
-    photos: int
-    share: float
+    privacy: Privacy | None  # promised
+    photos: int  # with withheld pixels
+    share: float  # of all pixels, each photo counted alike, 0..1
 
 
 @dataclass(frozen=True)
 class VerticalEstimate:
-    """Which way is up in a world whose +z it is, and how sure that is.
-
-    Attributes:
-        source: what told it; see `VerticalSource` of the contract.
-        deviation_deg: 1 sigma of its angle, degrees.
-    """
+    """Estimate of the vertical, which is +z."""
 
     source: VerticalSource
-    deviation_deg: float
+    deviation_deg: float  # 1 σ of its angle
 
 
 @dataclass(frozen=True)
 class CaptureReport:
-    """What a user should know about a capture: images without a pose, accuracy, warnings.
-
-    Attributes:
-        images: usable images in the upload.
-        unregistered: names of images without a pose.
-        models: sizes (registered images) of all disconnected reconstructions, largest first; more than one is a split.
-        mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
-        splat: name of the splat file that came with the upload, or "".
-        scale: what the meters of a metric capture rest on, where they were measured here; None where they were not.
-        vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
-        photos: what became of each image, by name; empty if nobody has looked.
-        withheld: which share of the photos entered nothing; None where nobody looked for any.
-        left_out: as `ValidatedUpload.left_out`; these are in no other number.
-    """
+    """Report on a capture for users."""
 
     source: Source
-    images: int
-    unregistered: tuple[str, ...] = ()
-    models: tuple[int, ...] = ()
-    mean_reprojection_error_px: float = 0.0
+    images: int  # usable ones in the upload
+    unregistered: tuple[str, ...] = ()  # names of images without a pose
+    models: tuple[int, ...] = ()  # images of all disconnected reconstructions, largest first
+    mean_reprojection_error_px: float = 0.0  # 0 for an upload with poses and no points
     warnings: tuple[str, ...] = ()
-    splat: str = ""
-    scale: ScaleEstimate | None = None
-    photos: tuple[PhotoVerdict, ...] = ()
-    withheld: WithheldReport | None = None
-    vertical: VerticalEstimate | None = None
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    splat: str = ""  # name of the upload's splat file
+    scale: ScaleEstimate | None = None  # of a metric capture, if measured here
+    photos: tuple[PhotoVerdict, ...] = ()  # by name
+    withheld: WithheldReport | None = None  # None if nothing was looked for
+    vertical: VerticalEstimate | None = None  # None with poses of the upload, or if unknown
+    left_out: Mapping[str, str] = field(default_factory=dict)  # as in `ValidatedUpload`; in no other number
 
 
 @dataclass(frozen=True)
 class Capture:
-    """Images with cameras and sparse points.
+    """Images with cameras and sparse points."""
 
-    Attributes:
-        views: registered images, sorted by name.
-        points: float32 [P, 3] world positions, scene units.
-        point_colors: uint8 [P, 3] RGB.
-        scale: whether scene units are meters.
-        given_labels: label maps of the upload, if any.
-        test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.
-        splat: the arrays of the splat that came with the upload (`load_splat`), in the world of the views; None where
-            the scene is to be trained.
-    """
-
-    views: tuple[View, ...]
-    points: NDArray[np.float32]
-    point_colors: NDArray[np.uint8]
+    views: tuple[View, ...]  # registered images, sorted by name
+    points: NDArray[np.float32]  # [P, 3], world, scene units
+    point_colors: NDArray[np.uint8]  # [P, 3], RGB
     scale: Scale
     report: CaptureReport
     given_labels: GivenLabels | None = field(default=None)
-    test_names: tuple[str, ...] = ()
-    splat: Path | None = None
+    test_names: tuple[str, ...] = ()  # views that the upload itself reserves for testing
+    splat: Path | None = None  # arrays of the upload's splat (`load_splat`), in the world of the views
 
     def __post_init__(self) -> None:
         assert self.points.ndim == 2 and self.points.shape[1] == 3 and self.points.dtype == np.float32

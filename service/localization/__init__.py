@@ -1,1 +1,1 @@
-"""Photos to poses in a finished scene: kept features, matches, a pose, its uncertainty, and what the photo shows."""
+"""Visual localization: features, matching, pose solving, refinement, uncertainty, and change detection."""

@@ -1,5 +1,4 @@
-"""Whether a pose is to be believed: how many keypoints agree, how widely they are spread, and whether the scene looks
-from there as the photo does."""
+"""Accepts or refuses poses by inliers, their spread, and how well scene and photo agree."""
 
 from __future__ import annotations
 
@@ -14,52 +13,41 @@ from fastsplat_contract.localize_messages import LocalizeRefusal
 
 FEWEST_KEYPOINTS = 30
 LEAST_INLIERS = 15
-"""Keypoints that agree with the pose."""
 LEAST_SPREAD = 0.02
 LEAST_AGREEMENT = 0.30
-"""Where hardly more than the least keypoints agree; of `MANY_INLIERS` the half is enough."""
+"""Limit at the fewest inliers; it falls linearly to half at `MANY_INLIERS`."""
 MANY_INLIERS = 60
 
 _WINDOW = 15
-_TEXTURE = 0.02
-"""Standard deviation of gray values in a window from which on it can be compared."""
+_TEXTURE = 0.02  # least standard deviation of gray values in a comparable window
 _LEAST_WINDOWS = 0.01
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What speaks for a pose.
+    """Evidence for a pose."""
 
-    Attributes:
-        inliers: keypoints of the photo that agree with it.
-        inlier_share: of the keypoints that were matched at all, 0..1.
-        spread: share of the picture inside the convex hull of those that agree, 0..1.
-        agreement: how like the scene's picture from there is to the photo, -1..1, see `agreement_of`; None where too
-            little of the picture can be compared.
-    """
-
-    inliers: int
-    inlier_share: float
-    spread: float
-    agreement: float | None
+    inliers: int  # keypoints of the photo
+    inlier_share: float  # of the matched keypoints, 0..1
+    spread: float  # see `spread_of`
+    agreement: float | None  # see `agreement_of`
 
 
 def refusal_of(evidence: Evidence) -> LocalizeRefusal | None:
-    """Why a pose is not to be believed; None where it is. The thresholds were chosen on other scenes, see
-    docs/measuring.md."""
+    """Decides why to refuse a pose; None: accepted. Thresholds: docs/measuring.md."""
     if evidence.inliers < LEAST_INLIERS:
         return "few_matches"
     if evidence.spread < LEAST_SPREAD:
         return "narrow"
     sure = min(1.0, (evidence.inliers - LEAST_INLIERS) / (MANY_INLIERS - LEAST_INLIERS))
     least = LEAST_AGREEMENT * (1 - 0.5 * sure)
-    if evidence.agreement is None:  # a plain or hardly covered view: only many matches speak for it
+    if evidence.agreement is None:  # a plain or hardly covered view: accepted only with many matches
         return None if evidence.inliers >= MANY_INLIERS else "looks_different"
     return "looks_different" if evidence.agreement < least else None
 
 
 def explanation_of(refusal: LocalizeRefusal | None, evidence: Evidence) -> str:
-    """A sentence for people."""
+    """Explains an acceptance or refusal in a sentence for people."""
     agreement = "cannot be compared" if evidence.agreement is None else f"agrees by {evidence.agreement:.2f} of 1"
     if refusal is None:
         return f"{evidence.inliers} places of the photo agree with the pose, and the scene's picture {agreement}."
@@ -83,8 +71,11 @@ def spread_of(pixels: NDArray[np.float64], size: tuple[int, int]) -> float:
 
 
 def agreement_of(comparison: Comparison) -> float | None:
-    """-1..1: mean of the normalized cross-correlation of gray values in covered windows of 15 by 15 pixels with
-    something to see, each with its own mean and contrast; None where there are hardly any."""
+    """Compares photo and scene by normalized cross-correlation, -1..1.
+
+    Averages over covered, textured windows of 15 × 15 gray pixels, each normalized by its own mean and contrast; None
+    if there are too few.
+    """
     photo, shown = (_gray(picture) for picture in (comparison.photo, comparison.shown))
     covered = comparison.covered.astype(np.float32)
     inside = cv2.boxFilter(covered, -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT) > 0.8

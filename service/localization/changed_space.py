@@ -1,4 +1,4 @@
-"""Where in space photos of another day show what a scene has not: the pieces that all of them agree on."""
+"""Carves pieces of changed space that several later photos agree on."""
 
 from __future__ import annotations
 
@@ -16,56 +16,47 @@ from fastsplat_contract.camera import PosedCamera
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-FEWEST_VIEWS = 2
-"""Photos that have to agree on an event."""
+FEWEST_VIEWS = 2  # photos that must agree on an event
 
 _CELLS = 64
-"""Cubes along the longest side of the place; those of a piece are a sixth as wide."""
+"""Coarse voxels along the longest side of the place; fine ones are `_FINER` times smaller."""
 _FINER = 6
-_BAND = 1.0
-"""Cubes before and behind a surface that count as on it."""
-_AGREEING = 0.75
-"""Share of the photos that see a cube in which it shows what the scene has not."""
+_BAND = 1.0  # voxels before and behind a surface that count as on it
+_AGREEING = 0.75  # share of the photos seeing a voxel that must show a change
 _AGREEING_FINE = 0.85
 _LEAST_LOOKED_AT, _LEAST_BEFORE = 0.3, 0.45
-"""Shares of all photos that have to show a change of the scene's surfaces, and one before them."""
+"""Shares of all photos that must show a change on a surface, and before one."""
 _FEWEST_PIXELS = 30
 _MOST_PIECES = 24
 _LEAST_SHARE = 0.55
-"""Of the pixels that a piece covers, its photos' mean, that show what the scene has not."""
+"""Mean share of differing pixels among those that a piece covers."""
 _FREE = 0.5
 _AROUND_PX = 7
 _SMALL = 0.1
-"""Of a piece's largest part: smaller ones are left out of its box."""
+"""Least size of a part of a piece, relative to its largest part."""
 
 
 @dataclass(frozen=True)
 class ChangedPiece:
-    """Cubes that touch.
+    """A changed piece of space, carved from voxels."""
 
-    Attributes:
-        box: float64 [2, 3], lowest and highest corners, world frame, scene units.
-        views: rows of the photos that show it.
-        pixels: bool [H, W] of each of these, what it covers there.
-        share: of the photos that should show its cubes, how many do, their mean.
-    """
-
-    box: F64
-    views: tuple[int, ...]
-    pixels: tuple[Bools, ...]
-    share: float
+    box: F64  # [2, 3], lowest and highest corners, world frame, scene units
+    views: tuple[int, ...]  # rows of the photos that show it
+    pixels: tuple[Bools, ...]  # [H, W] for each view: covered and differing
+    share: float  # mean share of differing pixels
 
 
 def changed_pieces(
     comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, *, on_surface: bool = False
 ) -> tuple[ChangedPiece, ...]:
-    """Pieces of space that are changed in three of four photos that see them, at least two, as a visual hull is carved
-    (Laurentini 1994); only before the scene's surfaces, or on them.
+    """Finds changed pieces of space that at least two photos agree on.
+
+    A visual hull (Laurentini 1994) in which a voxel counts as changed if three of four photos that see it agree.
 
     Args:
-        differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
-        place: float64 [2, 3], which space.
-        on_surface: leave out what is before the scene's surfaces: then a piece is a part of these.
+        differing: two maps [H, W] per comparison: changed, and unknown.
+        place: [2, 3], bounds of the searched space.
+        on_surface: only the scene's surfaces count, not the space in front of them.
     """
     width = float((place[1] - place[0]).max() / _CELLS)
     fewest = max(FEWEST_VIEWS, round((_LEAST_LOOKED_AT if on_surface else _LEAST_BEFORE) * len(comparisons)))
@@ -89,13 +80,10 @@ def _carved(
     on_surface: bool,
     fewest: int,
 ) -> list[tuple[F64, F64]]:
-    """Box and centers of each piece of touching cubes, the largest first.
+    """Carves voxels into connected pieces: box and centers of each, the largest first.
 
     Args:
-        comparisons, differing: as for `changed_pieces`.
-        place: float64 [2, 3].
-        wide: whether a cube counts as changed where any of its picture is, or where its middle is.
-        on_surface: see `changed_pieces`.
+        wide: a voxel counts as changed where any of its projection is; otherwise its center decides.
     """
     low, high = place
     counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
@@ -129,7 +117,7 @@ def _carved(
 def _piece(
     comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], points: F64, width: float
 ) -> ChangedPiece | None:
-    """The piece of some cubes; None where fewer than two photos show enough of it."""
+    """Projects voxels to a piece; None where fewer than two photos show enough of it."""
     views, own, shares = [], [], []
     for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
         _, pixels, _ = projected(comparison.posed, points)
@@ -149,8 +137,10 @@ def _piece(
 
 
 def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> ChangedPiece:
-    """A piece with a box about the point where the middles of its pictures meet, no larger than it was: seen from few
-    sides a hull is too long along the way there, and what is inside is in the middle of each picture."""
+    """Centers a piece's box where the rays through its pictures' middles meet.
+
+    Seen from few sides, a hull is too long along the rays, but its content is in the middle. The box never grows.
+    """
     normal, right = np.zeros((3, 3)), np.zeros(3)
     for view, own in zip(piece.views, piece.pixels, strict=True):
         posed = comparisons[view].posed
@@ -165,8 +155,7 @@ def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> Changed
 
 
 def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPiece]:
-    """Without the pieces of which enough photos show mostly what a larger one shows as well: what something new hides
-    has changed, too, in all photos in which it stands before it."""
+    """Drops pieces explained by larger ones: a new object changes what it occludes."""
     kept: list[ChangedPiece] = []
     taken: dict[int, Bools] = {}
     for piece in sorted(pieces, key=lambda each: -sum(int(own.sum()) for own in each.pixels)):
@@ -184,7 +173,7 @@ def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPie
 
 
 def projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:
-    """Of points [K, 3], which a picture shows: their rows, flat pixels and depths."""
+    """Projects points [K, 3]: rows of those inside the picture, their flat pixels and depths."""
     camera, pose = posed.camera, posed.camera_from_world()
     x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
     ahead = np.flatnonzero(z > 1e-6)

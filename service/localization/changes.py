@@ -1,4 +1,4 @@
-"""What has changed in a place since its scene was made: events that several later photos agree on."""
+"""Change detection: events since a scene was made that several later photos agree on."""
 
 from __future__ import annotations
 
@@ -19,84 +19,63 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-COMPARED_SIDE = 480
-"""Photos and scene are compared at so many pixels on the longer side: small things are a few pixels wide."""
+COMPARED_SIDE = 480  # pixels on the longer side; small things are a few pixels wide
 
 _ALIKE = 0.65
-"""Similarity of colors, 0..1, from which on what is gone here and new there is one thing that moved."""
+"""Color similarity, 0..1, from which on gone and new pieces are one moved thing."""
 _SIZE_RATIO = 2.5
 _NEARER = 0.15
-"""Likeness that one place is worth which is nearer by the length of the place: things seldom go far."""
+"""Similarity deducted per length of the place between both: things seldom move far."""
 _LAB = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))
 _CELLS = (4, 10, 10)
 
 
 @dataclass(frozen=True)
 class Region:
-    """Where a photo shows an event.
+    """Bounding box of an event in a photo."""
 
-    Attributes:
-        view: row of the photo.
-        kind: "missing" where only the scene has something, "new" where only the photo has.
-        box: left, top, right, bottom, pixels of the comparison.
-    """
-
-    view: int
-    kind: DifferenceKind
-    box: tuple[int, int, int, int]
+    view: int  # row of the photo
+    kind: DifferenceKind  # "missing": only in the scene; "new": only in the photo
+    box: tuple[int, int, int, int]  # left, top, right, bottom, pixels of the comparison
 
 
 @dataclass(frozen=True)
 class Change:
-    """An event.
-
-    Attributes:
-        kind: "gone", "moved", "new" or "changed".
-        thing: its id in the scene; 0 for what is none of its things.
-        views: rows of the photos that agree.
-        probability: that something changed there.
-        before, after: float64 [2, 3], lowest and highest corners, world frame, scene units; None where it was or is
-            nowhere.
-        regions: where the photos show it.
-    """
+    """An event, with its places before and after."""
 
     kind: ChangeKind
-    thing: int
-    views: tuple[int, ...]
+    thing: int  # its id in the scene; 0 if it is none of the scene's things
+    views: tuple[int, ...]  # rows of the photos that agree
     probability: float
-    before: F64 | None
+    before: F64 | None  # [2, 3], lowest and highest corners, world frame, scene units
     after: F64 | None
     regions: tuple[Region, ...]
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What photos tell of a scene's things.
+    """Result of the change detection."""
 
-    Attributes:
-        events: the surest first.
-        seen: ids of the things that at least two photos should show.
-    """
-
-    events: tuple[Change, ...]
-    seen: tuple[int, ...]
+    events: tuple[Change, ...]  # the surest first
+    seen: tuple[int, ...]  # ids of the things that at least two photos should show
 
 
 def find_changes(
     views: Sequence[LaterView], boxes: Mapping[int, F64], place: F64, surfaces: frozenset[int] = frozenset()
 ) -> Changes:
-    """The events that at least two photos agree on.
+    """Finds events that at least two photos agree on.
 
-    A thing is gone where the median photo does not have the colors of half of its pixels anywhere near; so is a piece
-    of the scene's surfaces that is not seen again. Something is new where space before the scene's surfaces, or on
-    them, projects to colors that the scene has not in all photos that look there. Steps of color at the border tell
-    which picture shows something before the other's background. What is gone here and new there, and looks alike,
-    moved; where the photos have a border, too, it changed.
+    - gone: a thing half of whose pixels have colors that the median photo lacks nearby, or a surface piece like that.
+    - new: space on or before the scene's surfaces whose projections have colors that the scene has not.
+    - moved: a gone and a new piece that look alike.
+    - changed: a gone thing at whose border the photos have a strong color step, too.
+
+    Color steps at the border tell which picture shows an object before the other's background.
 
     Args:
-        boxes: float64 [2, 3] of each thing, lowest and highest corners, scene units.
-        place: float64 [2, 3], what is looked at, as boxes.
-        surfaces: ids of floors, walls and tables, which neither go nor come.
+        boxes: [2, 3] of each thing, lowest and highest corners, scene units.
+        place: [2, 3], bounds of the searched space.
+        surfaces: ids of floors, walls and tables, which are never gone.
     """
     lost, seen = lost_things(views, boxes, surfaces)
     lost += lost_pieces(views, lost, place)
@@ -153,7 +132,7 @@ def _around(pixels: Bools) -> tuple[int, int, int, int]:
 
 
 def _sure(of: Lost | ChangedPiece) -> float:
-    """0..1, by how many photos agree, and how far."""
+    """Combines the share of changed pixels and the number of agreeing photos, 0..1."""
     return float(of.share * (1 - 0.5 ** len(of.views)))
 
 
@@ -167,7 +146,7 @@ def _distance(one: F64, other: F64) -> float:
 
 
 def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
-    """float64 [K], the CIELAB colors of pixels in cells, summing to 1: of brightness coarse ones, as light differs."""
+    """CIELAB histogram of a region, float64 [K], sum 1; few brightness bins because light differs."""
     colors = np.concatenate([pictures[row][own] for row, own in zip(of.views, of.pixels, strict=True)])
     if not len(colors):
         return np.zeros(int(np.prod(_CELLS)))
@@ -177,5 +156,5 @@ def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
 
 
 def _likeness(one: F64, other: F64) -> float:
-    """0..1, the coefficient of Bhattacharyya (1943) of two histograms."""
+    """Bhattacharyya coefficient (1943) of two histograms, 0..1."""
     return float(np.sqrt(one * other).sum())

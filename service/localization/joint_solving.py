@@ -1,4 +1,4 @@
-"""The poses of several photos of which is known, roughly, how they stand to each other."""
+"""Solves the poses of photos whose relative poses are roughly known."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ F64 = NDArray[np.float64]
 
 _TRIALS = 3_000
 _FEWEST = 6
-_ROUGH = 4.0
-"""Rough poses move pixels: by so many times as much as an exact pose may be off."""
+_ROUGH = 4.0  # times the inlier error of an exact pose, as rough poses move pixels
 
 
 def solve_jointly(
@@ -29,13 +28,14 @@ def solve_jointly(
     cameras: Sequence[tuple[FocalSource, Camera]],
     rough: Sequence[F64],
 ) -> tuple[SolvedPose | None, ...]:
-    """One pose for all photos as a rigid group (generalized RANSAC over the matches of all), then each photo's own pose
-    by least squares; a photo with too few matches keeps the group's. None for all where no pose of the group fits.
+    """Solves one pose for a rigid group by generalized RANSAC, then refines each photo's own.
+
+    A photo with too few matches keeps the group's pose; all are None if no pose fits the group.
 
     Args:
         pixels, points, matches: of each photo, as for `solve_pose`.
-        cameras: of each photo, with what said the focal length.
-        rough: float64 [4, 4] each: rough_frame_from_camera, rigid, scene units.
+        cameras: of each photo, with the source of the focal length.
+        rough: [4, 4] each: rough_frame_from_camera, rigid, scene units.
     """
     rows = np.concatenate([np.full(len(one), number) for number, one in enumerate(matches)])
     if len(rows) < _FEWEST:

@@ -1,4 +1,4 @@
-"""Places in a picture that are known again by their surroundings."""
+"""Detects and describes keypoints."""
 
 from __future__ import annotations
 
@@ -11,33 +11,24 @@ from numpy.typing import NDArray
 
 DESCRIPTOR_BYTES = 128
 _CONTRAST = 0.015
-"""Of OpenCV's 0.04 too few places are left in a room's shadows."""
+"""OpenCV's default 0.04 finds too few in a room's shadows."""
 _UNIT = 512.0
-"""A stored byte of a descriptor of length 1 is so many times its value; what is above 0.498 is cut to that."""
+"""Bytes per unit of a descriptor of length 1; values above 0.498 are clipped."""
 
 
 @dataclass(frozen=True)
 class Keypoints:
-    """K places, the strongest first.
+    """K keypoints, the strongest first."""
 
-    Attributes:
-        points: float32 [K, 2], x and y in pixels of the picture, centers at +0.5.
-        descriptors: uint8 [K, 128], RootSIFT.
-    """
-
-    points: NDArray[np.float32]
-    descriptors: NDArray[np.uint8]
+    points: NDArray[np.float32]  # [K, 2], x and y in pixels, centers at +0.5
+    descriptors: NDArray[np.uint8]  # [K, 128], RootSIFT
 
     def __len__(self) -> int:
         return len(self.points)
 
 
 def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
-    """The strongest SIFT features (Lowe, IJCV 2004) as RootSIFT (Arandjelović and Zisserman, CVPR 2012).
-
-    Args:
-        picture: uint8 [H, W, 3], RGB.
-    """
+    """Detects SIFT features (Lowe, IJCV 2004) in RGB, as RootSIFT (Arandjelović and Zisserman, CVPR 2012)."""
     gray = np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
     detector = cv2.SIFT.create(most, contrastThreshold=_CONTRAST, enable_precise_upscale=True)
     found, histograms = detector.detectAndCompute(gray, None)
@@ -51,7 +42,7 @@ def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
 
 
 def unit_rows(descriptors: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """float32 [K, 128]: stored descriptors, of length 1."""
+    """Normalizes stored descriptors to length 1, float32 [K, 128]."""
     rows = descriptors.astype(np.float32)
     lengths: NDArray[Any] = np.sqrt(np.einsum("ij,ij->i", rows, rows))
     return np.asarray(rows / np.maximum(lengths, 1e-6)[:, None], np.float32)

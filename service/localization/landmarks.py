@@ -1,4 +1,4 @@
-"""What a scene is known again by: keypoints of its kept photos, at the places on its surfaces that they show."""
+"""Landmarks of a scene: keypoints of its photos with places on its surfaces."""
 
 from __future__ import annotations
 
@@ -19,43 +19,33 @@ if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
 
 MAX_LANDMARK_VIEWS = 300
-"""Photos of the scene that are known again; of more, so many are taken, evenly through their order."""
+"""Photos with landmarks; of more, a subset evenly spaced in order."""
 KEYPOINTS_PER_PHOTO = 2_000
-"""Places of a photo that are looked for in the scene."""
 
 BYTES_PER_LANDMARK = DESCRIPTOR_BYTES + 3 * 4
 
 _SURE = 0.3
-"""Confidence of a depth, see `ViewGeometry`, from which on a keypoint has a place."""
+"""Depth confidence (`ViewGeometry`) from which on a keypoint is placed by it alone."""
 _SMOOTH = 0.04
-"""How much the depths beside a keypoint may differ, as a share of them: at the rim of a thing it is on either side."""
+"""Largest relative depth difference around a keypoint; beyond, it lies on an object's edge."""
 _ENOUGH_OTHERS = 2
-"""Other photos that show a keypoint where the depth is not sure."""
+"""Other photos that must confirm a keypoint whose depth is not sure."""
 _INNER = (0.05, 0.95)
 
 Photo = tuple[PosedCamera, Callable[[], NDArray[np.uint8]]]
-"""A camera of the scene, and what reads its photo, uint8 [H, W, 3]."""
+"""A camera of the scene, and a loader of its photo, uint8 [H, W, 3]."""
 
 
 @dataclass(frozen=True)
 class Landmarks:
-    """K keypoints of V photos, by photo, within one the strongest first.
+    """K keypoints of V photos, ordered by photo, then by strength."""
 
-    Attributes:
-        points: float32 [K, 3], world frame, scene units.
-        descriptors: uint8 [K, 128], see `Keypoints`.
-        starts: int64 [V + 1]; photo v has the rows starts[v]..starts[v + 1].
-        views: names of the photos' cameras.
-        size: the scene's, see `scene_size`.
-        lens: of the photos; where that is not known, the pinholes that they were undistorted to.
-    """
-
-    points: NDArray[np.float32]
-    descriptors: NDArray[np.uint8]
-    starts: NDArray[np.int64]
-    views: tuple[str, ...]
-    size: float
-    lens: RadialLens
+    points: NDArray[np.float32]  # [K, 3], world frame, scene units
+    descriptors: NDArray[np.uint8]  # [K, 128], see `Keypoints`
+    starts: NDArray[np.int64]  # [V + 1]; photo v has the rows starts[v]..starts[v + 1]
+    views: tuple[str, ...]  # names of the photos' cameras
+    size: float  # see `scene_size`
+    lens: RadialLens  # of the original photos, or of the undistorted ones if that is unknown
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -69,14 +59,14 @@ class Landmarks:
 def find_landmarks(
     photos: Sequence[Photo], geometry: Callable[[PosedCamera], ViewGeometry], lens: RadialLens | None = None
 ) -> Landmarks:
-    """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture, so that
-    any capture has places for it; other photos that show it make it exact (`triangulate`). It is left out where the
-    depth is not sure and fewer than two others show it.
+    """Finds the landmarks of a scene.
+
+    A keypoint starts at the median depth of the scene's rendering, so that any capture can place it, and is refined by
+    other photos (`triangulate`). It is dropped if its depth is unsure and fewer than two others show it.
 
     Args:
-        photos: of the scene; of more than `MAX_LANDMARK_VIEWS`, so many are used.
-        geometry: what a camera sees of the scene.
-        lens: of the photos before they were undistorted, if that is known.
+        geometry: renders what a camera sees of the scene.
+        lens: of the photos before undistortion, if known.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
@@ -107,7 +97,7 @@ def find_landmarks(
 def _seen(
     posed: PosedCamera, picture: NDArray[np.uint8], geometry: Callable[[PosedCamera], ViewGeometry], most: int
 ) -> tuple[SeenKeypoints, NDArray[np.bool_]]:
-    """The keypoints of a photo with the depth that the scene has there, and bool [K], where that is sure."""
+    """Detects keypoints with their depths in the scene, and bool [K], where those are sure."""
     check_cancelled()
     sized = replace(posed, camera=posed.camera.scaled_to(picture.shape[1], picture.shape[0]))
     keypoints = find_keypoints(picture, most)
@@ -127,7 +117,7 @@ def _seen(
 
 
 def scene_size(points: NDArray[np.float32]) -> float:
-    """The diagonal of the box that has nine tenths of the points [K, 3] along each axis, scene units; 0 without any."""
+    """Diagonal of the box of the inner 90 % of points per axis, scene units."""
     if not len(points):
         return 0.0
     low, high = np.quantile(points.astype(np.float64), _INNER, axis=0)

@@ -1,4 +1,4 @@
-"""What a scene shows and later photos do not: its things, and what stood there without being one of them."""
+"""Finds things and other surface pieces of a scene that later photos no longer show."""
 
 from __future__ import annotations
 
@@ -19,50 +19,39 @@ Bools = NDArray[np.bool_]
 
 _FEWEST_PIXELS = 30
 _SURE_SHARE = 0.5
-"""Of a thing's pixels whose depth is sure: a view with fewer says nothing of it."""
+"""Least share of a thing's pixels with a sure depth; other views do not count."""
 _LOST_SHARE = 0.5
-"""Of a thing's pixels that the photo does not show: the median over the photos that should show it."""
+"""Least share of a thing's pixels that the median photo does not show."""
 _BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
 _ENOUGH = 0.05
 _LEAST_STEP = 1e-3
-_TOUCHING = np.ones((15, 15), np.uint8)
-"""Pixels: what is 7 away still touches."""
+_TOUCHING = np.ones((15, 15), np.uint8)  # regions up to 7 pixels apart touch
 STEPS = 2.5
-"""Times the scene's step of color at a border from which on something else stands there: a dark gap between books steps
-as much as the book did, what is new on a plain surface five times as much."""
+"""`step_ratio` of a new object: about 5 on a plain surface; a gap gives 1."""
 
 
 @dataclass(frozen=True)
 class Lost:
-    """What is not where it was.
+    """A thing or surface piece that is not where it was."""
 
-    Attributes:
-        thing: its id; 0 for what is none of the scene's things.
-        box: float64 [2, 3], lowest and highest corners, scene units.
-        views: rows of the photos that agree.
-        pixels: bool [H, W] of each of these, where the scene shows it.
-        share: of its pixels that the photos do not show.
-        step: how many times the photos' step of color at its border is the scene's: above `STEPS`, something else
-            stands there.
-    """
-
-    thing: int
-    box: F64
-    views: tuple[int, ...]
-    pixels: tuple[Bools, ...]
-    share: float
-    step: float
+    thing: int  # its id; 0 if it is none of the scene's things
+    box: F64  # [2, 3], lowest and highest corners, scene units
+    views: tuple[int, ...]  # rows of the photos that agree
+    pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
+    share: float  # of its pixels that the photos do not show
+    step: float  # see `step_ratio`; above `STEPS`, something else stands there
 
 
 def lost_things(
     views: Sequence[LaterView], boxes: Mapping[int, F64], surfaces: frozenset[int]
 ) -> tuple[list[Lost], list[int]]:
-    """The things of which the median photo does not have the colors of half of the pixels anywhere near; and the ids
-    of those that at least two photos should show.
+    """Finds lost things, and the ids of things that at least two photos should show.
+
+    A thing is lost if the median photo lacks the colors of half of its pixels.
 
     Args:
-        boxes: float64 [2, 3] of each thing.
-        surfaces: ids of what neither goes nor comes.
+        boxes: [2, 3] of each thing.
+        surfaces: ids that are never lost.
     """
     shares: dict[int, list[tuple[int, float]]] = {thing: [] for thing in sorted(boxes)}
     most = max([*boxes, *(int(view.things.max(initial=0)) for view in views)], default=0) + 1
@@ -86,12 +75,13 @@ def lost_things(
 
 
 def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
-    """Pieces of the scene's surfaces whose colors the photos do not have, and at whose border the color steps in the
-    scene, too, but not many times more in the photos: there stood something that is none of its things.
+    """Finds lost surface pieces that are none of the scene's things.
+
+    The photos lack their colors, and the color step at their border is not many times the scene's.
 
     Args:
         lost: things, whose pixels are explained.
-        place: float64 [2, 3], which space.
+        place: [2, 3], bounds of the searched space.
     """
     comparisons = [view.comparison for view in views]
     maps = [
@@ -107,8 +97,10 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
 
 
 def whole(lost: Sequence[Lost]) -> list[Lost]:
-    """Without the pieces that touch a thing, or a piece before them, in half of the photos that show both: one thing is
-    often several of the scene's, or more than one of them."""
+    """Drops pieces that touch a kept item in half of the photos of both.
+
+    One object is often several of the scene's things, or extends beyond them.
+    """
     kept: list[Lost] = []
     for one in lost:
         if one.thing or not any(_touches(one, other) for other in kept):
@@ -124,7 +116,7 @@ def _touches(one: Lost, other: Lost) -> bool:
 
 
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
-    """bool [H, W] of each photo: where the scene shows what is lost; of what is no thing, all surface in its box."""
+    """Masks lost things and all surface in lost pieces' boxes, [H, W] per photo."""
     taken = sorted({each.thing for each in lost if each.thing})
     boxes = [each.box for each in lost if not each.thing]
     maps = [np.isin(view.things, taken) for view in views]
@@ -136,7 +128,7 @@ def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
 
 
 def _surface(comparison: Comparison) -> F64:
-    """float64 [H, W, 3]: the point that each pixel shows, world frame; not a number where nothing is."""
+    """World point of each pixel, float64 [H, W, 3]; NaN where nothing is."""
     depth, pose = np.where(comparison.depth > 0, comparison.depth, np.nan), comparison.posed.world_from_camera
     rows, columns = np.indices(depth.shape) + 0.5
     local = comparison.posed.camera.rays(columns, rows) * depth[..., None]
@@ -144,12 +136,12 @@ def _surface(comparison: Comparison) -> F64:
 
 
 def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:
-    """How many times the photos' step of color at a region's border is that of the scene, the median photo; 1 where
-    nothing around it is as it was.
+    """Ratio of color steps at a region's border, photo to scene, in the median photo.
+
+    1 if nothing around the region is unchanged.
 
     Args:
-        pixels: bool [H, W] of each of these, the region.
-        views: all photos.
+        pixels: [H, W] for each of `rows`, the region.
     """
     ratios = []
     for row, own in zip(rows, pixels, strict=True):
@@ -160,13 +152,10 @@ def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[Lat
 
 
 def _step(picture: F32, own: Bools, free: Bools) -> float:
-    """The difference, 0..1, between a region's colors and those around it, of local means, that three quarters of its
-    border exceed: a thing has a border all around, and a pattern has edges somewhere on any.
+    """Lower quartile of color differences across a region's border, 0..1, by local means.
 
-    Args:
-        picture: float32 [H, W, 3].
-        own: bool [H, W], the region.
-        free: bool [H, W], what around it counts.
+    A quartile, as a thing has a border all around while a pattern has edges only somewhere. Only `free` surroundings
+    count.
     """
     region = own.astype(np.uint8)
     near = cv2.dilate(region, np.ones((_BORDER_PX, _BORDER_PX))) > 0
@@ -178,7 +167,7 @@ def _step(picture: F32, own: Bools, free: Bools) -> float:
 
 
 def _local_mean(picture: F32, part: Bools) -> tuple[F32, F32]:
-    """float32 [H, W, 3] and [H, W]: the mean of a part of a picture around each pixel, and how much of it is there."""
+    """Local mean of a picture's part, [H, W, 3], and its weight, [H, W]."""
     size = _MEAN_PX, _MEAN_PX
     weight = cv2.blur(part.astype(np.float32), size)
     mean = cv2.blur(picture * part[..., None], size) / np.maximum(weight, 1e-6)[..., None]

@@ -1,4 +1,4 @@
-"""Which landmarks a photo shows: a cheap vote over all photos of the scene, then the best of them in full."""
+"""Matches a photo's keypoints with landmarks: cheap votes pick the views to match in full."""
 
 from __future__ import annotations
 
@@ -11,30 +11,24 @@ from fastsplat.service.localization.keypoints import Keypoints, unit_rows
 from fastsplat.service.localization.landmarks import Landmarks
 
 _VOTERS = 250
-_HEARD = 60_000
-"""Landmarks that are voted on, at most, the strongest of each photo."""
+_HEARD = 60_000  # landmarks used in votes, the strongest of each view
 _RATIO = 0.85
-"""A match is nearer than so many times the next best of the same photo (Lowe, IJCV 2004)."""
+"""Limit of a match's distance over the second best's (Lowe, IJCV 2004)."""
 
 
 @dataclass(frozen=True)
 class Matches:
-    """M pairs of a keypoint of a photo and a landmark; a keypoint may have several, in different photos of the scene.
+    """M keypoint-landmark pairs; a keypoint may match in several views."""
 
-    Attributes:
-        keypoints: int64 [M], rows of the keypoints.
-        landmarks: int64 [M], rows of the landmarks.
-    """
-
-    keypoints: NDArray[np.int64]
-    landmarks: NDArray[np.int64]
+    keypoints: NDArray[np.int64]  # [M], rows of the keypoints
+    landmarks: NDArray[np.int64]  # [M], rows of the landmarks
 
     def __len__(self) -> int:
         return len(self.keypoints)
 
 
 def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matches:
-    """The matches of a photo with those of the scene's photos that are likest to it."""
+    """Matches a photo with the `views` most similar photos of the scene."""
     nothing = np.zeros(0, np.int64)
     pairs = [(nothing, nothing)]
     if len(keypoints) > 1:
@@ -44,11 +38,12 @@ def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matc
 
 
 def likest_views(landmarks: Landmarks, asked: NDArray[np.float32], count: int) -> list[int]:
-    """The photos of the scene that have most in common with another one, the likest first. Each of its strongest
-    keypoints votes by how much likelier it finds itself there than in the middle one of all photos.
+    """Ranks the scene's photos by similarity to a query photo.
+
+    Each strong keypoint votes by how far its best similarity in a view exceeds the median over all views.
 
     Args:
-        asked: float32 [K, 128], descriptors of length 1, the strongest first.
+        asked: [K, 128], descriptors of length 1, the strongest first.
     """
     sizes = np.diff(landmarks.starts)
     there = np.flatnonzero(sizes)
@@ -76,7 +71,7 @@ def _matched(
 def mutual_matches(
     asked: NDArray[np.float32], others: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of descriptors of length 1, [K, 128] and [L, 128], L at least 2, each the other's best, and clearly so."""
+    """Mutual nearest neighbors that pass the ratio test; unit descriptors, at least two `others`."""
     likeness = asked @ others.T
     first = likeness.argmax(axis=1)
     every = np.arange(len(asked))
@@ -84,7 +79,7 @@ def mutual_matches(
     back = likeness.argmax(axis=0)
     likeness[every, first] = -1.0
     second = likeness.max(axis=1)
-    # Of descriptors of length 1, squared distances are 2 - 2 times the likeness.
+    # Squared distances of unit vectors are 2 - 2 times the likeness.
     clear = (1 - nearest) < _RATIO**2 * (1 - second)
     rows = np.flatnonzero(clear & (back[first] == every))
     return rows.astype(np.int64), first[rows].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Photos to poses in a scene, in one call: keypoints, matches, pose, refinement, acceptance, covariance."""
+"""Places photos in a scene: features, matches, pose, refinement, acceptance, covariance."""
 
 from __future__ import annotations
 
@@ -37,33 +37,24 @@ from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource, LocalizeRefusal
 
-_MATCHED_VIEWS = 8
-"""Photos of the scene that a photo is compared with in full, the most promising ones."""
+_MATCHED_VIEWS = 8  # most similar photos of the scene that are matched in full
 
 F64 = NDArray[np.float64]
 
 _NOTHING = Evidence(0, 0.0, 0.0, None)
 _KEPT_INLIERS = 0.8
-"""Share of the inliers that a comparison of pictures may not go below."""
-_FEWEST_OF_GROUP = 6
-"""Keypoints of its own that a photo of a group needs, so that its covariance can be said."""
+"""Share of the inliers that photometric refinement must keep."""
+_FEWEST_OF_GROUP = 6  # a photo's own keypoints, from which its covariance is computed
 
 
 @dataclass(frozen=True)
 class Photo:
-    """A photo that is to find its place.
+    """A photo to be placed."""
 
-    Attributes:
-        picture: uint8 [H, W, 3], upright, undistorted as far as that is known.
-        focal: over the longer side, as `focal_source` has it; None for unknown.
-        focal_source: "given" or "metadata".
-        valid: bool [H, W], where the picture shows something; None: everywhere.
-    """
-
-    picture: NDArray[np.uint8]
-    focal: float | None = None
-    focal_source: FocalSource = "given"
-    valid: NDArray[np.bool_] | None = None
+    picture: NDArray[np.uint8]  # [H, W, 3], upright, undistorted as far as known
+    focal: float | None = None  # over the longer side
+    focal_source: FocalSource = "given"  # or "metadata"
+    valid: NDArray[np.bool_] | None = None  # [H, W]; None: everywhere
 
     @property
     def size(self) -> tuple[int, int]:
@@ -73,32 +64,22 @@ class Photo:
 
 @dataclass(frozen=True)
 class PlacedPhoto:
-    """What became of a photo.
-
-    Attributes:
-        refusal: why it has no pose; None where it has one.
-        posed: its camera, of the picture's size; None where it is refused.
-        covariance: float64 [6, 6], see `pose_covariance`; None where it is refused.
-        refined: whether the comparison with the scene's picture has improved the pose.
-        comparison: photo and scene from there; None where it is refused.
-        radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.
-        photo: without it; None where it is refused.
-    """
+    """Result for a photo; everything about its pose is None where it is refused."""
 
     refusal: LocalizeRefusal | None
     evidence: Evidence
-    posed: PosedCamera | None = None
-    covariance: F64 | None = None
+    posed: PosedCamera | None = None  # of the picture's size
+    covariance: F64 | None = None  # [6, 6], see `pose_covariance`
     focal_source: FocalSource = "scene"
-    refined: bool = False
+    refined: bool = False  # photometric refinement improved the pose
     comparison: Comparison | None = None
-    radial: float = 0.0
-    photo: Photo | None = None
+    radial: float = 0.0  # k₁ that was undone, see `radial_distortion`
+    photo: Photo | None = None  # undistorted
 
 
 @dataclass(frozen=True)
 class _Matched:
-    """A photo and its matches; `k1` is that of the scene's photos."""
+    """A photo and its matches; `k1` is of the lens of the scene's photos."""
 
     photo: Photo
     keypoints: int
@@ -112,13 +93,12 @@ class _Matched:
 def place_photos(
     photos: Sequence[Photo], landmarks: Landmarks, geometry: Geometry, rough: Sequence[F64] = ()
 ) -> tuple[PlacedPhoto, ...]:
-    """Where photos were taken.
+    """Places photos in a scene.
 
     Args:
-        photos: each by itself, or together if there are rough poses.
-        geometry: what a camera sees of the scene.
-        rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
-            none where nothing is known.
+        photos: placed one by one, or as a group if there are rough poses.
+        geometry: renders what a camera sees of the scene.
+        rough: [4, 4] of each photo: frame_from_camera in any frame of scene units; empty if unknown.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
@@ -174,7 +154,7 @@ def _camera_of(one: _Matched, own: SolvedPose | None) -> tuple[FocalSource, Came
 
 
 def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
-    """`of_group`: the keypoints of all photos of a group that agree with its pose."""
+    """Refines and judges a pose; `of_group`: inlier keypoints of all photos of its group."""
     if one.keypoints < FEWEST_KEYPOINTS and of_group is None:
         return PlacedPhoto("no_keypoints", _NOTHING)
     if pose is None or pose.keypoints < _FEWEST_OF_GROUP:
@@ -196,7 +176,7 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
 
 
 def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
-    """The photo without its lens's distortion, its pose anew, and that distortion; what was there, and 0, without."""
+    """Undistorts photo and matches, solves the pose again, and returns k₁; 0 if unchanged."""
     radial = radial_distortion(one.pixels, one.points, pose, one.k1)
     if not radial:
         return one, pose, 0.0
@@ -222,14 +202,13 @@ def _covariance(one: _Matched, pose: SolvedPose) -> F64:
 def _refined(
     one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose, how the photo compares from there, and whether the comparison has made it better: only one that is less
-    sure than the comparison is refined."""
+    """Refines a pose if photometric refinement is more certain; the flag: it improved."""
     picture, valid, first = one.photo.picture, one.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
     if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:
         posed, comparison, refined = refine_photometrically(picture, first, geometry, valid)
         off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
-        # What looks likest may contradict the matches, where a blurred or changed place draws it away.
+        # The most similar view may contradict the matches in a blurred or changed place.
         if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
             return posed, comparison, refined
     return first, compared(picture, first, geometry, valid=valid), False

@@ -1,4 +1,4 @@
-"""A pose made better by comparing the photo with the scene's own picture from there."""
+"""Refines a pose by comparing the photo with the scene's rendering from there."""
 
 from __future__ import annotations
 
@@ -19,65 +19,49 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Geometry = Callable[[PosedCamera], ViewGeometry]
 
-COMPARED_SIDE = 320
-"""Photo and scene are compared at so many pixels on the longer side."""
+COMPARED_SIDE = 320  # pixels on the longer side
 
 COMPARISON_DEVIATION_PX = 1.2
-"""Of these pixels: how exact the pose is from which the scene looks likest: 0.7, measured on two validation scenes,
-with the margin for what is shared, √(17/6)."""
+"""0.7, measured on two validation scenes, times the margin √(17/6) for shared errors."""
 
 _STEPS = 6
-_SURE = 0.3
-"""Confidence of a pixel's depth from which on it counts."""
+_SURE = 0.3  # depth confidence from which on a pixel counts
 _WHOLE = 0.999
 _LEAST_PIXELS = 400
 _RIM = np.ones((5, 5), np.uint8)
 _HUBER = 1.345
 _MAD = 1.4826
 _BLUR_PX = 1.2
-_ENOUGH = 1e-3
-"""Steps end where the cost falls by less than this share."""
+_ENOUGH = 1e-3  # relative fall of the cost at which the iteration ends
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A photo beside the scene's picture from a pose, in the size of comparison.
+    """A photo beside the scene's rendering from a pose, at reduced size."""
 
-    Attributes:
-        posed: the camera, of that size.
-        photo: float32 [H, W, 3], 0..1.
-        shown: float32 [H, W, 3], 0..1, the scene with the photo's exposure and white balance.
-        depth: float32 [H, W], camera z, scene units; 0 where nothing is.
-        covered: bool [H, W], where both show something.
-        sure: bool [H, W], where the depth of that is sure, too.
-        cost: mean of Huber's loss of the differences of gray values, over what is covered; infinite for too little.
-    """
-
-    posed: PosedCamera
-    photo: F32
-    shown: F32
-    depth: F32
-    covered: NDArray[np.bool_]
-    sure: NDArray[np.bool_]
-    cost: float
+    posed: PosedCamera  # of the reduced size
+    photo: F32  # [H, W, 3], 0..1
+    shown: F32  # [H, W, 3], 0..1, the scene with the photo's exposure and white balance
+    depth: F32  # [H, W], camera z, scene units; 0 where nothing is
+    covered: NDArray[np.bool_]  # [H, W], where both show something
+    sure: NDArray[np.bool_]  # [H, W], covered, with a sure depth
+    cost: float  # mean Huber loss of gray differences where covered; infinite if too little is
 
 
 def compared(
-    photo: NDArray[np.uint8],
+    photo: NDArray[np.uint8],  # [H, W, 3]
     posed: PosedCamera,
     geometry: Geometry,
     scale: float | None = None,
-    valid: NDArray[np.bool_] | None = None,
+    valid: NDArray[np.bool_] | None = None,  # [H, W]
     side: int = COMPARED_SIDE,
 ) -> Comparison:
-    """A photo beside what the scene shows from a pose.
+    """Compares a photo with the scene's rendering from a pose.
 
     Args:
-        photo: uint8 [H, W, 3].
-        geometry: what a camera sees of the scene.
-        scale: of gray values that are likely, for Huber's loss; None: by their median.
-        valid: bool [H, W], where the photo shows something; None: everywhere.
-        side: pixels on the longer side, at most.
+        scale: expected gray residual for the Huber loss; None: estimated from their median.
+        valid: where the photo has content; None: everywhere.
+        side: limit of the longer side, pixels.
     """
     small = small_camera(posed, side)
     size = small.camera.width, small.camera.height
@@ -101,16 +85,17 @@ def compared(
 def refine_photometrically(
     photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, valid: NDArray[np.bool_] | None = None
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose near to a first one from which the scene looks likest to the photo: Gauss-Newton steps on the
-    differences of gray values, each kept only if it makes them smaller (as in ESM: Benhimane and Malis, IROS 2004).
+    """Refines a pose by Gauss-Newton steps on gray differences.
+
+    Each step is kept only if the cost falls; gradients of both images are averaged as in ESM (Benhimane and Malis, IROS
+    2004).
 
     Args:
         photo: uint8 [H, W, 3].
-        geometry: what a camera sees of the scene.
-        valid: bool [H, W], where the photo shows something; None: everywhere.
+        valid: bool [H, W], where the photo has content; None: everywhere.
 
     Returns:
-        The pose, how the photo compares from there, and whether it is another one than at first.
+        The pose, its comparison, and whether the pose changed.
     """
     first = compared(photo, posed, geometry, valid=valid)
     if not np.isfinite(first.cost):
@@ -137,7 +122,7 @@ def refine_photometrically(
 
 
 def small_camera(posed: PosedCamera, side: int = COMPARED_SIDE) -> PosedCamera:
-    """The same view in a picture of at most so many pixels a side."""
+    """Scales a camera down to at most `side` pixels."""
     width, height = posed.camera.width, posed.camera.height
     share = min(1.0, side / max(width, height))
     size = max(1, round(width * share)), max(1, round(height * share))
@@ -145,7 +130,7 @@ def small_camera(posed: PosedCamera, side: int = COMPARED_SIDE) -> PosedCamera:
 
 
 def _step(now: Comparison, scale: float) -> F64 | None:
-    """float64 [6]: the motion of the camera in its own frame, position and rotation, that the pictures ask for."""
+    """Gauss-Newton step in the camera's own frame, float64 [6], position and rotation."""
     photo, shown = _gray(now.photo), _gray(now.shown)
     rows, columns = np.nonzero(now.sure & (now.depth > 0))
     if len(rows) < _LEAST_PIXELS:
@@ -183,7 +168,7 @@ def _gray(picture: F32) -> F32:
 
 
 def _slope(gray: F32, axis: int) -> F32:
-    """float32 [H, W]: change of a gray value a pixel to the right (axis 0) or down (axis 1)."""
+    """Gray gradient per pixel to the right (axis 0) or down (axis 1), [H, W]."""
     return np.asarray(cv2.Sobel(gray, cv2.CV_32F, 1 - axis, axis, ksize=3, scale=1 / 8), np.float32)
 
 

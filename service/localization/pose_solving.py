@@ -1,4 +1,4 @@
-"""The pose of a photo from its matches: RANSAC, least squares, and the focal length where nobody says it."""
+"""Solves a photo's pose, focal length and distortion by RANSAC and least squares."""
 
 from __future__ import annotations
 
@@ -18,54 +18,48 @@ from fastsplat_contract.localize_messages import FocalSource
 F64 = NDArray[np.float64]
 
 _ERROR_SHARE = 0.006
-"""Of the picture's longer side: as far as an inlier may be from where the pose puts it; places are not exact."""
+"""Inlier error over the picture's longer side; landmarks are not exact."""
 _TRIALS = 3_000
 _CONFIDENCE = 0.9999
 _FOCALS = (0.6, 0.75, 0.95, 1.2, 1.6)
-"""Tried over the longer side: from a phone's wide angle (0.6) to twice its main camera."""
+"""Tried over the longer side: phone wide angle (0.6) to twice its main camera."""
 _SAME_LENS = 0.92
-"""With so many of the inliers that the best focal length has, the one of the scene's photos is taken as it is."""
+"""Share of the best focal length's inliers that suffices for the scene photos' one."""
 _FEWEST = 6
 _FEWEST_FOR_LENS = 80
 _EXPLAINED = 0.93
-"""As far as the median of the residuals must fall for a distortion to be believed."""
-_STRONGEST_LENS = 0.4
+"""Largest share of the residual median that a believable distortion leaves."""
+_STRONGEST_LENS = 0.4  # |k₁|
 _AS_GOOD = 1.3
-"""Up to so many times the residuals of the lens that fits best, that of the scene's photos is taken all the same."""
+"""Factor on the best lens's residuals up to which the scene photos' lens is preferred."""
 
 
 @dataclass(frozen=True)
 class SolvedPose:
-    """A pose, and what speaks for it.
-
-    Attributes:
-        inliers: int64 [N], rows of the matches.
-        keypoints: of how many keypoints these are.
-    """
+    """A pose with its inliers."""
 
     posed: PosedCamera
-    inliers: NDArray[np.int64]
-    keypoints: int
+    inliers: NDArray[np.int64]  # [N], rows of the matches
+    keypoints: int  # distinct ones among the inliers
     focal_source: FocalSource
 
 
 def error_px(camera: Camera) -> float:
-    """As far as an inlier may be from where the pose puts it, pixels."""
+    """Inlier error in pixels."""
     return max(2.0, _ERROR_SHARE * max(camera.width, camera.height))
 
 
 def solve_pose(
     pixels: F64, points: F64, matches: Matches, size: tuple[int, int], focals: Sequence[tuple[FocalSource, float]]
 ) -> SolvedPose | None:
-    """The pose that most keypoints agree with; None where no pose fits six.
+    """Solves the pose with most inlier keypoints; None if no pose fits six.
 
     Args:
-        pixels: float64 [M, 2], where the photo shows each match.
-        points: float64 [M, 3], where it is in the world.
-        matches: the rows of these.
+        pixels: [M, 2], each match in the photo.
+        points: [M, 3], each match in the world.
         size: width and height of the photo.
-        focals: pixels, the likeliest first. One that is given is taken; otherwise others are tried beside them, and the
-            first with which nearly as many keypoints agree as with any is the photo's.
+        focals: pixels, the likeliest first. If that is not "given", common ones are tried, too; the first with nearly
+            the most inlier keypoints wins.
     """
     if len(np.unique(matches.keypoints)) < _FEWEST:
         return None
@@ -98,11 +92,13 @@ def _ransac(pixels: F64, points: F64, matches: Matches, camera: Camera, source: 
 
 
 def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -> SolvedPose | None:
-    """Least squares over the inliers of a pose, which are then chosen anew, twice; None where fewer than six agree.
+    """Refines a pose by least squares over its inliers, selected anew twice.
+
+    None if fewer than six keypoints remain.
 
     Args:
         pixels, points, matches: as for `solve_pose`.
-        start: with inliers; a focal length that was estimated is refined, too.
+        start: its focal length is refined, too, if it was estimated.
     """
     options = pycolmap.AbsolutePoseRefinementOptions()
     options.refine_focal_length = start.focal_source == "estimated"
@@ -136,14 +132,15 @@ def _world_from_camera(viewmat: Any) -> F64:
 
 
 def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float = 0.0) -> float:
-    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²), beside the scene's undistorted photos; 0
-    where too few matches tell, or where it explains hardly anything.
+    """Estimates k₁ of a photo's lens from its inliers: x' = x (1 + k₁ r²).
+
+    0 if there are too few inliers or it explains hardly anything; the scene's points are free of distortion.
 
     Args:
-        pixels: float64 [M, 2], where the photo shows each match.
-        points: float64 [M, 3], where it is in the world.
-        known: that of the scene's photos. A photo of their focal length has it, too, unless its matches clearly say
-            otherwise: where few places or shallow ones are seen, a distortion explains what a wrong pose explains.
+        pixels: [M, 2], each match in the photo.
+        points: [M, 3], each match in the world.
+        known: k₁ of the scene's photos, used for a photo of their focal length unless its matches clearly contradict:
+            with few or shallow points, distortion explains what a wrong pose explains.
     """
     off = np.linalg.norm(reprojected(solved.posed, points[solved.inliers]) - pixels[solved.inliers], axis=1)
     best, k1 = float(np.median(off)), 0.0
@@ -162,10 +159,9 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float
 def _with_lens(
     pixels: F64, points: F64, solved: SolvedPose, k1: float, *, focal: bool, lens: bool
 ) -> tuple[float, float]:
-    """The median residual of the inliers with the pose that fits a lens best, pixels, and the lens's k₁.
+    """Fits the pose for a lens; returns the inliers' median residual in pixels, and k₁.
 
     Args:
-        pixels, points, solved: see `radial_distortion`.
         focal, lens: whether the focal length and k₁ are fitted, too.
     """
     rows, before = solved.inliers, solved.posed.camera
@@ -185,7 +181,7 @@ def _with_lens(
 
 
 def undistorted(pixels: F64, camera: Camera, k1: float) -> F64:
-    """float64 [M, 2]: where a lens without distortion would have shown what a photo shows at pixels [M, 2]."""
+    """Removes the distortion k₁ from pixels [M, 2]; float64 [M, 2]."""
     lens = pycolmap.Camera(
         model="SIMPLE_RADIAL", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy, k1]
     )
@@ -194,17 +190,12 @@ def undistorted(pixels: F64, camera: Camera, k1: float) -> F64:
 
 
 def pinhole(size: tuple[int, int], focal: float) -> Camera:
-    """A camera with its axis through the middle of the picture.
-
-    Args:
-        size: width and height, pixels.
-        focal: pixels.
-    """
+    """Makes a camera with a centered principal point; size as (width, height), pixels."""
     return Camera(size[0], size[1], focal, focal, size[0] / 2, size[1] / 2)
 
 
 def colmap_camera(camera: Camera) -> Any:
-    """The same as pycolmap has it, whose pixel centers are at +0.5 as well."""
+    """Converts to pycolmap, whose pixel centers are at +0.5, too."""
     return pycolmap.Camera(
         model="SIMPLE_PINHOLE", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy]
     )

@@ -1,4 +1,4 @@
-"""Where cameras show points."""
+"""Projects points into cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ F64 = NDArray[np.float64]
 
 
 def reprojected(posed: PosedCamera, points: F64) -> F64:
-    """float64 [M, 2]: where a camera shows points [M, 3], pixels; infinite for those behind it."""
+    """Projects points [M, 3] to pixels, float64 [M, 2]; infinite behind the camera."""
     viewmat = posed.camera_from_world()
     local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
     camera, z = posed.camera, local[:, 2]

@@ -1,4 +1,4 @@
-"""Settings of `localize`: how large photos are looked at, and what one request may bring."""
+"""Settings of `localize`: the photos' size and number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places of keypoints that several photos show, by the rays from all of these and the scene's own depth."""
+"""Triangulates keypoints from the rays of several photos and the scene's own depth."""
 
 from __future__ import annotations
 
@@ -22,37 +22,30 @@ F64 = NDArray[np.float64]
 _NEIGHBORS = 6
 _SAMPLES = 100
 _ANGLES_DEG = (2.0, 40.0)
-"""Between the rays of two photos to a place: less does not tell its depth; with more, SIFT does not know it again."""
+"""Limits of the angle between two rays: less gives no depth, more is beyond SIFT."""
 _RADIUS_SHARE = 0.02
-"""Of a picture's longer side: how far the keypoint of another photo may be from where the scene's depth has it."""
+"""Search radius around the projection by the scene's depth, over the picture's longer side."""
 _NEAREST = 6
 _ALIKE = 0.85
-"""Product of descriptors of length 1 from which on two keypoints may be the same place."""
-_CLEAR = 0.03
-"""By so much another one around there must be less alike."""
+"""Least similarity, as dot product of unit descriptors, of the same place."""
+_CLEAR = 0.03  # least margin in similarity to other keypoints nearby
 _DEVIATION_PX = 1.0
 _FITS_PX = 3.0
 _DEPTH_DEVIATION = 0.04
-"""Of the scene's own depth, as a share of it; see docs/measuring.md."""
+"""Deviation of the scene's own depth, relative; see docs/measuring.md."""
 
 
 @dataclass(frozen=True)
 class SeenKeypoints:
-    """The keypoints of one photo, and where the scene's own depth has them.
+    """The keypoints of a photo with the scene's depths."""
 
-    Attributes:
-        posed: the camera, of the photo's size.
-        keypoints: K of them.
-        depths: float64 [K], camera z, scene units; 0 where the scene has no surface.
-    """
-
-    posed: PosedCamera
+    posed: PosedCamera  # of the photo's size
     keypoints: Keypoints
-    depths: F64
+    depths: F64  # [K], camera z, scene units; 0 where the scene has no surface
 
     @property
     def places(self) -> F64:
-        """float64 [K, 3], world frame; without depth, the camera's center."""
+        """World positions, float64 [K, 3]; the camera's center without depth."""
         points = self.keypoints.points
         pose = self.posed.world_from_camera
         local = self.posed.camera.rays(points[:, 0], points[:, 1]) * self.depths[:, None]
@@ -60,11 +53,14 @@ class SeenKeypoints:
 
 
 def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:
-    """Of each photo's keypoints the places, float64 [K, 3], and how many other photos say so, [K].
+    """Triangulates each photo's keypoints.
 
-    A keypoint is looked for in six other photos, around where the scene's depth has it. Its place is the point with the
-    least squared distance from the rays of all photos, in their pixels, and from that depth along its own ray, each in
-    terms of its deviation; photos whose ray is more than 3 pixels off are then left out, once.
+    Each is searched for in six other photos around its projection by the scene's depth. Its place minimizes the squared
+    pixel distances from the rays of all photos and the deviation from that depth, each by its standard deviation. Rays
+    more than 3 pixels off are dropped once.
+
+    Returns:
+        For each photo the places, float64 [K, 3], and the number of other photos that confirm each, [K].
 
     Raises:
         CancelledError: see `service.common.cancellation`.
@@ -93,7 +89,7 @@ def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.i
 
 
 def _neighbors(photos: Sequence[SeenKeypoints], number: int, places: F64) -> list[int]:
-    """The photos that show most of the same places from another side."""
+    """Chooses the photos that show most of the same places from another side."""
     rows = np.nonzero(photos[number].depths > 0)[0]
     if not len(rows):
         return []
@@ -113,7 +109,7 @@ def _neighbors(photos: Sequence[SeenKeypoints], number: int, places: F64) -> lis
 def _same(
     own: NDArray[np.float32], others: NDArray[np.float32], tree: cKDTree, shown: F64, photo: SeenKeypoints
 ) -> NDArray[np.intp]:
-    """[K]: for each keypoint the one of another photo that shows the same, -1 for none."""
+    """Matches each keypoint to one of another photo, [K]; -1 for none."""
     camera = photo.posed.camera
     radius = _RADIUS_SHARE * max(camera.width, camera.height)
     finite = np.asarray(np.isfinite(shown).all(axis=1))
@@ -125,7 +121,7 @@ def _same(
     every = np.arange(len(own))
     highest, winner = alike[every, best], near[every, best]
     alike[every, best] = -1.0
-    # A place with two orientations is there twice: the next best must be another place.
+    # A place with two orientations has two keypoints: the second best must be another place.
     clear = (highest > _ALIKE) & (highest - alike.max(axis=1) > _CLEAR)
     return np.asarray(np.where(clear, winner, -1), np.intp)
 
@@ -153,8 +149,7 @@ def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[i
 
 
 def _ray_terms(photo: SeenKeypoints, rays: F64, places: F64) -> tuple[F64, F64]:
-    """Information [P, 3, 3] of rays [P, 3] from a photo about places near to given ones, and its product with a point
-    on the ray."""
+    """Normal equations of unit rays near places: information [P, 3, 3] and vector [P, 3]."""
     center = photo.posed.world_from_camera[:3, 3]
     away = np.maximum(np.linalg.norm(places - center, axis=1), 1e-9)
     weight = (photo.posed.camera.fx / (away * _DEVIATION_PX)) ** 2

@@ -1,1 +1,1 @@
-"""Splats of other tools as scenes: pictures around those without photos, labels lifted onto Gaussians that stay."""
+"""Turns splats of other tools into scenes: pictures rendered, labels lifted onto Gaussians."""

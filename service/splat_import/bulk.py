@@ -1,4 +1,4 @@
-"""Where the matter of a splat is: robust against floaters, backgrounds and Gaussians of any size."""
+"""Locates the bulk of a splat, robust against floaters, backgrounds and Gaussians of any size."""
 
 from __future__ import annotations
 
@@ -17,26 +17,19 @@ _OPAQUE = 0.1
 
 @dataclass(frozen=True)
 class Bulk:
-    """The middle of a splat.
+    """The bulk of a splat, with half of its visible weight."""
 
-    Attributes:
-        center: float64 [3], the median along every axis of the visible Gaussians, weighted by opacity.
-        radius: half of that weight lies within this distance, scene units; above 0.
-        core: bool [G], which Gaussians those are.
-        weights: float64 [G], opacity, 0 of Gaussians that hardly show.
-    """
-
-    center: F64
-    radius: float
-    core: NDArray[np.bool_]
-    weights: F64
+    center: F64  # [3], median of the visible means along each axis, weighted by opacity
+    radius: float  # scene units, above 0
+    core: NDArray[np.bool_]  # [G], within the radius
+    weights: F64  # [G], opacities; 0 where hardly visible
 
 
 def find_bulk(gaussians: Gaussians) -> Bulk:
-    """The bulk of a splat: most small Gaussians lie where photos have detail.
+    """Finds the bulk of a splat: most small Gaussians lie where photos have detail.
 
     Raises:
-        InvalidInputError: all Gaussians lie in one place, or none shows.
+        InvalidInputError: all Gaussians lie in one place.
     """
     opacities = 1 / (1 + np.exp(-gaussians.logit_opacities.astype(np.float64)))
     weights = np.where(opacities >= min(_OPAQUE, float(opacities.max())), opacities, 0.0)
@@ -54,7 +47,7 @@ def find_bulk(gaussians: Gaussians) -> Bulk:
 
 
 def quantiles(values: F64, weights: F64, shares: list[float]) -> F64:
-    """float64 [len(shares)]: the smallest values with at least so large a share of the weight at or below them."""
+    """Weighted quantiles, float64 [len(shares)]: smallest values whose cumulative weight reaches each share."""
     order = np.argsort(values)
     reached = np.cumsum(weights[order])
     places = np.searchsorted(reached, np.array(shares) * reached[-1])

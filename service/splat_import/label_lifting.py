@@ -1,5 +1,4 @@
-"""Labels of views on Gaussians that stay as they are: summed up over the views (`service.splatting.view_evidence`),
-then as codes that start on the most probable class and are fitted alone (`service.splatting.label_refit`)."""
+"""Lifts labels of views onto the fixed Gaussians of an imported splat."""
 
 from __future__ import annotations
 
@@ -35,14 +34,13 @@ from fastsplat_contract.errors import InvalidInputError
 
 _STAGE = "training"
 _MEASURED_VIEWS = 8
-_LIFTED = 0.5
-"""Share of the progress after which the evidence is there."""
+_LIFTED = 0.5  # share of the progress at which the evidence is complete
 _LOOKED_AT = 600_000
-"""Gaussians that are drawn so often at most: of more than these every view is looked at once."""
+"""Limit on Gaussians times passes over the views; one pass is always allowed."""
 
 
 def splat_gaussians(capture: Capture) -> Gaussians:
-    """The Gaussians of the capture's splat, in the order of the user's file; D = 0."""
+    """Reads the capture's splat in the order of the user's file; without codes."""
     assert capture.splat is not None
     rows = load_splat(capture.splat)
     return Gaussians(**vars(rows), codes=np.zeros((len(rows), 0), np.float32))
@@ -50,22 +48,17 @@ def splat_gaussians(capture: Capture) -> Gaussians:
 
 def lift_labels(
     capture: Capture,
-    labelling: Labelling,
+    labelling: Labelling,  # a label map per view; an empty dictionary gives a scene without labels
     training: TrainingSettings,
     settings: SplatImportSettings,
-    progress: Progress,
+    progress: Progress,  # of the stage "training"; may raise CancelledError
 ) -> TrainedSplats:
-    """The capture's splat with the labels of its views; nothing but the labels differs from the user's file.
+    """Labels the capture's splat; its Gaussians stay unchanged.
 
-    Args:
-        capture: views, and the splat in their world.
-        labelling: one label map per view; an empty dictionary gives a scene without labels.
-        training: its `backend`, `max_side`, `label_mode`, `code_size` and weights of undetected pixels count here.
-        settings: how many steps codes are fitted.
-        progress: hears of the stage "training"; may raise `CancelledError`.
+    Of `training`, only backend, max_side, seed, label_mode, code_size and undetected_weight are used.
 
     Raises:
-        InvalidInputError: photos that do not show the splat from their poses.
+        InvalidInputError: the photos do not show the splat from their poses.
     """
     begun = time.monotonic()
     gaussians = splat_gaussians(capture)
@@ -109,7 +102,7 @@ def _with_codes(
     settings: SplatImportSettings,
     progress: Progress,
 ) -> tuple[Gaussians, SemanticHead]:
-    """Codes that start on each Gaussian's most probable class and are fitted with the head; all else stays."""
+    """Fits codes and head, starting at each Gaussian's most probable class."""
     device = device_of(training.backend)
     class_codes = separated_codes(classes, code_size(classes - 1, training.code_size), training.seed)
     most_probable = torch.from_numpy(posterior(evidence, classes).classes.astype(np.int64))
@@ -144,11 +137,10 @@ def _with_codes(
 
 @torch.no_grad()
 def _check_fit(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> dict[str, float]:
-    """`psnr`: the mean of the splat in some of the photos, dB; absent where no photo has a valid pixel.
+    """Measures the mean PSNR (dB) of the splat's renderings against some photos.
 
     Raises:
-        InvalidInputError: in most of them it is further from the photo than the photo's mean color is: the poses are of
-            another world than the splat.
+        InvalidInputError: most renderings are worse than a photo's mean color: the poses are not of the splat's frame.
     """
     device = device_of(backend)
     parameters = {name: value.to(device) for name, value in color_parameters(gaussians).items()}

@@ -1,4 +1,4 @@
-"""Which way is up in a splat: stated, or estimated from the surfaces that its Gaussians lie in."""
+"""Estimates the up direction of a splat from the surfaces that its Gaussians lie in."""
 
 from __future__ import annotations
 
@@ -15,28 +15,27 @@ _ALIGNED = float(np.cos(np.radians(10)))
 _NEAR = float(np.cos(np.radians(20)))
 _FLAT = 0.5
 _LARGE_SHARE = 0.95
-_REACH = 3.0
-"""Radii of the bulk within which surfaces count."""
+_REACH = 3.0  # radii of the bulk within which surfaces count
 _PEAKS = 4
 _SLABS = 64
 _CUSTOMARY = np.array([[0.0, 0, 1], [0, -1, 0], [0, 1, 0]])
-"""What is up by custom: +z (nerfstudio), −y (COLMAP and 3DGS, seen from the first camera), +y (viewers)."""
+"""Usual up axes: +z (nerfstudio), −y (COLMAP, 3DGS: first camera), +y (viewers)."""
 _CUSTOM_WEIGHT = 1.0
 
 
 def axis_vector(axis: UpAxis) -> F64:
-    """float64 [3], the unit vector of an axis by its name."""
+    """Turns an axis name into a unit vector, float64 [3]."""
     vector = np.zeros(3)
     vector["xyz".index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
     return vector
 
 
 def estimate_up(gaussians: Gaussians, bulk: Bulk) -> F64:
-    """float64 [3], a unit vector that is probably up.
+    """Estimates the unit vector that points up, float64 [3].
 
-    The shortest axes of Gaussians, weighted by opacity and area, have peaks at the normals of floor, table and walls.
-    Of the largest peaks the one is up that has most weight, more matter above its densest slab than below, and is
-    nearest to a custom of splat files. Rooms whose ceiling is better seen come out upside down: users may state it.
+    The shortest axes of flat Gaussians, weighted by opacity and area, peak at the normals of floor, table and walls.
+    The best peak has a high weight, more matter above its densest slab than below, and is near to a usual up axis.
+    Rooms whose ceiling is better seen come out upside down, so users may state the axis.
     """
     near = np.linalg.norm(gaussians.means - bulk.center, axis=1) < _REACH * bulk.radius
     rows = np.flatnonzero(near & (bulk.weights > 0))
@@ -67,7 +66,7 @@ def estimate_up(gaussians: Gaussians, bulk: Bulk) -> F64:
 
 
 def _peaks(normals: F64, weights: F64) -> list[tuple[F64, float]]:
-    """The directions that most weight is normal to, up to sign, and that weight."""
+    """Finds the most frequent normals, up to sign, and their weights."""
     index = np.arange(_DIRECTIONS) + 0.5  # half a Fibonacci sphere
     polar, azimuth = np.arccos(1 - index / _DIRECTIONS), np.pi * (1 + 5**0.5) * index
     directions = np.stack([np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1)
@@ -79,14 +78,14 @@ def _peaks(normals: F64, weights: F64) -> list[tuple[F64, float]]:
             break
         own = np.abs(normals @ directions[top]) > _NEAR
         spread = (normals[own] * weights[own, None]).T @ normals[own]
-        axis = np.linalg.eigh(spread)[1][:, 2]  # what the normals of the peak have in common
+        axis = np.linalg.eigh(spread)[1][:, 2]  # principal direction of the peak's normals
         peaks.append((axis, float(votes[top])))
         votes[np.abs(directions @ directions[top]) > np.cos(np.radians(30))] = 0
     return peaks
 
 
 def _densest(heights: F64, weights: F64) -> float:
-    """The height of the slab with most weight."""
+    """Finds the height of the slab with most weight."""
     low, high = quantiles(heights, weights, [0.02, 0.98])
     if high <= low:
         return float(low)
@@ -96,7 +95,7 @@ def _densest(heights: F64, weights: F64) -> float:
 
 
 def _normals(gaussians: Gaussians, rows: NDArray[np.intp]) -> F64:
-    """float64 [K, 3], the shortest axis of each Gaussian in the world."""
+    """Shortest axis of each Gaussian in the world, float64 [K, 3]."""
     w, x, y, z = (gaussians.quats[rows] / np.linalg.norm(gaussians.quats[rows], axis=1, keepdims=True)).T.astype(float)
     columns = (
         (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)),

@@ -1,4 +1,4 @@
-"""The capture of a splat without photos: pictures rendered around it."""
+"""Builds the capture of a splat without photos by rendering pictures around it."""
 
 from __future__ import annotations
 
@@ -30,34 +30,24 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.operations import UpAxis
 
-_FIELD_OF_VIEW_DEG = 60.0
-"""Their horizontal field of view."""
+_FIELD_OF_VIEW_DEG = 60.0  # horizontal
 
 _STAGE = "capture"
-_SEARCH = 0.6
-"""Share of the progress that the search for viewpoints takes."""
-_COVERED = 0.5
-"""A pixel with less matter in front of the void has no content."""
+_SEARCH = 0.6  # share of the progress
+_COVERED = 0.5  # alpha from which on a pixel has content
 
 
 @torch.no_grad()
 def render_views(
     validated_dir: Path,
-    out_dir: Path,
+    out_dir: Path,  # new or empty; appears only when complete
     settings: SplatImportSettings,
-    progress: Progress,
+    progress: Progress,  # of the stage "capture"; may raise CancelledError
     *,
-    up: UpAxis | None = None,
+    up: UpAxis | None = None,  # in the splat's world; None: estimated
     backend: Backend = "cpu",
 ) -> Capture:
-    """The capture of a validated upload that is a splat alone, in its world, written to `out_dir`, which appears only
-    when complete.
-
-    Args:
-        validated_dir: `ValidatedUpload.folder`.
-        out_dir: new or empty.
-        progress: hears of the stage "capture"; may raise `CancelledError`.
-        up: which axis of the splat's world is up; None: estimated.
+    """Renders the capture of a validated splat without photos, in its own world.
 
     Raises:
         InvalidInputError: nothing of the splat can be seen.
@@ -98,11 +88,11 @@ def render_views(
 
 
 Paint = Callable[[PosedCamera], tuple[NDArray[np.uint8], NDArray[np.bool_]]]
-"""Makes the picture of a camera, see `Painter.picture`."""
+"""Renders the picture of a camera as `Painter.picture` does."""
 
 
 class Painter:
-    """Pictures of Gaussians, on black; what they share is made once."""
+    """Renders Gaussians on black; holds their tensors between pictures."""
 
     def __init__(self, gaussians: Gaussians, backend: Backend = "cpu") -> None:
         self._backend: Backend = backend
@@ -112,7 +102,7 @@ class Painter:
 
     @torch.no_grad()
     def picture(self, posed: PosedCamera) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-        """uint8 [H, W, 3], and bool [H, W]: where enough is seen for the pixel to have content."""
+        """Renders uint8 [H, W, 3] and the mask of pixels with content, bool [H, W]."""
         pose, means = posed.world_from_camera, self._splats.means
         position = torch.from_numpy(pose[:3, 3].astype(np.float32)).to(means.device)
         viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(means.device)
@@ -125,14 +115,9 @@ class Painter:
 def render_pictures(
     paint: Paint, cameras: Sequence[PosedCamera], folder: Path, on_picture: Callable[[int], None] = lambda done: None
 ) -> tuple[View, ...]:
-    """Pictures as views of a capture: `images/` and `masks/` in `folder`. Pixels in which little is seen are marked as
-    having no content.
+    """Writes pictures and masks of their content as views, in new folders below `folder`.
 
-    Args:
-        paint: makes them, see `Painter.picture`.
-        cameras: the picture's size is the camera's, its view's name the camera's.
-        folder: where the two folders are made.
-        on_picture: called before each picture with how many there are; may raise `CancelledError`.
+    Calls `on_picture` before each with the number done; it may raise `CancelledError`.
     """
     (folder / "images").mkdir()
     (folder / "masks").mkdir()

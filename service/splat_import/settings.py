@@ -1,4 +1,4 @@
-"""How a splat of another tool becomes a scene."""
+"""Settings of splat imports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses from which a splat without photos is looked at: around its bulk and from within, where pictures are good."""
+"""Chooses poses around and within a splat from which pictures of it are good."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import look_at
 
 _RINGS = ((12.0, 2.8), (30.0, 2.8), (30.0, 2.0), (55.0, 2.4))
-"""Elevation in degrees above the center of the bulk, and distance from it in its radii."""
+"""Elevation above the bulk's center, degrees, and distance from it in bulk radii."""
 _RING_VIEWS = 12
 _INNER_PLACES = 6
 _INNER_VIEWS = 8
@@ -33,15 +33,15 @@ _TRIAL_SIDE = 96
 _NEAR = 0.25  # radii of the bulk: matter that is nearer hides the rest
 _BLOB = 0.12  # of the picture's width: a standard deviation that is larger shows no form
 _ROWS = 60_000
-_WORST = 0.2
-"""Views with a smaller share of the best view's quality are no pictures."""
+_WORST = 0.2  # share of the best view's quality; worse views are dropped
 
 OnTrial = Callable[[int, int], None]
+"""Hears the index of each candidate and their number; may raise `CancelledError`."""
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """One candidate: its quality 0..1, and what it shows of the Gaussians that were drawn."""
+    """A candidate pose, its quality (0 or more), and each sampled Gaussian's pixel share."""
 
     pose: F64
     quality: float
@@ -52,26 +52,19 @@ class _Trial:
 def choose_viewpoints(
     gaussians: Gaussians,
     bulk: Bulk,
-    up: F64,
+    up: F64,  # [3], unit vector
     count: int,
-    field_of_view_deg: float,
+    field_of_view_deg: float,  # horizontal
     on_trial: OnTrial = lambda done, total: None,
     *,
     backend: Backend = "cpu",
 ) -> list[F64]:
-    """`count` poses (fewer where there are not so many good ones), world_from_camera float64 [4, 4], OpenCV axes.
+    """Chooses up to `count` poses with good views, world_from_camera float64 [4, 4], OpenCV axes.
 
-    Candidates lie on rings around the bulk and at free places within it. Each is rendered small, and judged by how much
-    of it is matter, is the bulk's, is not right before the lens, and is no blur of single Gaussians. Of these the set
-    is taken step by step by which Σ_g opacity_g · √(Σ_views quality · weight_g) grows most: everything is shown from
-    several sides.
-
-    Args:
-        bulk: of the same.
-        up: unit vector.
-        count: of poses, at least 1.
-        field_of_view_deg: horizontal.
-        on_trial: hears of every candidate, with their number; may raise `CancelledError`.
+    Candidates lie on rings around the bulk and at free places within it. A small rendering of each is scored: matter
+    and the bulk's core count for it, matter close to the lens and large blurry Gaussians against it. A greedy search
+    maximizes Σ_g opacity_g · √(Σ_views quality · weight_g), so that everything is shown from several sides; outside
+    the core, opacities count half.
 
     Raises:
         InvalidInputError: nothing can be seen from anywhere.
@@ -96,14 +89,14 @@ def choose_viewpoints(
 
 
 def trial_camera(field_of_view_deg: float, side: int = _TRIAL_SIDE) -> Camera:
-    """A camera of `side` × ¾ side pixels with a horizontal field of view."""
+    """Makes a camera of `side` × ¾ side pixels with a horizontal field of view."""
     height = round(0.75 * side)
     focal = side / 2 / np.tan(np.radians(field_of_view_deg) / 2)
     return Camera(side, height, float(focal), float(focal), side / 2, height / 2)
 
 
 def _candidates(gaussians: Gaussians, bulk: Bulk, up: F64) -> Iterator[F64]:
-    """Poses on the rings, then those at free places."""
+    """Yields poses on the rings, then those at free places."""
     side = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0])
     side /= np.linalg.norm(side)
     other = np.cross(up, side)
@@ -122,7 +115,7 @@ def _candidates(gaussians: Gaussians, bulk: Bulk, up: F64) -> Iterator[F64]:
 
 
 def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
-    """float64 [P, 3]: places within the matter with room around them, far from each other."""
+    """Finds free places within the bulk, far from each other, float64 [P, 3]."""
     rng = np.random.default_rng(0)
     solid = np.flatnonzero(bulk.weights >= _SOLID * bulk.weights.max())
     solid = rng.permutation(solid)[: 2 * _ROWS]
@@ -142,7 +135,7 @@ def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
 
 
 class _Look:
-    """Renders candidates small, once each."""
+    """Scores candidates by small renderings."""
 
     def __init__(
         self, gaussians: Gaussians, bulk: Bulk, drawn: NDArray[np.intp], camera: Camera, backend: Backend

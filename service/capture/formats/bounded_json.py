@@ -16,7 +16,7 @@ _BRACKET = re.compile(r"[\[\]{}]")
 
 
 def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
-    """The parsed content of the file `path`, called `name` in errors.
+    """Parses the JSON file `path`, called `name` in errors.
 
     Raises:
         InvalidInputError: not JSON, or nested too deeply.
@@ -41,7 +41,7 @@ def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
 
 
 def _depth(text: str) -> int:
-    """Deepest nesting of brackets outside strings."""
+    """Measures the deepest nesting of brackets outside strings."""
     deepest = depth = 0
     for bracket in _BRACKET.findall(_STRING.sub("", text)):
         depth += 1 if bracket in "[{" else -1

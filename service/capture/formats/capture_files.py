@@ -1,4 +1,4 @@
-"""Saves and loads captures: `capture.json`, `points.safetensors` and the views' files, by relative paths."""
+"""Saves and loads captures: `capture.json`, `points.safetensors`, and the views' files by relative paths."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _POINTS = "points.safetensors"
 
 
 def save_capture(capture: Capture, folder: Path) -> None:
-    """Write all of a capture but the views' own files, which lie below `folder` already."""
+    """Writes a capture except the views' own files, which are below `folder` already."""
     write_arrays({"points": capture.points, "point_colors": capture.point_colors}, folder / _POINTS)
     labels = capture.given_labels
     document: dict[str, Any] = {
@@ -57,12 +57,12 @@ def save_capture(capture: Capture, folder: Path) -> None:
 
 
 def holds_capture(folder: Path) -> bool:
-    """Whether a folder has a capture."""
+    """Checks for a capture in a folder."""
     return (folder / _CAPTURE).is_file()
 
 
 def load_capture(out_dir: Path) -> Capture:
-    """The capture that `build_capture` wrote to `out_dir`.
+    """Loads the capture that `build_capture` wrote.
 
     Raises:
         NotFoundError: there is no capture.
@@ -97,7 +97,7 @@ def load_capture(out_dir: Path) -> Capture:
 
 
 def load_content(view: View) -> NDArray[np.bool_] | None:
-    """bool [H, W]: where a view's image has content that may be used; None where every pixel has."""
+    """Loads the mask of usable pixels, bool [H, W]; None if all are usable."""
     if view.valid_path is None:
         return None
     with Image.open(view.valid_path) as picture:

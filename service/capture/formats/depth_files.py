@@ -1,6 +1,6 @@
-"""Depth maps of uploads as their tools store them: gray images, NumPy arrays, and Record3D's compressed floats.
+"""Reads depth maps of uploads: gray images, NumPy arrays, and Record3D's compressed floats.
 
-Run on a stranger's bytes only in the confined processes that check uploads and decode pictures.
+Used only in the confined processes that check uploads and decode pictures.
 """
 
 from __future__ import annotations
@@ -21,33 +21,25 @@ from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 
 ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"
 IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
-_FARTHEST = 1_000.0
-"""Scene units: what is stated farther away is no measurement of a sensor."""
+_FARTHEST = 1_000.0  # scene units; beyond, no sensor measures
 _UNITS = (1e-9, 1e3)
 _SLACK_BYTES = 4_096
 _LOW_CONFIDENCE = 0
-"""ARKit has 0 low, 1 medium, 2 high (ARConfidenceLevel); Polycam stretches the same levels over 0..255."""
+"""ARKit: 0 low, 1 medium, 2 high (ARConfidenceLevel); Polycam stretches these over 0..255."""
 
 
 @dataclass(frozen=True)
 class DepthFile:
-    """One depth map of an upload: camera z of every pixel.
+    """A depth map of an upload: camera z of every pixel."""
 
-    Attributes:
-        path: relative to the upload: a 16-bit gray image, a `.npy` array, or `.depth`, float32 compressed by LZFSE.
-        unit: scene units of one stored unit.
-        size: (width, height) of the pixels as stored, where the file itself does not say; else None.
-        confidence: path of ARKit's confidence of every pixel, if there is one: pixels of the lowest level are unknown.
-    """
-
-    path: str
-    unit: float
-    size: tuple[int, int] | None = None
-    confidence: str | None = None
+    path: str  # in the upload: 16-bit gray image, `.npy` array, or `.depth` (float32, LZFSE)
+    unit: float  # scene units per stored unit
+    size: tuple[int, int] | None = None  # (width, height) as stored, if the file itself does not say
+    confidence: str | None = None  # path of ARKit's confidence map; pixels of the lowest level are unknown
 
 
 def check_depth_unit(unit: Any, *, field: str) -> float:
-    """The unit as a number.
+    """Checks a depth unit.
 
     Raises:
         InvalidInputError: it is no number from 1e-9 to 1000.
@@ -63,7 +55,7 @@ def check_depth_unit(unit: Any, *, field: str) -> float:
 
 
 def depth_size(root: Path, file: DepthFile, settings: CaptureSettings) -> tuple[int, int]:
-    """(width, height) of a depth map as stored, without reading its pixels.
+    """Reads (width, height) of a depth map as stored, without its pixels.
 
     Raises:
         CorruptImageError: it is no image or no array of two dimensions.
@@ -83,8 +75,9 @@ def depth_size(root: Path, file: DepthFile, settings: CaptureSettings) -> tuple[
 
 
 def read_depth(root: Path, file: DepthFile, settings: CaptureSettings) -> NDArray[np.float32]:
-    """float32 [H, W] of a depth map as stored, scene units; 0 where it is unknown: not finite, not positive, farther
-    than 1000 units, or of low confidence.
+    """Reads a depth map in scene units, float32 [H, W].
+
+    0 where unknown: not finite, not positive, farther than 1000 units, or of low confidence.
 
     Raises:
         CorruptImageError, LimitExceededError: as `depth_size`, and where the content is cut short or damaged.
@@ -108,14 +101,14 @@ def read_depth(root: Path, file: DepthFile, settings: CaptureSettings) -> NDArra
 
 
 def sample_depth(depth: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
-    """float32 [H, W] of another size (width, height), nearest neighbor: no value of two surfaces is mixed."""
+    """Resizes to (width, height) by nearest neighbor, so that surfaces are not mixed."""
     if depth.shape[1::-1] == size:
         return depth
     return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT), np.float32)
 
 
 def _open_array(path: Path, name: str) -> NDArray[Any]:
-    """[H, W] of a `.npy` file, not yet read into memory; its length is compared with its header."""
+    """Maps a `.npy` file [H, W] into memory; its length is checked against its header."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, OSError, EOFError, SyntaxError, OverflowError, TypeError) as error:
@@ -154,6 +147,6 @@ def _decompressed(root: Path, name: str, expected_bytes: int) -> bytes:
             f"{expected_bytes} bytes",
         )
     packed = path.read_bytes()
-    if len(packed) == expected_bytes:  # some exports leave it as it is
+    if len(packed) == expected_bytes:  # some exports do not compress
         return packed
     return unpack_lzfse(packed, name, expected_bytes)

@@ -1,4 +1,4 @@
-"""A capture's depth maps on disk (16-bit PNG, whose step is 1/65535 of nearly the largest value) and at other sizes."""
+"""Stores a capture's depth maps as scaled 16-bit PNGs and resamples them."""
 
 from __future__ import annotations
 
@@ -11,19 +11,20 @@ from PIL import Image
 from fastsplat.service.capture.types import SensorDepth
 from fastsplat_contract.camera import Camera
 
-DEPTHS = "depths"
-"""The folder of a capture's maps."""
+DEPTHS = "depths"  # folder in a capture
 _STEPS = 65_535
 _NEARLY_ALL, _FAR = 0.99, 4.0
 _EDGE = 0.04
-"""A pixel whose depth differs from a neighbor's by a larger share of it lies on an edge, where sensors mix surfaces."""
+"""Relative depth difference of neighbors that marks an edge, where sensors mix surfaces."""
 
 F32 = NDArray[np.float32]
 
 
 def save_depth(depth: F32, camera: Camera, path: Path) -> SensorDepth:
-    """Write a map as a PNG, and say how it is to be read. A few pixels that are several times as far away as nearly all
-    others become unknown: they would make every step coarse."""
+    """Writes a map as a 16-bit PNG.
+
+    A few pixels several times farther than nearly all others become unknown, as they would coarsen every step.
+    """
     known = depth[depth > 0]
     farthest = float(min(known.max(), _FAR * np.quantile(known, _NEARLY_ALL))) if len(known) else 0.0
     unit = farthest / _STEPS or 1.0
@@ -33,18 +34,13 @@ def save_depth(depth: F32, camera: Camera, path: Path) -> SensorDepth:
 
 
 def load_depth(sensor: SensorDepth) -> F32:
-    """float32 [H, W], scene units, 0 where unknown."""
+    """Loads a map, float32 [H, W], scene units, 0 where unknown."""
     with Image.open(sensor.path) as image:
         return np.asarray(image).astype(np.float32) * np.float32(sensor.unit)
 
 
 def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
-    """float32 [H, W]: what a map says of the pixels of another camera at the same place; 0 where it says nothing. No
-    two measurements are mixed, and none is made up between them.
-
-    Args:
-        depth: [H, W], 0 where unknown.
-    """
+    """Resamples a map, 0 where unknown, for another camera at its place, without interpolation."""
     finer = source.fx >= target.fx
     at, of = (target, source) if finer else (source, target)
     columns = np.floor((np.arange(at.width) + 0.5 - at.cx) / at.fx * of.fx + of.cx).astype(np.int64)
@@ -61,7 +57,7 @@ def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
 
 
 def inner_pixels(depth: F32) -> NDArray[np.bool_]:
-    """bool [H, W]: pixels with a depth whose four neighbors have nearly the same one."""
+    """Masks pixels whose depth is nearly that of all four neighbors, bool [H, W]."""
     inner = np.zeros(depth.shape, bool)
     here = depth[1:-1, 1:-1]
     alike = here > 0

@@ -1,4 +1,4 @@
-"""Reads and checks images of uploads, decodes them upright, and writes the images of a capture."""
+"""Checks and decodes images of uploads; writes images of captures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fastsplat_contract.errors import CorruptImageError, InvalidInputError, Limi
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"})
 UNSUPPORTED_SUFFIXES = frozenset({".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
-Image.init()  # registers all decoders, of which only these are ever tried:
+Image.init()  # registers all decoders; only these are ever tried:
 IMAGE_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
 _HEIF_MARK = b"ftyp"
 _MIRRORED = frozenset({2, 4, 5, 7})
@@ -34,38 +34,26 @@ _Number = TypeVar("_Number", np.uint8, np.uint16)
 
 @dataclass(frozen=True)
 class PhotoInfo:
-    """The size, orientation and lens in an image's header.
+    """Header of an image."""
 
-    Attributes:
-        path: relative to the upload, with forward slashes.
-        width, height: of the pixels as stored, before the orientation is applied.
-        orientation: EXIF orientation, 1..8; 1 is upright.
-        lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
-        focal_35mm: focal length in millimeters on a 36×24 mm frame; 0 if unknown.
-        exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
-            bias that the photographer set is in these three already.)
-        taken_at: when it was taken, seconds since 1970; None where the photo does not say it with its time zone.
-        transparent: whether some pixels are wholly transparent, as far as `check_image` has looked.
-    """
-
-    path: str
-    width: int
+    path: str  # in the upload, with forward slashes
+    width: int  # as stored, before the orientation is applied
     height: int
-    orientation: int
-    lens: str
-    focal_35mm: float
-    exposure_ev: float | None = None
-    taken_at: float | None = None
-    transparent: bool = False
+    orientation: int  # EXIF orientation, 1..8; 1 is upright
+    lens: str  # distinguishes cameras: maker, model and 35 mm focal length, as far as known
+    focal_35mm: float  # millimeters on a 36×24 mm frame; 0 if unknown
+    exposure_ev: float | None = None  # log2(seconds × ISO / 100 / f-number²), which includes any exposure bias
+    taken_at: float | None = None  # seconds since 1970; None without a time zone
+    transparent: bool = False  # some pixels are wholly transparent, as far as `check_image` has looked
 
     @property
     def upright_size(self) -> tuple[int, int]:
-        """(width, height) once the orientation is applied."""
+        """(width, height) after applying the orientation."""
         return (self.height, self.width) if self.orientation in _TRANSPOSED else (self.width, self.height)
 
     @property
     def focal_of_side(self) -> float | None:
-        """Focal length over the longer side, by the diagonal of the frame that `focal_35mm` is of; None if unknown."""
+        """Focal length over the longer side, from `focal_35mm` by the frame's diagonal; None if unknown."""
         if not self.focal_35mm:
             return None
         diagonal = math.hypot(self.width, self.height)
@@ -73,60 +61,59 @@ class PhotoInfo:
 
     @property
     def mirrored(self) -> bool:
-        """Whether applying the orientation mirrors the image."""
+        """Checks if the orientation mirrors the image."""
         return self.orientation in _MIRRORED
 
     @property
     def quarter_turns(self) -> int:
-        """Clockwise rotations by 90° that make the stored pixels upright, for an image that is not mirrored."""
+        """Clockwise 90° rotations that make an unmirrored image upright."""
         return _QUARTER_TURNS.get(self.orientation, 0)
 
 
 def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
-    """The header of an image, once every row was decoded (coarsely where the format can: it still reads all bytes).
+    """Reads an image's header after decoding all its bytes, coarsely if the format can.
 
     Raises:
-        CorruptImageError: not an image of a supported format, cut short, or of colors that cannot be read.
-        LimitExceededError: more pixels than `max_image_pixels`; read from the header, before decoding.
+        CorruptImageError: not an image of a supported format, cut short, or of unreadable colors.
+        LimitExceededError: more pixels than `max_image_pixels`; checked in the header, before decoding.
     """
     with _open(root / name, name, settings) as image:
-        # The EXIF of a PNG may stand behind its pixels: to ask for it decodes them, and hides what is wrong with them.
+        # A PNG's EXIF may follow its pixels: asking for it would decode them and hide their errors.
         info = None if image.format == "PNG" else _info(image, name)
         image.draft("RGB", (max(1, image.width // 8), max(1, image.height // 8)))
         _decode(image, name)
-        # Whether its colors can be read says one pixel; of gray values beyond 8 bits, whose range counts, all.
+        # One pixel shows if the colors are readable; of gray values beyond 8 bits, all are needed for their range.
         _rgb(image if image.mode.startswith("I") else image.crop((0, 0, 1, 1)), name)
         alpha = _alpha(image)
         return replace(info or _info(image, name), transparent=alpha is not None and not alpha.all())
 
 
 def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
-    """The header of an image by its first bytes; its pixels are not decoded. Raises as `check_image`."""
+    """Reads an image's header without decoding pixels. Raises as `check_image`."""
     with _open(root / name, name, settings) as image:
         return _info(image, name)
 
 
 def read_size(root: Path, name: str, settings: CaptureSettings) -> tuple[int, int]:
-    """(width, height) as stored, by the first bytes alone; nothing is decoded. Raises as `check_image`."""
+    """Reads (width, height) as stored, without decoding. Raises as `check_image`."""
     with _open(root / name, name, settings) as image:
         return image.width, image.height
 
 
 def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3], upright. 16-bit values keep their upper byte; what is transparent turns black, as scenes are
-    trained."""
+    """Decodes upright uint8 [H, W, 3]: upper bytes of 16-bit values, transparency on black."""
     return apply_orientation(load_stored(root, info.path, settings), info.orientation)
 
 
 def load_stored(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] as stored, its orientation not yet applied; else as `load_upright`."""
+    """Decodes as `load_upright`, but without applying the orientation."""
     with _open(root / name, name, settings) as image:
         _decode(image, name)
         return _rgb(image, name)
 
 
 def load_opaque(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
-    """uint8 [H, W], upright: 0 where a pixel is wholly transparent, else 255."""
+    """Decodes an upright opacity mask, uint8 [H, W]: 0 if wholly transparent, else 255."""
     with _open(root / info.path, info.path, settings) as image:
         _decode(image, info.path)
         alpha = _alpha(image)
@@ -135,7 +122,7 @@ def load_opaque(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArr
 
 
 def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
-    """Upright pixels by EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
+    """Turns pixels upright by EXIF orientation (CIPA DC-008, 4.6.4 A)."""
     upright = {
         1: lambda p: p,
         2: lambda p: p[:, ::-1],
@@ -150,11 +137,12 @@ def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Nu
 
 
 def open_map(root: Path, name: str, settings: CaptureSettings, *, depth: bool = False) -> NDArray[np.uint16]:
-    """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, as palette indices, or as gray in
-    three channels.
+    """Decodes a label map or mask, uint16 [H, W].
+
+    One channel of 1, 8 or 16 bits, palette indices, or gray in three channels.
 
     Args:
-        depth: it is a depth map, for which 8 bits are too few.
+        depth: for a depth map, 8 bits are too few.
 
     Raises:
         InvalidInputError: it has colors instead of ids, or too few bits.
@@ -183,7 +171,7 @@ def open_map(root: Path, name: str, settings: CaptureSettings, *, depth: bool = 
 
 
 def save_rgb(pixels: NDArray[np.uint8], path: Path) -> None:
-    """Write uint8 [H, W, 3] in the format of the path's suffix: lossless PNG, or JPEG with very little loss."""
+    """Writes uint8 [H, W, 3] as lossless PNG or high-quality JPEG, by the path's suffix."""
     image = Image.fromarray(pixels)
     if path.suffix == ".png":
         image.save(path, compress_level=1)
@@ -192,7 +180,7 @@ def save_rgb(pixels: NDArray[np.uint8], path: Path) -> None:
 
 
 def load_rgb(path: Path) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] of an image that this service wrote."""
+    """Loads uint8 [H, W, 3] of an image that this service wrote."""
     with Image.open(path) as image:
         return np.asarray(image.convert("RGB"))
 
@@ -222,14 +210,16 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
 
 @cache
 def _register_heif() -> None:
-    """Let Pillow read HEIC, by a library that is loaded by the first such file, in the sandbox. libheif turns the
-    pixels and the plugin sets EXIF's orientation to upright, so that neither is applied twice."""
+    """Lets Pillow read HEIC; loaded on first use, in the sandbox.
+
+    libheif rotates the pixels and the plugin resets EXIF's orientation, so neither is applied twice.
+    """
     pi_heif = importlib.import_module("pi_heif")
     pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
 
 
 def too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
-    """The error of an image of so many pixels."""
+    """Makes the error of an image with too many pixels."""
     return LimitExceededError.of(
         name,
         f"has {size} pixels",
@@ -266,7 +256,7 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
         focal = float(detail.get(ExifTags.Base.FocalLengthIn35mmFilm, 0) or 0)
         exposure_ev, taken_at = _exposure_ev(detail), taken_at_of_exif(detail, exif.get_ifd(ExifTags.IFD.GPSInfo))
         maker = [str(exif.get(tag, "")).strip("\0 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
-    except Exception:  # a mangled EXIF block says nothing about the pixels, and Pillow raises a dozen types for it
+    except Exception:  # mangled EXIF does not affect the pixels, and Pillow raises a dozen types for it
         orientation, focal, maker, exposure_ev, taken_at = 1, 0.0, ["", ""], None, None
     if orientation not in range(1, 9):
         orientation = 1
@@ -277,7 +267,7 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
 
 
 def _has_floats(path: Path) -> bool:
-    """Whether a file is a TIFF of floating-point numbers, by its first directory."""
+    """Detects a TIFF of floating-point numbers by its first directory."""
     with suppress(SyntaxError, OSError, ValueError, struct.error, KeyError, EOFError), path.open("rb") as file:
         tags = TiffImagePlugin.ImageFileDirectory_v2(file.read(8))
         file.seek(tags.next)
@@ -293,14 +283,14 @@ def _floats(name: str) -> CorruptImageError:
 
 
 def _alpha(image: Image.Image) -> NDArray[np.uint8] | None:
-    """uint8 [H, W] of a decoded image; None where its format has no transparency."""
+    """Alpha channel of a decoded image, uint8 [H, W]; None where its format has none."""
     if image.mode not in ("RGBA", "LA", "PA", "RGBa", "La") and "transparency" not in image.info:
         return None
     return np.asarray(image.convert("RGBA").getchannel("A"))
 
 
 def _exposure_ev(detail: Mapping[int, Any]) -> float | None:
-    """See `PhotoInfo.exposure_ev`, of the tags of the Exif IFD (CIPA DC-008, 4.6.5)."""
+    """Computes `PhotoInfo.exposure_ev` from the Exif IFD (CIPA DC-008, 4.6.5)."""
     speed = detail.get(ExifTags.Base.ISOSpeedRatings)
     speed = speed[0] if isinstance(speed, tuple) and speed else speed
     exposure: list[Any] = [detail.get(ExifTags.Base.ExposureTime), speed, detail.get(ExifTags.Base.FNumber)]

@@ -1,5 +1,7 @@
-"""Content that is compressed by LZFSE (https://github.com/lzfse/lzfse), in no more memory than it may take: the decoder
-doubles its memory for as long as a stream asks for more, so that the sizes of the blocks are added up before."""
+"""Unpacks LZFSE (https://github.com/lzfse/lzfse) within bounded memory.
+
+The decoder doubles its memory for as long as a stream asks, so block sizes are added up first.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +16,11 @@ _PAYLOAD_BITS = (1 << 20) - 1
 
 
 def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
-    """The content, of exactly `expected_bytes`; errors name the file `name`.
+    """Unpacks exactly `expected_bytes`; errors name the file `name`.
 
     Raises:
-        CorruptImageError: it is cut short, damaged, no LZFSE, or of another size.
-        MissingPackageError: the package that decodes it is not installed.
+        CorruptImageError: cut short, damaged, no LZFSE, or of another size.
+        MissingPackageError: the decoder's package is not installed.
     """
     size = _unpacked_bytes(packed)
     if size is None:
@@ -30,7 +32,7 @@ def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
 
     try:
         content = bytes(lzfse.decompress(packed))
-    except (lzfse.error, MemoryError) as error:  # it asks for ever more memory where the content is damaged
+    except (lzfse.error, MemoryError) as error:  # on damaged content it asks for ever more memory
         raise CorruptImageError(f"{name} is damaged: {error}", field=name, hint=_HINT) from error
     if len(content) != expected_bytes:
         raise _wrong_size(name, len(content), expected_bytes)
@@ -38,7 +40,7 @@ def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
 
 
 def _unpacked_bytes(packed: bytes) -> int | None:
-    """What the headers of all blocks add up to; None where the stream ends early or is none."""
+    """Adds up the sizes in block headers; None if the stream ends early."""
     at, total = 0, 0
     while True:
         kind = packed[at : at + 4]

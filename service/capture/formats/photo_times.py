@@ -1,4 +1,4 @@
-"""When a photo was taken, as its EXIF says. Nothing here is trusted: what cannot be is taken as not said."""
+"""Reads capture times from EXIF. Untrusted: implausible values count as absent."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MOST_OFFSET = timedelta(hours=14)
 
 
 def taken_at_of_exif(detail: Mapping[int, Any], gps: Mapping[int, Any]) -> float | None:
-    """Seconds since 1970, UTC, or None where the photo does not say when it was taken and in which time zone: by
-    DateTimeOriginal with OffsetTimeOriginal and SubSecTimeOriginal, else by the GPS block, which is as old as the last
-    fix.
+    """Reads a photo's UTC time in seconds since 1970; None without a time zone.
+
+    From DateTimeOriginal with OffsetTimeOriginal and SubSecTimeOriginal, else from the GPS block (its last fix).
 
     Args:
         detail: tags of the Exif IFD (CIPA DC-008-2019, 4.6.5 D and F).
@@ -43,7 +43,7 @@ def _seconds(text: Any, offset: timedelta) -> float | None:
 
 
 def _offset(text: Any) -> timedelta | None:
-    """Of "+02:00", "-07:30" or "Z"."""
+    """Parses "+02:00", "-07:30" or "Z"."""
     text = str(text or "").strip("\0 ")
     if text == "Z":
         return timedelta(0)

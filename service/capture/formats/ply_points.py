@@ -1,4 +1,4 @@
-"""Reads colored points from a PLY file, as nerfstudio keeps them beside its poses."""
+"""Reads colored points from PLY files, as nerfstudio stores them beside its poses."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _COLOR = ("red", "green", "blue")
 
 
 def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """float32 [P, 3] positions and uint8 [P, 3] colors (mid gray where the file has none) of its vertices.
+    """Reads positions, float32 [P, 3], and colors, uint8 [P, 3], mid gray if absent.
 
     Raises:
         InvalidInputError: not a PLY file, no `vertex` element with x, y, z, fewer rows than it claims, NaN.
-        LimitExceededError: more than `max_model_points` rows; read from the header.
+        LimitExceededError: more than `max_model_points` rows; checked in the header.
     """
 
     def refuse(problem: str) -> InvalidInputError:
@@ -42,7 +42,7 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
             points[rows] = np.stack([table[axis] for axis in "xyz"], axis=1)
         if colored:
             told = np.stack([table[channel] for channel in _COLOR], axis=1)
-            whole = 255 if told.dtype.kind == "f" else 1  # floats are 0..1, by custom
+            whole = 255 if told.dtype.kind == "f" else 1  # by convention, floats are 0..1
             colors[rows] = np.clip(np.nan_to_num(told * whole), 0, 255)
     if not np.isfinite(points).all():
         raise refuse("has NaN or infinite positions")
@@ -50,5 +50,5 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
 
 
 def too_many_points(name: str, count: int, settings: CaptureSettings) -> LimitExceededError:
-    """The error of a file of so many points."""
+    """Makes the error of a file with too many points."""
     return LimitExceededError.of(name, f"has {count} points", "Send fewer.", f"{settings.max_model_points} points")

@@ -1,4 +1,4 @@
-"""The manifest of a validated upload: on disk, so that another process can build the capture from it."""
+"""Stores the manifest of a validated upload, so that another process can build its capture."""
 
 from __future__ import annotations
 
@@ -12,50 +12,32 @@ from fastsplat.service.capture.types import Source
 from fastsplat_contract.errors import InvalidInputError
 
 VALIDATED = ".validated"
-"""Name of the validated folder, inside the raw upload's, so that both are removed together."""
+"""Validated folder inside the raw upload's, so that both are removed together."""
 FILES = "files"
 _MANIFEST = "validated.json"
 
 
 @dataclass(frozen=True)
 class UploadManifest:
-    """What lies in the `FILES` folder of a validated upload; all paths are relative to it.
-
-    Attributes:
-        photos: all images in it that will be used, sorted by path.
-        names: what each photo's view will be called.
-        poses: the transforms.json or the COLMAP model's folder; "" for images alone.
-        image_folder: what a COLMAP model's image names are relative to.
-        video: the video, if it is one.
-        labels: labels.json, if it has the label table.
-        label_maps: photo path to label map path.
-        warnings: what is not used, as sentences for people.
-        splat: name of the splat file in the upload, whose arrays lie beside the folder as `SPLAT`; "" for none.
-        gaussians: rows of the splat.
-        depth_sizes: photo path to (width, height) of its depth map as stored, of photos that have one.
-        splat_frame: the file that says how the splat's world lies in that of the poses, or "".
-        spherical: whether the video's metadata say that it is an equirectangular one of 360°.
-        metadata: by photo path, what photos without poses say of themselves; see `photo_metadata`. It has the places
-            where they were taken, and goes with the upload.
-        left_out: why files and frames are not used that were meant to be, by their names in the upload.
-    """
+    """Content of a validated upload's `FILES` folder; all paths are relative to it."""
 
     source: Source
-    photos: tuple[PhotoInfo, ...] = ()
-    names: tuple[str, ...] = ()
-    poses: str = ""
-    image_folder: str = "."
+    photos: tuple[PhotoInfo, ...] = ()  # all images to be used, sorted by path
+    names: tuple[str, ...] = ()  # of the photos' views
+    poses: str = ""  # transforms.json or the COLMAP model's folder; "" for images alone
+    image_folder: str = "."  # base of a COLMAP model's image names
     video: str = ""
-    labels: str = ""
-    label_maps: dict[str, str] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    splat: str = ""
-    gaussians: int = 0
-    splat_frame: str = ""
-    spherical: bool = False
-    depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
-    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
+    labels: str = ""  # labels.json, if it has the label table
+    label_maps: dict[str, str] = field(default_factory=dict)  # by photo path
+    warnings: tuple[str, ...] = ()  # sentences for people about what is not used
+    splat: str = ""  # splat file in the upload; its arrays lie beside the folder as `SPLAT`
+    gaussians: int = 0  # rows of the splat
+    splat_frame: str = ""  # file with the transform between the worlds of splat and poses
+    spherical: bool = False  # the video's metadata say equirectangular, 360°
+    depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)  # (width, height) as stored, by photo path
+    metadata: dict[str, dict[str, Any]] = field(default_factory=dict)  # see `photo_metadata`, by photo path
+    """Of photos without poses; holds their GPS places and is deleted with the upload."""
+    left_out: dict[str, str] = field(default_factory=dict)  # reasons, by names in the upload
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:
@@ -64,8 +46,9 @@ def write_manifest(manifest: UploadManifest, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
-    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it. A process
-    that met a stranger's bytes wrote them: every path must stay below that folder, and nothing be a link.
+    """Reads the manifest and its files' folder from a validated folder or the upload around.
+
+    A process that met untrusted bytes wrote it: paths must stay below that folder, and nothing may be a link.
 
     Raises:
         InvalidInputError: there is no validated upload, or it leads elsewhere.

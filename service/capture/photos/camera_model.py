@@ -1,4 +1,4 @@
-"""COLMAP's camera models, and how to undistort their images."""
+"""COLMAP's camera models and the undistortion of their images."""
 
 from __future__ import annotations
 
@@ -20,36 +20,27 @@ _MAX_DISTORTION = 100.0
 _MAX_ROUND_TRIP_PX = 0.5
 _MAX_SIDE = 1_000_000
 _ASPECT_TOLERANCE_PX = 1.0
-_LENS_TOLERANCE = 0.002
-"""Of the longer side: as far as a lens may be from one of two numbers."""
+_LENS_TOLERANCE = 0.002  # largest misfit of a `RadialLens`, over the longer side
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Intrinsics with distortion, as COLMAP writes them (https://colmap.github.io/cameras.html); pixel centers at +0.5.
+    """Intrinsics with distortion as in COLMAP (https://colmap.github.io/cameras.html); pixel centers at +0.5."""
 
-    Attributes:
-        model: COLMAP's name, e.g. "OPENCV".
-        width, height: of the image that the parameters are for.
-        params: in COLMAP's order for the model, focal lengths and principal point in pixels.
-        circle_px: of a fisheye lens: radius of the image circle around the principal point, outside of which nothing is
-            shown; None: the whole image shows something.
-    """
-
-    model: str
+    model: str  # COLMAP's name, e.g. "OPENCV"
     width: int
     height: int
-    params: tuple[float, ...]
-    circle_px: float | None = None
+    params: tuple[float, ...]  # in COLMAP's order, focal lengths and principal point in pixels
+    circle_px: float | None = None  # radius of a fisheye's image circle around the principal point; None: unlimited
 
     def fits(self, width: int, height: int) -> bool:
-        """Whether the model can be scaled to an image of `width`×`height`: both have the same aspect."""
+        """Checks for an equal aspect, so that the model can be scaled to `width`×`height`."""
         scale = (width / self.width + height / self.height) / 2
         tolerance = _ASPECT_TOLERANCE_PX * max(1.0, scale)
         return abs(self.width * scale - width) <= tolerance and abs(self.height * scale - height) <= tolerance
 
     def scaled_to(self, width: int, height: int) -> CameraModel:
-        """The same camera for an image of another size; the aspect may differ by rounding."""
+        """Scales the camera to another image size; the aspect may differ by rounding."""
         camera = _colmap_camera(self)
         camera.rescale(width, height)
         circle_px = None if self.circle_px is None else self.circle_px * (width / self.width + height / self.height) / 2
@@ -57,7 +48,7 @@ class CameraModel:
 
     @property
     def has_distortion(self) -> bool:
-        """Whether there is distortion to undo."""
+        """Checks for distortion to undo."""
         if self.model in _PINHOLES:
             return False
         return self.model not in _PINHOLES_AT_ZERO or any(_distortion(self))
@@ -65,33 +56,27 @@ class CameraModel:
 
 @dataclass(frozen=True)
 class Undistortion:
-    """How to resample a distorted image into a pinhole camera's.
+    """Resampling of a distorted image into a pinhole camera's."""
 
-    Attributes:
-        camera: of the undistorted image.
-        map_xy: float32 [H, W, 2], where each of its pixels lies in the distorted image (OpenCV's convention: pixel
-            centers at integers), or None when the pixels stay as they are.
-        lens: of the distorted image, where two numbers say what it does.
-    """
-
-    camera: Camera
-    map_xy: NDArray[np.float32] | None
-    lens: RadialLens | None = None
+    camera: Camera  # undistorted
+    map_xy: NDArray[np.float32] | None  # [H, W, 2], pixels in the distorted image
+    """In OpenCV's convention, pixel centers at integers; None if pixels stay unchanged."""
+    lens: RadialLens | None = None  # of the distorted image, if it fits one
 
     def apply(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3] resampled; black where the distorted image has no content."""
+        """Resamples uint8 [H, W, 3]; black where the distorted image has no content."""
         if self.map_xy is None:
             return pixels
         return np.asarray(cv2.remap(pixels, *self._maps(), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
 
     def apply_to_ids(self, ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """uint16 [H, W] resampled to the nearest neighbor; 0 where the distorted image has no content."""
+        """Resamples uint16 [H, W] to the nearest neighbor; 0 without content."""
         if self.map_xy is None:
             return ids
         return np.asarray(cv2.remap(ids, *self._maps(), cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
 
     def valid(self, width: int, height: int) -> NDArray[np.bool_] | None:
-        """bool [H, W]: where the distorted image has content, or None when that is everywhere."""
+        """Masks pixels with content in the distorted image, bool [H, W]; None if all have."""
         if self.map_xy is None:
             return None
         x, y = self.map_xy[..., 0], self.map_xy[..., 1]
@@ -104,12 +89,7 @@ class Undistortion:
 
 
 def rotate90(undistortion: Undistortion, quarter_turns: int, width: int, height: int) -> Undistortion:
-    """The same undistortion once both images are rotated clockwise by quarter turns.
-
-    Args:
-        quarter_turns: how often to rotate by 90 degrees.
-        width, height: of the distorted image before the rotation.
-    """
+    """Rotates both images clockwise by quarter turns; the size is the distorted image's, before."""
     camera, map_xy = undistortion.camera, undistortion.map_xy
     for _ in range(quarter_turns % 4):
         camera = Camera(camera.height, camera.width, camera.fy, camera.fx, camera.height - camera.cy, camera.cx)
@@ -121,13 +101,13 @@ def rotate90(undistortion: Undistortion, quarter_turns: int, width: int, height:
 
 
 def rotate90_pose(world_from_camera: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
-    """float64 [4, 4]: pose of the camera whose image is rotated clockwise by quarter turns."""
+    """Pose of a camera whose image is rotated clockwise by quarter turns, float64 [4, 4]."""
     old_from_new = np.array([[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     return np.asarray(world_from_camera @ np.linalg.matrix_power(old_from_new, quarter_turns % 4))
 
 
 def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
-    """Refuse a camera model that no camera has.
+    """Refuses an impossible camera model.
 
     Raises:
         InvalidInputError: an unknown or spherical model, a wrong number of parameters, NaN, a focal length or principal
@@ -178,7 +158,7 @@ def check_camera_model(camera_model: CameraModel, *, field: str) -> None:
 
 
 def aspect_error(name: str, camera_model: CameraModel, width: int, height: int) -> InvalidInputError:
-    """The refusal of intrinsics that cannot be scaled to their image; see `CameraModel.fits`."""
+    """Makes the error of intrinsics that do not fit their image, see `CameraModel.fits`."""
     return InvalidInputError.of(
         name,
         f"has {width}×{height} pixels, its intrinsics are for {camera_model.width}×{camera_model.height}: "
@@ -188,13 +168,13 @@ def aspect_error(name: str, camera_model: CameraModel, width: int, height: int) 
 
 
 def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str) -> Undistortion:
-    """How to undistort a camera's images into a pinhole's that sees as much as fits without blank borders.
+    """Computes the undistortion into the largest pinhole view without blank borders.
 
-    Pixels without distortion stay as they are. The pinhole's extent follows COLMAP's `undistort_camera`.
+    Pixels without distortion stay unchanged. The pinhole's extent follows COLMAP's `undistort_camera`.
 
     Args:
         camera_model: for the size of the distorted image.
-        max_side: longest side of the undistorted image in pixels.
+        max_side: limit of the undistorted image's longer side, pixels.
 
     Raises:
         InvalidInputError: the distortion cannot be undone over the undistorted image.
@@ -222,7 +202,7 @@ def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str
 
 
 def _radial_lens(distorted: pycolmap.Camera, seen: Camera) -> RadialLens | None:
-    """The nearest `RadialLens` over what a pinhole sees, by least squares; None where that is off by too much."""
+    """Fits a `RadialLens` over a pinhole's view by least squares; None beyond `_LENS_TOLERANCE`."""
     x = np.array([-seen.cx, seen.width - seen.cx]) / seen.fx
     y = np.array([-seen.cy, seen.height - seen.cy]) / seen.fy
     corners = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=-1)
@@ -239,20 +219,20 @@ def _radial_lens(distorted: pycolmap.Camera, seen: Camera) -> RadialLens | None:
 
 @cache
 def model_names() -> dict[int, str]:
-    """COLMAP's numbers of the camera models, as its binary files have them, to names."""
+    """Maps COLMAP's camera model ids, as in its binary files, to names."""
     models = pycolmap.CameraModelId.__members__.items()
     return {int(model): name for name, model in models if name in _parameter_counts()}
 
 
 def parameter_count(model: str) -> int:
-    """How many parameters a model of `model_names` has."""
+    """Number of parameters of a model of `model_names`."""
     return _parameter_counts()[model]
 
 
 def _check_invertible(
     camera: pycolmap.Camera, rays: NDArray[np.float64], pixels: NDArray[np.float64], field: str
 ) -> None:
-    """A polynomial beyond its turning point maps two directions to one pixel, and the image folds over itself."""
+    """Refuses distortion that folds the image: beyond its turning point, a polynomial is not invertible."""
     step = max(1, len(rays) // 400)
     expected, sampled = rays[::step, :2], pixels[::step]
     inside = np.isfinite(sampled).all(1) & (sampled >= 0).all(1) & (sampled <= [camera.width, camera.height]).all(1)
@@ -279,13 +259,13 @@ def _colmap_camera(camera_model: CameraModel) -> pycolmap.Camera:
 
 @cache
 def _parameter_counts() -> dict[str, int]:
-    """Perspective camera models and how many parameters each has."""
+    """Numbers of parameters of the perspective camera models."""
     cameras = {name: _example(name) for name in pycolmap.CameraModelId.__members__ if name != "INVALID"}
     return {name: len(camera.params) for name, camera in cameras.items() if camera.is_perspective()}
 
 
 def _distortion(camera_model: CameraModel) -> tuple[float, ...]:
-    """The parameters behind focal lengths and principal point."""
+    """Parameters after focal lengths and principal point."""
     if camera_model.model in _PINHOLES:
         return ()
     return camera_model.params[len(camera_model.params) - len(_example(camera_model.model).extra_params_idxs()) :]

@@ -1,4 +1,4 @@
-"""Pinhole faces that wide lenses and 360° panoramas are cut into, and how much of the picture they cover."""
+"""Cuts wide-angle pictures and 360° panoramas into pinhole faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fastsplat_contract.errors import InvalidInputError
 F64 = NDArray[np.float64]
 
 FACE_FOV_DEG = 96.0
-"""Of a square face: six of 90° would cover the sphere, these overlap by 6°."""
+"""Six square faces of 90° would cover the sphere; these overlap by 6°."""
 FACES: dict[str, F64] = {
     "front": np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
     "right": np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]),
@@ -26,21 +26,20 @@ FACES: dict[str, F64] = {
     "up": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
     "down": np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]),
 }
-"""Of a cube: float64 [3, 3], rotations of a face's camera into the frame of the whole, OpenCV axes."""
+"""Cube faces: rotations of a face's camera into the lens frame, [3, 3], OpenCV axes."""
 
 _FISHEYES = frozenset({
     "OPENCV_FISHEYE", "FISHEYE", "SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE",
     "RAD_TAN_THIN_PRISM_FISHEYE", "FOV", "EUCM",
 })  # fmt: skip
 _ONE_PINHOLE_DEG = 120.0
-"""Up to this field of view one pinhole shows a lens: at its rim a pixel is stretched four times."""
+"""Limit of one pinhole's view, as it stretches pixels at the rim four times."""
 _NARROW_DEG = 100.0
-"""Up to this one, it shows what it can without a blank border, as of lenses that are no fisheyes."""
+"""Largest field of view that is undistorted without a blank border, as other lenses are."""
 _MOST_DEG = 88.0
-"""From the optical axis: beyond, structure from motion has no image points."""
+"""Limit from the optical axis: beyond, structure from motion has no image points."""
 _LEAST_DEG = 10.0
-_LEAST_SHARE = 0.03
-"""A face of which less has content is left out."""
+_LEAST_SHARE = 0.03  # faces with less content are dropped
 _TABLE = 256
 _DIRECTIONS = 48
 _COVERAGE_GRID = 64
@@ -48,20 +47,14 @@ _COVERAGE_GRID = 64
 
 @dataclass(frozen=True)
 class LensFace:
-    """One pinhole view of a wide picture.
+    """A pinhole view of a wide picture."""
 
-    Attributes:
-        name: of `FACES`; "" where the picture has only this one.
-        camera_from_face: float64 [3, 3], rotation of the face's camera into the frame of the lens.
-        undistortion: resamples the picture into the face.
-    """
-
-    name: str
-    camera_from_face: F64
-    undistortion: Undistortion
+    name: str  # of `FACES`; "" for the only face of a picture
+    camera_from_face: F64  # [3, 3], rotation into the lens frame
+    undistortion: Undistortion  # from the picture to the face
 
     def pose(self, world_from_camera: F64) -> F64:
-        """float64 [4, 4]: the face's pose by that of the lens."""
+        """Pose of the face, float64 [4, 4], from that of the lens."""
         pose = world_from_camera.copy()
         pose[:3, :3] = world_from_camera[:3, :3] @ self.camera_from_face
         return pose
@@ -69,49 +62,42 @@ class LensFace:
 
 @dataclass(frozen=True)
 class WideLens:
-    """The faces of a fisheye lens.
-
-    Attributes:
-        faces: one for a field of view up to 120°, else those of a cube that have content.
-        field_of_view_deg: how wide or high the picture is through its middle, whichever is more, as far as it is
-            used; 0 of a lens that is no wider than others.
-        covered: share of the picture's pixels that lie in a face.
-    """
+    """Faces of a fisheye: one up to 120° of view, else cube faces with content."""
 
     faces: tuple[LensFace, ...]
-    field_of_view_deg: float
-    covered: float
+    field_of_view_deg: float  # usable, the larger of horizontal and vertical; 0 for ordinary lenses
+    covered: float  # share of the picture's pixels in a face
 
 
 def is_fisheye(camera_model: CameraModel) -> bool:
-    """Whether the model is made for lenses wider than a pinhole shows."""
+    """Checks if the model is made for lenses wider than a pinhole's view."""
     return camera_model.model in _FISHEYES
 
 
 def face_name(name: str, face: str) -> str:
-    """The name of a face's view: `hall/a.jpg` and `left` give `hall/a.left.jpg`."""
+    """Names a face's view: `hall/a.jpg` and `left` give `hall/a.left.jpg`."""
     path = PurePosixPath(name)
     return path.with_name(f"{path.stem}.{face}{path.suffix}").as_posix() if face else name
 
 
 def face_camera(side: int) -> Camera:
-    """The pinhole of a square face of `side` pixels."""
+    """Makes the pinhole of a square face of `side` pixels."""
     focal = side / 2 / np.tan(np.radians(FACE_FOV_DEG / 2))
     return Camera(side, side, float(focal), float(focal), side / 2, side / 2)
 
 
 def face_rays(camera: Camera) -> F64:
-    """float64 [H, W, 3]: directions of a pinhole's pixels, z = 1."""
+    """Directions of a pinhole's pixels, float64 [H, W, 3], z = 1."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     return camera.rays(x, y)
 
 
 def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideLens:
-    """The pinhole faces of a fisheye lens.
+    """Cuts a fisheye picture into pinhole faces.
 
     Args:
         camera_model: of `is_fisheye`, for the size of the picture.
-        max_side: longest side of a face in pixels.
+        max_side: limit of a face's longer side, pixels.
 
     Raises:
         InvalidInputError: the distortion folds the picture over itself near its middle.
@@ -131,8 +117,10 @@ def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideL
 
 @lru_cache(maxsize=2)
 def _wide_lens(camera_model: CameraModel, max_side: int) -> WideLens | None:
-    """As `fisheye_faces`, but no faces of a lens that is no wider than others; None where the distortion folds the
-    picture. Photos of one upload mostly share a camera, whose maps take a second and some ten megabytes."""
+    """Computes `fisheye_faces`; no faces for an ordinary field of view, None for a folding distortion.
+
+    Cached because photos of an upload mostly share a camera, and maps take a second and some ten megabytes.
+    """
     lens = _Lens(camera_model)
     field_of_view = lens.field_of_view_deg()
     if field_of_view < _LEAST_DEG:
@@ -152,7 +140,7 @@ def _wide_lens(camera_model: CameraModel, max_side: int) -> WideLens | None:
 
 
 class _Lens:
-    """A fisheye camera as far as its mapping of directions to pixels is one to one."""
+    """A fisheye camera within the angle where its projection is one to one."""
 
     def __init__(self, camera_model: CameraModel) -> None:
         params = np.array(camera_model.params, dtype=np.float64)
@@ -171,30 +159,30 @@ class _Lens:
         growing = np.diff(radii, axis=1) > 0  # false for NaN
         last = np.where(growing.all(axis=1), _TABLE - 1, growing.argmin(axis=1))
         self.reach_deg = float(self._table[last.min()])
-        """From the axis: up to here pixels move outwards as directions do, in every direction."""
+        """Angle from the axis up to which projection is monotonic in every direction."""
         self._pixels = pixels.reshape(_DIRECTIONS, _TABLE, 2)
 
     def field_of_view_deg(self) -> float:
-        """How wide or how high the picture is, whichever is more."""
+        """The larger of the horizontal and vertical fields of view."""
         right, bottom, left, top = self._reaches()
         return max(right + left, bottom + top)
 
     def pinhole(self, max_side: int) -> Camera:
-        """One pinhole as wide and as high as the picture, as sharp in the middle; the corners beyond are cropped."""
+        """Makes a pinhole as wide, high and sharp as the picture's middle, without corners."""
         right, bottom, left, top = (float(np.tan(np.radians(reach))) for reach in self._reaches())
         focal = min(self.focal_px, max_side / max(right + left, bottom + top))
         width, height = max(1, int((right + left) * focal)), max(1, int((bottom + top) * focal))
         return Camera(width, height, focal, focal, left * focal, top * focal)
 
     def _reaches(self) -> tuple[float, float, float, float]:
-        """Degrees from the axis to the right, bottom, left and top of what the picture shows."""
+        """Angles from the axis to the picture's right, bottom, left and top edges, degrees."""
         pixels = self._pixels[:: _DIRECTIONS // 4]
         shown = self._shown(pixels.reshape(-1, 2)).reshape(4, _TABLE) & (self._table <= self.reach_deg)
         right, bottom, left, top = np.where(shown, self._table, 0.0).max(axis=1).tolist()
         return right, bottom, left, top
 
     def undistortion(self, camera: Camera, camera_from_face: F64) -> Undistortion:
-        """Resamples the picture into a face; pixels that it does not show lie far outside of it."""
+        """Maps a face into the picture; pixels beyond it map far outside."""
         rays = face_rays(camera).reshape(-1, 3) @ camera_from_face.T
         angle = np.degrees(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]))
         pixels = np.full((len(rays), 2), -1e6)
@@ -204,7 +192,7 @@ class _Lens:
         return Undistortion(camera, (pixels - 0.5).astype(np.float32).reshape(camera.height, camera.width, 2))
 
     def trimmed(self, camera: Camera, camera_from_face: F64) -> Undistortion | None:
-        """As `undistortion`, without rows and columns that show nothing; None where that is nearly all."""
+        """Maps a face without its empty rows and columns; None if nearly all is empty."""
         map_xy = self.undistortion(camera, camera_from_face).map_xy
         assert map_xy is not None
         valid = map_xy[..., 0] > -1e5
@@ -217,7 +205,7 @@ class _Lens:
         return Undistortion(Camera(width, height, camera.fx, camera.fy, camera.cx - left, camera.cy - top), cropped)
 
     def coverage(self, faces: tuple[LensFace, ...]) -> float:
-        """Share of a grid of the picture's pixels, within the image circle, that are in a face."""
+        """Share of the picture's pixels, within the image circle, that lie in a face."""
         x, y = np.meshgrid(*(np.linspace(0.0, size, _COVERAGE_GRID + 2)[1:-1] for size in self._size))
         pixels = np.column_stack([x.ravel(), y.ravel()])
         pixels = pixels[self._shown(pixels)]
@@ -244,13 +232,13 @@ class _Lens:
 
 
 def _directions(angle: F64, around: F64) -> F64:
-    """float64 [..., 3]: unit vectors at angles from the optical axis, radians."""
+    """Unit vectors at angles from the optical axis, radians; float64 [..., 3]."""
     across = np.sin(angle)
     return np.stack(np.broadcast_arrays(across * np.cos(around), across * np.sin(around), np.cos(angle)), axis=-1)
 
 
 def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens:
-    """The faces of any camera; one, without loss of content but at the rim, for all but fisheye lenses.
+    """Makes the faces of any camera; a lens that is no fisheye has one.
 
     Raises:
         InvalidInputError: the distortion cannot be undone.

@@ -1,4 +1,4 @@
-"""360° panoramas: where a picture lies on the sphere, and its six pinhole faces."""
+"""360° panoramas: extent on the sphere and pinhole faces."""
 
 from __future__ import annotations
 
@@ -26,25 +26,19 @@ _FULL_WIDTH = 0.999
 
 @dataclass(frozen=True)
 class PanoramaFrame:
-    """Where an equirectangular picture lies on the sphere, in pixels of the full 360° × 180° picture.
-
-    Attributes:
-        width, height: of the full picture; width is twice the height.
-        left, top: of the stored picture in it.
-        stored_width, stored_height: of the stored picture.
-        pitch_deg, roll_deg: of the picture's center as its metadata say them (GPano), or None.
+    """Extent of an equirectangular picture, in pixels of the full 360° × 180° picture.
 
     Raises:
-        InvalidInputError: no such picture can be.
+        InvalidInputError: impossible numbers.
     """
 
-    width: int
+    width: int  # of the full picture, twice its height
     height: int
-    left: int
+    left: int  # of the stored picture in the full one
     top: int
     stored_width: int
     stored_height: int
-    pitch_deg: float | None = None
+    pitch_deg: float | None = None  # of the picture's center, by its metadata (GPano)
     roll_deg: float | None = None
 
     def __post_init__(self) -> None:
@@ -61,13 +55,15 @@ class PanoramaFrame:
 
     @property
     def around(self) -> bool:
-        """Whether the left and the right edge show the same."""
+        """Checks if the left and right edges meet."""
         return self.stored_width >= _FULL_WIDTH * self.width
 
     @property
     def vertical(self) -> F64 | None:
-        """Unit vector up, float64 [3], in the picture's frame (OpenCV axes, z to its center); None where unknown. As in
-        Photo Sphere XMP: rotated by heading, pitch (positive looks up), then roll (positive turns clockwise)."""
+        """Unit vector up in the picture's frame (OpenCV axes, z to its center), or None.
+
+        As in Photo Sphere XMP: rotated by heading, pitch (positive looks up), then roll (positive turns clockwise).
+        """
         if self.pitch_deg is None or self.roll_deg is None:
             return None
         pitch, roll = math.radians(self.pitch_deg), math.radians(self.roll_deg)
@@ -78,7 +74,7 @@ class PanoramaFrame:
 
 
 def full_frame(name: str, width: int, height: int) -> PanoramaFrame:
-    """The frame of a picture that is a whole sphere.
+    """Makes the frame of a picture of the whole sphere.
 
     Raises:
         InvalidInputError: it is not twice as wide as high.
@@ -94,11 +90,10 @@ def full_frame(name: str, width: int, height: int) -> PanoramaFrame:
 
 
 def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
-    """The frame that a picture's XMP says (https://developers.google.com/streetview/spherical-metadata), or None where
-    it says none or nothing that can be.
+    """Reads the frame from XMP (https://developers.google.com/streetview/spherical-metadata); None without a valid one.
 
     Args:
-        xmp: the packet; no more than its first 128 KiB are read, and it is not parsed as XML.
+        xmp: the packet; at most 128 KiB are read, and it is not parsed as XML.
         width, height: of the stored picture.
     """
     text = xmp[:_MAX_XMP_BYTES].decode("utf-8", "replace")
@@ -112,7 +107,7 @@ def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
     if not whole and len(stated) < len(names):
         return None
     full_width, full_height, left, top = (width, height, 0.0, 0.0) if whole else stated
-    # Editors that resize a picture leave its numbers as they were.
+    # Editors that resize a picture keep its old numbers.
     scale = width / cropped if cropped and not whole else 1.0
     full_width, full_height, left, top = (round(number * scale) for number in (full_width, full_height, left, top))
     try:
@@ -122,13 +117,12 @@ def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
 
 
 def panorama_faces(frame: PanoramaFrame, size: tuple[int, int], side: int) -> Iterator[LensFace]:
-    """The six faces of a panorama; those that a partial one does not show are left out.
+    """Makes the six faces of a panorama, without those wholly outside a partial one.
 
-    The undistortions are for pixels as `wrapped` returns them.
+    Their undistortions are for pixels from `wrapped`.
 
     Args:
-        frame: of the stored picture.
-        size: (width, height) that the stored picture was reduced to.
+        size: (width, height) to which the stored picture was reduced.
         side: of a face, pixels.
     """
     camera = face_camera(side)
@@ -150,7 +144,7 @@ def panorama_faces(frame: PanoramaFrame, size: tuple[int, int], side: int) -> It
 
 
 def shown_by_any(masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
-    """bool [S, S] by face: its own mask, and where it shows what the mask of a face beside it covers; they overlap."""
+    """Extends each face's mask, [S, S], by the masks of overlapping faces."""
     whole = {face: mask.copy() for face, mask in masks.items()}
     for source, mask in masks.items():
         if not mask.any():
@@ -171,7 +165,7 @@ def shown_by_any(masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np
 
 
 def wrapped(pixels: NDArray[np.uint8] | NDArray[np.uint16], frame: PanoramaFrame) -> NDArray[np.uint8]:
-    """A panorama's pixels or ids [H, W, ...] with a border of one pixel, which goes around where the picture does."""
+    """Adds a border of one pixel to [H, W, ...], wrapped around where the panorama is."""
     beside: Literal["wrap", "edge"] = "wrap" if frame.around else "edge"
     rest = [(0, 0)] * (pixels.ndim - 2)
     tall = np.pad(pixels, [(1, 1), (0, 0), *rest], mode="edge")
@@ -179,29 +173,26 @@ def wrapped(pixels: NDArray[np.uint8] | NDArray[np.uint16], frame: PanoramaFrame
 
 
 def decoded_size(frame: PanoramaFrame, side: int) -> tuple[int, int]:
-    """(width, height) that a stored picture is worth reducing to for faces of `side` pixels: as sharp in their middles,
-    so that memory is bounded by the faces and not by the picture."""
+    """Decoding size (width, height) as sharp as faces of `side` pixels, which bounds memory."""
     scale = min(1.0, 2 * math.pi * face_camera(side).fx / frame.width)
     return max(1, round(frame.stored_width * scale)), max(1, round(frame.stored_height * scale))
 
 
 def face_side(frame: PanoramaFrame, most: int) -> int:
-    """Pixels of a face that is as sharp in its middle as the picture, at most `most`; even, at least 32."""
+    """Side of a face as sharp as the picture; even, from 32 to `most` pixels."""
     native = frame.width / (2 * math.pi) * 2 * math.tan(math.radians(48.0))
     return max(32, int(min(native, most)) // 2 * 2)
 
 
 def nadir_mask(camera_side: int, face: str, nadir_deg: float) -> NDArray[np.bool_] | None:
-    """bool [S, S]: false within `nadir_deg` of straight down, where the photographer or the tripod stands; None where a
-    face shows nothing of that."""
+    """Masks the nadir, where the photographer stands, false within `nadir_deg`; None if not visible."""
     rays = face_rays(face_camera(camera_side)) @ FACES[face].T
     kept = rays[..., 1] < math.cos(math.radians(nadir_deg)) * np.linalg.norm(rays, axis=-1)
     return None if nadir_deg <= 0 or kept.all() else np.asarray(kept)
 
 
 def metadata_value(text: str, name: str) -> str:
-    """The value of a property as "GPano:ProjectionType" in XMP, written as an attribute or as an element; "" if it is
-    not there. The text is searched, not parsed."""
+    """Searches XMP for a property such as "GPano:ProjectionType", as attribute or element; "" if absent."""
     match = re.search(rf'{name}\s{{0,8}}(?:=\s{{0,8}}["\']|>)\s{{0,8}}([^"\'<]{{1,40}})', text)
     return match.group(1).strip() if match else ""
 

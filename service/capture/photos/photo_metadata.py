@@ -1,6 +1,6 @@
-"""What photos say of themselves beside their pixels: panorama, place and which way is up. For the confined child.
+"""Reads panorama, place and gravity from photo metadata. For the confined child.
 
-Nothing here is trusted: numbers are bounded, and what cannot be is taken as not said.
+Untrusted: numbers are bounded, and implausible values count as absent.
 """
 
 from __future__ import annotations
@@ -21,45 +21,35 @@ _APPLE = b"Apple iOS\0\0\x01MM"
 _ACCELERATION = 8
 _SIGNED_RATIONAL = 10
 _MOST_ENTRIES = 64
-_GRAVITY_RANGE = (0.8, 1.25)
-"""In g: outside, the phone was being shaken."""
+_GRAVITY_RANGE = (0.8, 1.25)  # g; outside, the phone was shaken
 
 
 @dataclass(frozen=True)
 class PhotoPlace:
-    """Where a photo was taken, as its EXIF says.
-
-    Attributes:
-        latitude_deg, longitude_deg: WGS84.
-        accuracy_m: radius that the device stated (GPSHPositioningError), or None.
-    """
+    """Capture place of a photo by its EXIF, WGS84."""
 
     latitude_deg: float
     longitude_deg: float
-    accuracy_m: float | None
+    accuracy_m: float | None  # radius stated by the device (GPSHPositioningError)
 
 
 @dataclass(frozen=True)
 class PhotoMetadata:
-    """Attributes:
-    frame: of an equirectangular panorama, or None.
-    place: or None.
-    up: unit vector in the upright photo's camera frame (OpenCV axes), or None.
-    """
+    """Metadata of a photo."""
 
     frame: PanoramaFrame | None = None
     place: PhotoPlace | None = None
-    up: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] | None = None  # unit vector in the upright photo's frame (OpenCV axes)
 
 
 def read_metadata(root: Path, photos: Sequence[PhotoInfo]) -> dict[str, dict[str, Any]]:
-    """The metadata of checked photos by path, as plain numbers; photos that say nothing are left out."""
+    """Reads metadata of checked photos by path, JSON-ready; photos without any are omitted."""
     metadata = {photo.path: _read(root, photo) for photo in photos}
     return {path: asdict(each) for path, each in metadata.items() if each != PhotoMetadata()}
 
 
 def metadata_from_json(row: Mapping[str, Any] | None) -> PhotoMetadata:
-    """What `read_metadata` made plain; None is a photo that says nothing."""
+    """Restores a row of `read_metadata`; None gives empty metadata."""
     if row is None:
         return PhotoMetadata()
     frame, place, up = row.get("frame"), row.get("place"), row.get("up")
@@ -76,18 +66,14 @@ def _read(root: Path, photo: PhotoInfo) -> PhotoMetadata:
             xmp = image.info.get("xmp", b"")
             exif = image.getexif()
             gps, detail = exif.get_ifd(ExifTags.IFD.GPSInfo), exif.get_ifd(ExifTags.IFD.Exif)
-    except Exception:  # as in image_io: mangled metadata say nothing, and Pillow raises a dozen types for them
+    except Exception:  # mangled metadata count as absent, and Pillow raises a dozen types for them
         return PhotoMetadata()
     frame = frame_of_xmp(xmp, photo.width, photo.height) if isinstance(xmp, bytes) and photo.orientation == 1 else None
     return PhotoMetadata(frame, place_of_exif(gps), up_of_exif(detail, photo))
 
 
 def place_of_exif(gps: Mapping[int, Any]) -> PhotoPlace | None:
-    """The place of a GPS block, or None where it says none or nothing that can be.
-
-    Args:
-        gps: tags of the EXIF GPS IFD (CIPA DC-008, 4.6.6).
-    """
+    """Reads the place of an EXIF GPS IFD (CIPA DC-008, 4.6.6), if valid."""
     latitude = _degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "S", 90.0)
     longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W", 180.0)
     if latitude is None or longitude is None or (latitude == 0 and longitude == 0):
@@ -97,11 +83,11 @@ def place_of_exif(gps: Mapping[int, Any]) -> PhotoPlace | None:
 
 
 def up_of_exif(detail: Mapping[int, Any], photo: PhotoInfo) -> tuple[float, float, float] | None:
-    """The unit vector up in the upright photo's camera frame, by the acceleration that iPhones record, or None.
+    """Reads the unit vector up in the upright photo's frame from an iPhone's acceleration.
 
-    Maker note tag 8, three rationals in g (ExifTool, Apple Tags: https://exiftool.org/TagNames/Apple.html): to the left
-    of the phone, to its bottom and into its face, seen from the front, in portrait. A phone at rest is accelerated
-    upwards. Of the main camera only: the other one looks the other way.
+    Maker note tag 8, three rationals in g (https://exiftool.org/TagNames/Apple.html): to the left of the phone, to its
+    bottom and into its face, seen from the front, in portrait. At rest, a phone is accelerated upwards. None for the
+    front camera, which looks the other way.
     """
     note, lens = detail.get(ExifTags.Base.MakerNote), str(detail.get(ExifTags.Base.LensModel, ""))
     if not isinstance(note, bytes) or "front" in lens.casefold() or photo.mirrored:
@@ -113,7 +99,7 @@ def up_of_exif(detail: Mapping[int, Any], photo: PhotoInfo) -> tuple[float, floa
     if not _GRAVITY_RANGE[0] <= length <= _GRAVITY_RANGE[1]:
         return None
     left, bottom, face = (value / length for value in values)
-    x, y = -left, bottom  # of the photo held in portrait; its stored pixels are that, turned by a quarter backwards
+    x, y = -left, bottom  # of the photo in portrait; its stored pixels are turned back by a quarter
     x, y = y, -x
     for _ in range(photo.quarter_turns):
         x, y = -y, x

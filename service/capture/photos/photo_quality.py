@@ -1,4 +1,4 @@
-"""How sharp and how bright photos are, which of them show the same, and what that and their matches say of each."""
+"""Judges photos by sharpness, brightness, duplicates and matches."""
 
 from __future__ import annotations
 
@@ -29,42 +29,28 @@ _ROWS = 512
 
 @dataclass(frozen=True, eq=False)
 class PhotoQuality:
-    """What the pixels of one photo say.
-
-    Attributes:
-        detail: standard deviation of the Laplacian of its gray values, at 800 pixels a side: falls with blur
-            (Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000).
-        contrast: standard deviation of the gray values, 0..255.
-        brightness: the 90th percentile of the gray values, 0..1.
-        thumbnail: float32 [256] gray values of a picture of 16×16.
-    """
+    """Pixel statistics of a photo, from gray values at 800 pixels on the longer side."""
 
     name: str
-    detail: float
-    contrast: float
-    brightness: float
-    thumbnail: NDArray[np.float32]
+    detail: float  # standard deviation of the Laplacian
+    """Falls with blur (Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000)."""
+    contrast: float  # standard deviation, 0..255
+    brightness: float  # 90th percentile, 0..1
+    thumbnail: NDArray[np.float32]  # [256], 16×16 gray values
 
 
 @dataclass(frozen=True)
 class PhotoMatches:
-    """What structure from motion says of one photo.
-
-    Attributes:
-        features: that were extracted.
-        best: verified matches with the photo with which it has most.
-        other_model: whether it is in another model than the scene's.
-        nearest_placed: name of the placed photo with which it has most matches, verified ones first; "" for none.
-    """
+    """Matching statistics of a photo."""
 
     features: int
-    best: int
-    other_model: bool
-    nearest_placed: str = ""
+    best: int  # verified matches with its best partner
+    other_model: bool  # in another model than the scene's
+    nearest_placed: str = ""  # placed photo with most matches, verified ones first
 
 
 def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str]) -> dict[str, PhotoMatches]:
-    """What `sfm.reconstruct` says of its files, by the names of the photos; `names` are by file."""
+    """Converts matches of `sfm.reconstruct` from files to photo names."""
     matches = {}
     for file, (features, best, other_model, nearest) in rows.items():
         matches[names[file]] = PhotoMatches(features, best, other_model, names.get(nearest, ""))
@@ -72,8 +58,8 @@ def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str])
 
 
 def measure_photo(name: str, pixels: NDArray[np.uint8]) -> PhotoQuality:
-    """The quality of uint8 [H, W, 3] RGB; some milliseconds."""
-    gray = np.ascontiguousarray(pixels[..., 1])  # the green channel is the sharpest, and close to luminance
+    """Measures uint8 [H, W, 3] RGB; takes some milliseconds."""
+    gray = np.ascontiguousarray(pixels[..., 1])  # green is the sharpest channel and close to luminance
     height, width = gray.shape
     scale = _SIDE / max(height, width)
     if scale < 1:
@@ -96,12 +82,12 @@ def judge_photos(
     matches: Mapping[str, PhotoMatches] | None,
     reasons: Mapping[str, NotPlaced] | None = None,
 ) -> tuple[PhotoVerdict, ...]:
-    """One verdict a photo, sorted by name.
+    """Makes one verdict per photo, sorted by name.
 
     Args:
-        poses: world_from_camera [4, 4] of those with a place, by name.
-        matches: by name; None where poses came with the upload.
-        reasons: why photos have no place, by name, where that is known; also of photos that could not be read.
+        poses: world_from_camera [4, 4] of placed photos, by name.
+        matches: by name; None if poses came with the upload.
+        reasons: known reasons of unplaced photos, by name; also of unreadable ones.
     """
     reasons = reasons or {}
     ordered = sorted(photos, key=lambda photo: photo.name)
@@ -154,13 +140,13 @@ def _unread(name: str, reason: NotPlaced) -> PhotoVerdict:
 
 
 def _relative(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Each value by the middle one."""
+    """Divides values by their median."""
     middle = float(np.median(values)) if len(values) else 0.0
     return np.asarray(values / middle) if middle > 0 else np.ones_like(values)
 
 
 def _originals(photos: Sequence[PhotoQuality], poses: Mapping[str, NDArray[np.float64]]) -> dict[str, str]:
-    """The sharpest photo that shows the same, by the names of those that show the same less sharply."""
+    """Maps duplicates to the sharpest photo of the same view."""
     order = sorted(photos, key=lambda photo: (-round(photo.detail, 2), photo.name))
     thumbnails = np.stack([photo.thumbnail for photo in order]) if order else np.zeros((0, _THUMBNAIL**2), np.float32)
     squares = (thumbnails**2).sum(axis=1)
@@ -180,7 +166,7 @@ def _originals(photos: Sequence[PhotoQuality], poses: Mapping[str, NDArray[np.fl
 
 
 def _extent(poses: Mapping[str, NDArray[np.float64]]) -> float:
-    """How far the cameras are spread, in scene units."""
+    """Extent of the cameras in scene units."""
     if len(poses) < 2:
         return float("inf")
     centers = np.stack([pose[:3, 3] for pose in poses.values()])
@@ -188,7 +174,7 @@ def _extent(poses: Mapping[str, NDArray[np.float64]]) -> float:
 
 
 def _same_pose(first: str, second: str, poses: Mapping[str, NDArray[np.float64]], reach: float) -> bool:
-    """Whether two photos were taken from one place; those without a pose may have been."""
+    """Checks if two photos may have about the same pose; unknown poses may."""
     if first not in poses or second not in poses:
         return True
     one, other = poses[first], poses[second]
@@ -220,7 +206,7 @@ _REASONS: Mapping[NotPlaced, str] = {
     "unreadable": "It cannot be read to its end: copy it from the camera again, or leave it out.",
 }
 _JOINED_BY_MORE = frozenset({"few_features", "no_overlap", "few_matches", "other_model", "unknown"})
-"""Reasons against which one more photo helps."""
+"""Reasons that one more photo can remedy."""
 _DEFECTS: Mapping[PhotoDefect, str] = {
     "blurred": "It is much less sharp than the others: hold the camera still, or take it again.",
     "dark": "It is nearly black: add light, or expose longer.",
@@ -231,7 +217,7 @@ _DEFECTS: Mapping[PhotoDefect, str] = {
 def advice_of(
     reason: NotPlaced | None, defects: Sequence[PhotoDefect], original: str, between: Sequence[str] = ()
 ) -> str:
-    """What to do about a photo, the defects first, as they often are why a photo has no place."""
+    """Advises on a photo, defects first, as they are often why it has no place."""
     sentences = [_DEFECTS[defect].replace("{original}", original) for defect in defects]
     if reason is not None and not {"blurred", "dark"} & set(defects):
         sentences.append(_REASONS[reason])

@@ -1,8 +1,7 @@
-"""Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
+"""Keeps small copies of a capture's photos with its scene, as `photos/00000.jpg` etc.
 
-A photo's number is that of its camera. The copies are undistorted, as the scene's pinhole cameras, and made of pixels
-alone, without place or device. Beside them lie `lenses.json`, the lenses of those photos of which they are known, and
-below `observed/` the photos of observations.
+Numbered like the scene's cameras, undistorted, and without metadata such as place or device. Beside them lie
+`lenses.json`, the known lenses, and `observed/`, photos of observations.
 """
 
 from __future__ import annotations
@@ -30,13 +29,13 @@ _LENSES = "lenses.json"
 def write_photos(
     capture: Capture, folder: Path, settings: PhotoSettings, on_photo: Callable[[int], None] = lambda done: None
 ) -> int:
-    """Write the copies of a capture's photos below the folder of a version; returns how many. None are written where
-    the settings say so, nor of a capture whose pictures were rendered.
+    """Writes small copies of a capture's photos; returns their number.
+
+    None are written if the settings forbid it or the pictures were rendered.
 
     Args:
-        capture: whose views are the scene's cameras, in order.
         folder: of the version, which is not published yet.
-        on_photo: called before each photo with how many there are; may raise `CancelledError`.
+        on_photo: called before each photo with the number done; may raise `CancelledError`.
     """
     if settings.keep == "off" or capture.report.source == "splat":
         return 0
@@ -54,24 +53,19 @@ def write_photos(
 
 
 def photo_path(folder: Path, number: int) -> Path:
-    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one."""
+    """Path of a camera's photo, by the camera's number from 0; it may not exist."""
     return folder / _FOLDER / f"{number:05d}.jpg"
 
 
 def observed_photo_path(folder: Path, observation_id: str, number: int) -> Path:
-    """Where a photo of an observation is, by its number in it from 0, if it is kept."""
+    """Path of an observation's photo, by its number from 0; it may not exist."""
     return folder / _FOLDER / "observed" / observation_id / f"{number:05d}.jpg"
 
 
 def write_observed_photos(
     pictures: Sequence[NDArray[np.uint8]], folder: Path, observation_id: str, settings: PhotoSettings
 ) -> None:
-    """Write the photos of an observation below the folder of a version, beside the scene's own, as those are.
-
-    Args:
-        pictures: uint8 [H, W, 3] each, RGB, undistorted.
-        folder: of the version, which is not published yet.
-    """
+    """Writes small copies of undistorted RGB photos of an observation to an unpublished version."""
     for number, pixels in enumerate(pictures):
         path = observed_photo_path(folder, observation_id, number)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -81,15 +75,15 @@ def write_observed_photos(
 
 
 def _save(picture: Image.Image, path: Path, settings: PhotoSettings) -> None:
-    # Optimized tables would save some percent, but a picture of noise does not fit into Pillow's buffer then.
+    # Not optimized: that saves some percent, but a picture of noise overflows Pillow's buffer.
     picture.save(path, format="JPEG", quality=settings.quality, subsampling=0)
 
 
 def kept_lenses(folder: Path) -> tuple[RadialLens, ...]:
-    """The lenses of those photos of a version of which they are known.
+    """Loads the known lenses of a version's photos.
 
     Raises:
-        SceneFileError: the file that has them is damaged.
+        SceneFileError: the file is damaged.
     """
     path = folder / _FOLDER / _LENSES
     if not path.is_file():
@@ -101,7 +95,6 @@ def kept_lenses(folder: Path) -> tuple[RadialLens, ...]:
 
 
 def share_photos(source: Path, target: Path) -> None:
-    """Make the photos of one version those of another, too, which is not published yet: as links where the file
-    system has them, else as copies."""
+    """Links the photos of a version into an unpublished one; copies if links fail."""
     if (source / _FOLDER).is_dir():
         shutil.copytree(source / _FOLDER, target / _FOLDER, copy_function=link_or_copy)

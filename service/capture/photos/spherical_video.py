@@ -1,4 +1,4 @@
-"""Whether a video says that it shows a whole sphere, by its MP4 or MOV metadata. For the confined child.
+"""Detects 360° videos by their MP4 or MOV metadata. For the confined child.
 
 Google's spherical video RFC (https://github.com/google/spatial-media): XML in a `uuid` box, or boxes `st3d` and `sv3d`.
 """
@@ -18,16 +18,15 @@ _MOST_XML_BYTES = 1 << 16
 _MOST_BOXES = 10_000
 _TRACK = ((b"moov", 0), (b"trak", 0))
 _ENTRY = (*_TRACK, (b"mdia", 0), (b"minf", 0), (b"stbl", 0), (b"stsd", 8), (b"", 78))
-"""Of a picture's sample entry: names of boxes, "" for any, and bytes before the boxes in them (ISO/IEC 14496-12)."""
-_VIEW = 5
-"""Bytes of `st3d`, the last of which is 0 for one eye."""
+"""Path to a sample entry (ISO/IEC 14496-12): box names, "" for any, and header bytes."""
+_VIEW = 5  # bytes of `st3d`; the last is 0 for one eye
 
 
 def is_spherical(path: Path, name: str) -> bool:
-    """Whether the video's metadata say that it is equirectangular, 360° × 180°, for one eye.
+    """Detects an equirectangular video, 360° × 180°, for one eye.
 
     Raises:
-        InvalidInputError: they say that it is another picture of a sphere: a part, of another projection, for two eyes.
+        InvalidInputError: only a part of the sphere, another projection, or for two eyes.
     """
     with path.open("rb") as file:
         boxes = _Boxes(file, path.stat().st_size)
@@ -71,25 +70,20 @@ def _kind(stereo: bool, projected: bool, part: bool) -> str:
 
 
 class _Boxes:
-    """The boxes of a file, of which only so many are looked at."""
+    """Reads the boxes of a file, up to a limit."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self._file, self._size, self._left = file, size, _MOST_BOXES
 
     def read(self, begin: int, end: int) -> bytes:
-        """The bytes from `begin` on."""
+        """Reads the bytes from `begin` to `end`."""
         self._file.seek(begin)
         return self._file.read(end - begin)
 
     def at(
         self, names: tuple[tuple[bytes, int], ...], place: tuple[int, int] | None = None
     ) -> Iterator[tuple[int, int]]:
-        """Where the contents of the boxes of these names, each in the one before, begin and end.
-
-        Args:
-            names: see `_ENTRY`.
-            place: of the content that the first is in; None: the file.
-        """
+        """Finds contents (begin, end) of nested boxes below `place`; `names` as in `_ENTRY`."""
         if not names:
             yield place or (0, self._size)
             return

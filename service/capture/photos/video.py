@@ -1,4 +1,4 @@
-"""Checks videos and extracts their sharp frames. Runs in the child of `capture.untrusted.sandbox` only."""
+"""Checks videos and extracts sharp frames. Runs only in the child of `capture.untrusted.sandbox`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAX_PLAUSIBLE_FPS = 1_000
 
 
 def probe(request: dict[str, Any]) -> dict[str, Any]:
-    """The size of a video's first frame, after its length was checked without decoding the other frames.
+    """Reads the size of a video's first frame and checks its length without decoding.
 
     Args:
         request: the path "video", its "name" in errors, and all settings.
@@ -27,7 +27,7 @@ def probe(request: dict[str, Any]) -> dict[str, Any]:
         {"width", "height"} in pixels.
 
     Raises:
-        InvalidInputError: its first frame cannot be decoded, or it has fewer than two.
+        InvalidInputError: the first frame cannot be decoded, or there are fewer than two.
         LimitExceededError: more than "max_video_frames_read" frames, or frames larger than "max_image_pixels".
     """
     first = next(_frames(request), None)
@@ -38,9 +38,10 @@ def probe(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Write one frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png (its number): the
-    sharpest by the variance of its Laplacian, or with "by_place" the middle one; upright, at most "max_side" pixels on
-    the longer side.
+    """Writes the sharpest frame of each of "video_frames" equal intervals, upright, to "folder".
+
+    Sharpness is the variance of the Laplacian; with "by_place" the middle frame is taken. Files are frame_NNNNNN.png by
+    frame number, at most "max_side" pixels on the longer side.
 
     Args:
         request: as in `probe`, with "folder" and "by_place".
@@ -77,12 +78,12 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
 
 
 def sharpest_per_interval(sharpness: NDArray[np.float64], intervals: int) -> set[int]:
-    """Index of the largest value in each of up to `intervals` equal parts of `sharpness` [F]."""
+    """Finds the largest value's index in each of up to `intervals` equal parts."""
     return {int(part[np.argmax(sharpness[part])]) for part in _parts(len(sharpness), intervals)}
 
 
 def middle_per_interval(count: int, intervals: int) -> set[int]:
-    """The middle of each of up to `intervals` equal parts of the indices below `count`."""
+    """Finds the middle index of each of up to `intervals` equal parts."""
     return {int(part[len(part) // 2]) for part in _parts(count, intervals)}
 
 
@@ -91,7 +92,7 @@ def _parts(count: int, intervals: int) -> list[NDArray[np.int64]]:
 
 
 def _check_frame_count(request: dict[str, Any]) -> None:
-    """Count the packets, one a frame, as headers may be wrong or say nothing."""
+    """Counts the packets, one a frame, as headers may be wrong or incomplete."""
     capture = cv2.VideoCapture(request["video"], cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])  # -1: do not decode
     if not capture.isOpened():
         capture = cv2.VideoCapture(request["video"])
@@ -108,7 +109,7 @@ def _check_frame_count(request: dict[str, Any]) -> None:
 
 
 def _frames(request: dict[str, Any]) -> Iterator[NDArray[np.uint8]]:
-    """uint8 [H, W, 3] BGR, rotated as the file's metadata say."""
+    """Decodes uint8 [H, W, 3] BGR frames, rotated by the file's metadata."""
     capture = cv2.VideoCapture(request["video"])
     try:
         count = 0

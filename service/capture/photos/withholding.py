@@ -1,6 +1,6 @@
-"""Pixels of photos that enter nothing: people and other things that move, masked before anything else is done.
+"""Masks people and other moving things before anything else uses a photo.
 
-The caller's `FindMovers` says which. Under a promise of privacy they are replaced by gray in memory, before the photo
+The caller's `FindMovers` finds them. Under a promise of privacy they are replaced by gray in memory, before the photo
 is measured, matched, trained on or written: photos that differ only there are the same from then on.
 """
 
@@ -19,35 +19,28 @@ from fastsplat.service.capture.formats.image_io import save_rgb
 from fastsplat.service.capture.types import CaptureReport, View, WithheldReport
 from fastsplat_contract.operations import Privacy
 
-BLANK = 128
-"""What a withheld pixel is stored as, in all three channels."""
+BLANK = 128  # stored value of a withheld pixel in all channels
 _RIM = 0.015
-"""Of the longer side: so far around what is withheld nothing is learnt either. A structural similarity reads 5 pixels
-to each side, a feature a few times its scale."""
+"""Margin over the longer side: SSIM reads 5 pixels, features a few times their scale."""
 _MIN_RIM_PX = 4
 
 FindMovers = Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
-"""bool [H, W] of an upright photo uint8 [H, W, 3] RGB: true where it shows what is to be withheld. It must say the same
-whenever it is asked about the same pixels."""
+"""Masks pixels to withhold [H, W] in an upright RGB photo [H, W, 3]; deterministic."""
 
 
 @dataclass(frozen=True)
 class Withholding:
-    """What is left out of a capture's photos.
-
-    Attributes:
-        privacy: what was promised: "people", their pixels are stored nowhere either; None: they are only not used.
-    """
+    """Rule for withholding; under `privacy`, withheld pixels are stored nowhere either."""
 
     find: FindMovers
     privacy: Privacy | None = None
 
     def apply(self, pixels: NDArray[np.uint8], movers: NDArray[np.bool_] | None = None) -> WithheldPhoto:
-        """The photo as everything that follows may see it.
+        """Masks a photo.
 
         Args:
             pixels: uint8 [H, W, 3], upright.
-            movers: bool [H, W], where something is to be withheld; None: it is looked for.
+            movers: bool [H, W], pixels to withhold; None: found by `find`.
         """
         movers = self.find(pixels) if movers is None else movers
         assert movers.shape == pixels.shape[:2] and movers.dtype == np.bool_
@@ -61,24 +54,18 @@ class Withholding:
 
 @dataclass(frozen=True)
 class WithheldPhoto:
-    """A photo after `Withholding.apply`.
+    """A photo after `Withholding.apply`."""
 
-    Attributes:
-        pixels: uint8 [H, W, 3].
-        usable: bool [H, W], false where nothing may be learnt; None where every pixel may be used.
-        share: of its pixels that are withheld, 0..1, the rim around them not counted.
-    """
-
-    pixels: NDArray[np.uint8]
-    usable: NDArray[np.bool_] | None = None
-    share: float = 0.0
+    pixels: NDArray[np.uint8]  # [H, W, 3]
+    usable: NDArray[np.bool_] | None = None  # [H, W]; None if all may be used
+    share: float = 0.0  # of pixels withheld, 0..1, without the margin
 
 
 class WithheldPixels:
-    """What is left out of the photos of one capture, as it is built.
+    """Withholds pixels of a capture's photos and records their shares.
 
     Args:
-        withholding: which pixels; None: none are looked for, and every photo stays as it is.
+        withholding: None: every photo stays unchanged.
         folder: for masks of photos whose features are extracted; made with the first.
     """
 
@@ -88,18 +75,17 @@ class WithheldPixels:
 
     @property
     def promised(self) -> bool:
-        """Whether what is withheld may decide nothing, as a promise of privacy says."""
+        """Checks for a promise of privacy, under which withheld pixels influence nothing."""
         return self._withholding is not None and self._withholding.privacy is not None
 
     def movers(self, pixels: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
-        """bool [H, W]: what `take` would look for by itself; None where nothing is looked for."""
+        """Finds what `take` would withhold, bool [H, W]; None without withholding."""
         return None if self._withholding is None else self._withholding.find(pixels)
 
     def take(
         self, name: str, pixels: NDArray[np.uint8], file: str = "", movers: NDArray[np.bool_] | None = None
     ) -> WithheldPhoto:
-        """The photo `name` as it may be used, by `movers` where that is known; the mask of features is stored as
-        `file`."""
+        """Masks the photo `name`, by `movers` if known; its feature mask is stored as `file`."""
         if self._withholding is None:
             return WithheldPhoto(pixels)
         photo = self._withholding.apply(pixels, movers)
@@ -109,36 +95,36 @@ class WithheldPixels:
         return photo
 
     def take_frame(self, path: Path, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """As `take`, of a video's frame that was written to `path`, where it is written anew if it is blanked."""
+        """Masks a video's frame at `path`, rewriting it if pixels are blanked."""
         photo = self.take(path.name, pixels, path.name)
         if photo.pixels is not pixels:
             save_rgb(photo.pixels, path)
         return photo.pixels
 
     def split(self, name: str, views: Sequence[str]) -> None:
-        """Say that the photo `name` became these views: each withholds the photo's share."""
+        """Replaces the photo `name` by its views, each with the photo's share."""
         if name in self._shares:
             share = self._shares.pop(name)
             self._shares.update(dict.fromkeys(views, share))
 
     def usable(self, file: str) -> NDArray[np.bool_] | None:
-        """`WithheldPhoto.usable` of the photo whose mask was stored for `file`."""
+        """Loads `WithheldPhoto.usable` of the photo whose mask was stored for `file`."""
         path = self._mask(file)
         return _load(path) if path.is_file() else None
 
     def mask_features(self, views: Sequence[View]) -> None:
-        """Store the masks of written views, as those of their features."""
+        """Stores the masks of written views as feature masks."""
         for view in views:
             if self._shares.get(view.posed.name) and view.valid_path is not None:
                 self._save(_load(view.valid_path), view.image_path.name)
 
     @property
     def request(self) -> dict[str, str]:
-        """What structure from motion is to be told: the folder of the masks; nothing if there are none."""
+        """Request entries for structure from motion: the mask folder, if there are masks."""
         return {"mask_folder": str(self._folder)} if self._folder.is_dir() else {}
 
     def reported(self, report: CaptureReport) -> CaptureReport:
-        """The report with what is withheld of each photo, to 1/10,000, and of all; as it is if none was looked for."""
+        """Adds the withheld shares, per photo to 1/10,000 and in total; unchanged without withholding."""
         if self._withholding is None:
             return report
         shares = list(self._shares.values())
@@ -157,14 +143,14 @@ class WithheldPixels:
 
 
 def both_masks(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
-    """bool [H, W]: where both masks are true; one that is None is true everywhere."""
+    """Intersects two masks [H, W]; None is true everywhere."""
     if one is None or other is None:
         return other if one is None else one
     return one & other
 
 
 def dilated(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """bool [H, W]: the mask and all pixels at most so far away from it."""
+    """Dilates a mask [H, W] by a disc of so many pixels."""
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1))
     return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 

@@ -1,7 +1,7 @@
-"""Photos of which no scene can be made, known by their matches alone, before minutes are spent on placing them.
+"""Refuses photos that cannot become a scene by their matches, before minutes of mapping.
 
-Refused are photos that share nothing, that fall into groups each too small for a scene, or that were all taken from one
-place: a rotation maps two such photos onto each other at any depth (Hartley & Zisserman, 8.4.2).
+They share nothing, form groups too small for a scene, or are all from one place: a rotation maps one photo onto another
+at any depth (Hartley & Zisserman, 8.4.2).
 """
 
 from __future__ import annotations
@@ -21,27 +21,25 @@ from fastsplat_contract.errors import ReconstructionError
 F64 = NDArray[np.float64]
 
 _FOCALS = (0.5, 0.56, 0.63, 0.71, 0.8, 0.92, 1.1, 1.35, 1.8, 2.6)
-"""Of the longer side, where a camera's focal length is not known."""
+"""Over the longer side, tried where the focal length is unknown."""
 _SAME_PLACE = 0.005
-"""Of the longer side: a match that is nearer to where a rotation takes it shows no depth."""
+"""Error over the longer side up to which a rotation explains a match, without depth."""
 _TURNED = 0.85
-"""Share of the matches of a pair that show no depth where it was taken from one place."""
+"""Share of matches without depth in a pair from one place."""
 _ROUNDS = 4
 _NEARLY_ALL = 0.8
-_FEW = 20
-"""Photos; fewer are often too few."""
+_FEW = 20  # fewer photos are often too few
 
 
 def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None:
-    """Refuse photos that cannot become a scene.
+    """Refuses photos that cannot become a scene.
 
     Args:
-        min_share: of the photos that must get a place.
-        complete: whether all pairs were matched; before that only photos from one place are refused, where nearly all
-            are linked.
+        min_share: of the photos that must belong together.
+        complete: all pairs were matched; before that, only photos from one place are refused, if nearly all are linked.
 
     Raises:
-        ReconstructionError: what is wrong with the photos as a whole, and what would help.
+        ReconstructionError: the problem of the photos as a whole, with advice.
     """
     verified = VerifiedMatches(database)
     with pycolmap.Database.open(database) as reader:
@@ -68,8 +66,7 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
 
 
 def shows_depth(one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64) -> bool:
-    """Whether no rotation explains nearly all matches [M, 2] of two photos, at any focal length that their cameras may
-    have: then they were taken from different places."""
+    """Checks that no rotation explains nearly all matches [M, 2] at any possible focal length."""
     known = one.has_prior_focal_length and other.has_prior_focal_length
     return not any(
         _share_turned(one, other, pixels1, pixels2, focal) >= _TURNED for focal in (None,) * known or _FOCALS
@@ -79,7 +76,7 @@ def shows_depth(one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixe
 def _share_turned(
     one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64, focal: float | None
 ) -> float:
-    """Share of the matches that the best rotation explains, the cameras' focal length being `focal` longer sides."""
+    """Share of matches that the best rotation explains; `focal` over the longer side, if unknown."""
     rays1, rays2 = _rays(one, pixels1, focal), _rays(other, pixels2, focal)
     usable = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
     rays1, rays2 = rays1[usable], rays2[usable]
@@ -95,7 +92,7 @@ def _share_turned(
 
 
 def _rays(camera: pycolmap.Camera, pixels: F64, focal: float | None) -> F64:
-    """float64 [M, 3] of unit length."""
+    """Unit rays of pixels, float64 [M, 3]."""
     if focal is not None:
         length = focal * max(camera.width, camera.height)
         plane = (pixels - [camera.width / 2, camera.height / 2]) / length
@@ -106,7 +103,7 @@ def _rays(camera: pycolmap.Camera, pixels: F64, focal: float | None) -> F64:
 
 
 def _largest_group(images: Iterable[int], pairs: Mapping[tuple[int, int], NDArray[np.uint32]]) -> int:
-    """Images of the largest group that pairs with matches link."""
+    """Counts the images of the largest group linked by matches."""
     group = {image: image for image in images}
 
     def head(image: int) -> int:

@@ -1,4 +1,4 @@
-"""Features of images. Runs in the child process of `service.capture.untrusted.sandbox` only."""
+"""Extracts features. Runs only in the child process of `service.capture.untrusted.sandbox`."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ from pathlib import Path
 
 import pycolmap
 
-_TRIED = 2
-"""Images that tell whether those after them are tried without octave -1."""
+_TRIED = 2  # first images of a step, which decide if octave -1 is needed for all
 
 
 def extract_features(
     database: Path, images: Path, files: list[str], masks: Path | None, extraction: pycolmap.FeatureExtractionOptions
 ) -> None:
-    """Write the features of images to a database; of those with a mask only the features where that is above 0.
+    """Writes features of images to a database, for masked ones where the mask is positive.
 
-    COLMAP keeps the largest features. So octave -1, of twice an image's resolution, which takes most of the time, adds
-    nothing where the others give as many as are asked for.
+    COLMAP keeps the largest features, so octave -1, which takes most of the time, adds nothing if the others yield the
+    requested number.
 
     Args:
-        masks: folder with `<file>.png` for those that have a mask; None: none has.
-        extraction: options. If the first octave is 0, -1 is used only for images with too few features without it; it
-            becomes -1 for the images of later calls once the first of a call have too few.
+        masks: folder with `<file>.png` for masked images; None: none is masked.
+        extraction: options. From first octave 0, -1 is used only for images with too few features; it stays at -1 for
+            later calls once all images tried first in a call have too few.
     """
     if extraction.sift.first_octave == -1:
         _extract(database, images, files, masks, extraction)
@@ -51,7 +50,7 @@ def _extract(
         if not names:
             continue
         options = pycolmap.ImageReaderOptions()
-        if folder is not None:  # COLMAP takes no image without a mask then
+        if folder is not None:  # COLMAP would skip images without a mask
             options.mask_path = folder
         pycolmap.extract_features(
             database,

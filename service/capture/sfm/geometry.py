@@ -1,4 +1,4 @@
-"""Validates reconstructions, whose own residual does not tell whether they are right, and normalizes their world."""
+"""Validates reconstructions, whose residuals do not show if they are right, and normalizes their world."""
 
 from __future__ import annotations
 
@@ -28,31 +28,22 @@ PHOTO_HINT = (
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """A reconstruction by structure from motion, as arrays.
+    """A reconstruction by structure from motion."""
 
-    Attributes:
-        world_from_camera: float64 [N, 4, 4] of the registered images.
-        points: float64 [P, 3].
-        angles_deg: float64 [P], widest angle between the rays that see a point.
-        images: how many images there were.
-        models: sizes of all disconnected reconstructions, largest first; this one is the first.
-    """
-
-    world_from_camera: NDArray[np.float64]
-    points: NDArray[np.float64]
-    angles_deg: NDArray[np.float64]
-    images: int
-    models: tuple[int, ...]
+    world_from_camera: NDArray[np.float64]  # [N, 4, 4], registered images
+    points: NDArray[np.float64]  # [P, 3]
+    angles_deg: NDArray[np.float64]  # [P], widest angle between the rays to a point
+    images: int  # registered or not
+    models: tuple[int, ...]  # sizes of all disconnected reconstructions, largest first; this is the first
 
 
 def validate_reconstruction(
     reconstruction: Reconstruction, *, min_points: int, min_registered_share: float
 ) -> list[str]:
-    """Warnings, as sentences for people, about a reconstruction that can be used.
+    """Checks a reconstruction; returns warnings as sentences for people.
 
     Raises:
-        ReconstructionError: it cannot: too few images or points, cameras that hardly moved,
-            points that collapsed into a plane or into the cameras.
+        ReconstructionError: too few images or points, hardly moving cameras, or collapsed points.
     """
     registered, points = len(reconstruction.world_from_camera), len(reconstruction.points)
     if registered < max(2, min_registered_share * reconstruction.images):
@@ -104,8 +95,11 @@ def _refuse_degenerate(reconstruction: Reconstruction) -> None:
 def normalize_world(
     world_from_camera: NDArray[np.float64], points: NDArray[np.float64], up: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cameras [N, 4, 4] and points [P, 3] after one similarity, float64: the points' median is the origin, the median
-    distance of cameras from it 3, and +z the vertical: `up` [3], else that of `vertical_of_poses` or `mean_up`."""
+    """Normalizes cameras [N, 4, 4] and points [P, 3] by a similarity.
+
+    The points' median becomes the origin, the cameras' median distance from it 3, and the vertical +z: `up` [3], else
+    from `vertical_of_poses` or `mean_up`.
+    """
     rotation = _upright(world_from_camera, up)
     center = np.median(points, axis=0)
     distance = float(np.median(np.linalg.norm(world_from_camera[:, :3, 3] - center, axis=1)))
@@ -117,7 +111,7 @@ def normalize_world(
 
 
 def _upright(world_from_camera: NDArray[np.float64], up: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """The smallest rotation that takes the vertical to +z; identity if the poses [N, 4, 4] do not tell it."""
+    """Smallest rotation of the vertical to +z; identity if poses do not tell it."""
     for estimate in (vertical_of_poses, mean_up):
         up = estimate(world_from_camera) if up is None else up
     if up is None:
@@ -130,13 +124,13 @@ def _upright(world_from_camera: NDArray[np.float64], up: NDArray[np.float64] | N
 
 
 def depths(world_from_camera: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """float64 [N, P]: z of every point in every camera's frame."""
+    """Depth (z) of every point in every camera, float64 [N, P]."""
     forward = world_from_camera[:, :3, 2]
     return np.asarray(forward @ points.T - (forward * world_from_camera[:, :3, 3]).sum(axis=1, keepdims=True))
 
 
 def widest_angle_deg(centers: NDArray[np.float64], point: NDArray[np.float64]) -> float:
-    """Widest angle at `point` [3] between the rays to the cameras at `centers` [K, 3]."""
+    """Widest angle at `point` [3] between rays to `centers` [K, 3]."""
     rays = centers - point
     rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     return float(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1.0, 1.0))))
@@ -145,13 +139,13 @@ def widest_angle_deg(centers: NDArray[np.float64], point: NDArray[np.float64]) -
 def epipolar_error_px(
     rays1: NDArray[np.float64], rays2: NDArray[np.float64], camera2_from_camera1: NDArray[np.float64], focal: float
 ) -> NDArray[np.float64]:
-    """float64 [M]: Sampson distances in pixels of matched normalized image points under a relative pose.
+    """Sampson distances in pixels of matches under a relative pose, float64 [M].
 
-    Hartley & Zisserman, Multiple View Geometry, eq. 11.9 (its square root).
+    Square root of eq. 11.9 of Hartley & Zisserman, Multiple View Geometry.
 
     Args:
-        rays1, rays2: float64 [M, 2], (x/z, y/z).
-        camera2_from_camera1: float64 [4, 4].
+        rays1, rays2: [M, 2], normalized image points (x/z, y/z).
+        camera2_from_camera1: [4, 4].
         focal: pixels; converts the distance.
     """
     tx, ty, tz = camera2_from_camera1[:3, 3]
@@ -164,18 +158,18 @@ def epipolar_error_px(
 
 
 def contradictions(matches: list[int], errors_px: list[float]) -> tuple[int, int]:
-    """How many image pairs match strongly yet contradict the poses, and how many match strongly.
+    """Counts strongly matching image pairs that contradict the poses, and all strongly matching pairs.
 
     Args:
         matches: verified matches of each pair of posed images.
-        errors_px: median distance of each pair's matches to the epipolar lines of the poses; infinite without poses.
+        errors_px: median epipolar distance of each pair's matches; infinite without poses.
     """
     strong = [error for count, error in zip(matches, errors_px, strict=True) if count >= _MIN_PAIR_MATCHES]
     return sum(not error <= _CONTRADICTION_PX for error in strong), len(strong)
 
 
 def repetition_warning(wrong: int, strong: int) -> list[str]:
-    """A warning when too many pairs contradict the poses of structure from motion, as what repeats makes them."""
+    """Warns if too many pairs contradict the poses, as with repeated structures."""
     if wrong <= _REPEATING_SHARE * strong:
         return []
     return [
@@ -185,7 +179,7 @@ def repetition_warning(wrong: int, strong: int) -> list[str]:
 
 
 def refuse_wrong_poses(wrong: int, strong: int) -> None:
-    """Raise `ReconstructionError` when most pairs contradict the poses of the upload."""
+    """Raises `ReconstructionError` if most pairs contradict the upload's poses."""
     if wrong > _WRONG_POSES_SHARE * strong:
         raise ReconstructionError(
             f"{wrong} of {strong} image pairs that match well contradict the camera poses",

@@ -1,5 +1,7 @@
-"""Takes images out of a model whose camera no lens has, or whose pose is no place: a photo that shares its camera with
-no other says little of its lens, which bundle adjustment may drive off. In the sandbox's child only."""
+"""Removes images whose cameras or poses diverged in bundle adjustment. For the sandbox's child.
+
+A photo that shares its camera with no other constrains its lens little.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,16 @@ from fastsplat.service.capture.sfm.mapping import Mapped, Mapping, largest_first
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photo_verdicts import NotPlaced
 
-_FOCAL_RANGE = (0.25, 8.0)
-"""Of the longer side: 127° to 7° of view."""
+_FOCAL_RANGE = (0.25, 8.0)  # over the longer side: 127° to 7° of view
 
 
 def map_possible(mapping: Mapping, global_images: int, max_side: int) -> tuple[Mapped, dict[str, NotPlaced]]:
-    """What a mapping makes of its images, without impossible ones, and why these have no place, by their files. Where
-    others have no place either, they are mapped alone: they may have lost it to these."""
+    """Maps images without impossible ones; returns the reasons of those, by file.
+
+    Maps again without them if others are unplaced, which they may have displaced.
+    """
     mapped = mapping.run(global_images)
-    _ = mapped.contradictions  # kept: pairs that only one of has a place contradict a model, too
+    _ = mapped.contradictions  # cached first: pairs with one unplaced image contradict a model, too
     impossible = take_out_impossible(mapped.models, max_side)
     models = largest_first(model for model in mapped.models if model.num_reg_images())
     left = len(mapping.entries) - len(impossible)
@@ -35,14 +38,10 @@ def map_possible(mapping: Mapping, global_images: int, max_side: int) -> tuple[M
 
 
 def take_out_impossible(models: Sequence[pycolmap.Reconstruction], max_side: int) -> dict[str, NotPlaced]:
-    """Take images and their observations out of the models, and points that no place is left for.
-
-    Args:
-        models: changed.
-        max_side: of undistorted images, pixels.
+    """Removes impossible images, their observations, and points without a finite position.
 
     Returns:
-        Why each of these images has no place, by its name: "lens" or "unknown".
+        The reason by image name: "lens" or "unknown".
     """
     reasons: dict[str, NotPlaced] = {}
     for model in models:
@@ -54,7 +53,7 @@ def take_out_impossible(models: Sequence[pycolmap.Reconstruction], max_side: int
                 reasons[image.name] = "unknown"
             else:
                 continue
-            if image.has_pose:  # else with another image of its frame
+            if image.has_pose:  # else removed with another image of its frame
                 model.deregister_frame(image.frame_id)
         for number in [number for number, point in model.points3D.items() if not np.isfinite(point.xyz).all()]:
             model.delete_point3D(number)

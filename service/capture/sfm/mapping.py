@@ -1,14 +1,14 @@
-"""COLMAP's mappers, and what is tried when the first one leaves photos without a place or contradicts their matches.
+"""Runs COLMAP's mappers and retries if photos stay unplaced or matches are contradicted.
 
-The first mapping has COLMAP's own thresholds. Only where it is poor is there more, always in this order:
+The first mapping has COLMAP's own thresholds. Only if it is poor, these follow in order:
 
-1. pairs whose matches contradict those of other pairs are taken out (`match_cycles`), where the model contradicts many;
-2. lower thresholds, which cost one more mapping at most, as features and matches are there;
-3. guided matching (COLMAP's) of the pairs that join photos without a place to others, then as before;
-4. those that are left once more, with the matches that the next paragraph is about.
+1. pairs that contradict other pairs are removed (`match_cycles`), if the model contradicts many;
+2. lower thresholds, at the cost of one more mapping, as features and matches are reused;
+3. guided matching (COLMAP's) of the pairs that join unplaced photos to others, then as before;
+4. the unplaced ones once more, with the held-out matches.
 
-Each is judged by matches that it was not given (`model_agreement.choose_held_out`), which the first mapping had:
-so what comes later is not favored.
+Each is judged by held-out matches (`model_agreement.choose_held_out`). The first mapping had them, so later ones are
+not favored.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Report = Callable[[float, str], None]
 Models = list[pycolmap.Reconstruction]
 """All disconnected models, largest first."""
 Rematch = Callable[[Path, Sequence[tuple[int, int]]], None]
-"""Matches pairs of images of a database anew, guided by the geometry that they have."""
+"""Matches image pairs of a database again, guided by their geometry."""
 
 SEED = 0
 _MOST_MODELS = 10
@@ -44,23 +44,21 @@ _FEWEST_INLIERS = 15
 _FEWEST_MATCHES = 10
 _FEWEST_INITIAL_INLIERS = 50
 _GUIDED_PAIRS_PER_IMAGE = 3
-_MOST_GUIDED_PAIRS = 48
-"""One takes ten times as long as an ordinary pair."""
+_MOST_GUIDED_PAIRS = 48  # one takes ten times as long as an ordinary pair
 _FEW_PLACED = 0.8
 _AS_GOOD = 0.98
-"""Held-out matches that a model explains may be fewer by this factor where it places more photos."""
+"""Share of explained held-out matches that suffices if more photos are placed."""
 _GLOBAL_PLACED = 0.95
-_FEWEST_TO_HOLD_OUT = 60
-"""Matches of a pair that can do without a tenth of them."""
+_FEWEST_TO_HOLD_OUT = 60  # matches of a pair that can spare a tenth
 _FEWEST_OF_REPEATS = 30
 _GROWTH, _MOST_ROUNDS = 1.3, 2
-"""The model is adjusted when images or points are so many times as many as before, in at most so many rounds."""
+"""Growth of images or points that triggers bundle adjustment, and its most rounds."""
 _FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
-"""Shares of the progress: most captures need no more than the first mapping."""
+"""Shares of the progress; most captures need only the first mapping."""
 
 
 def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOptions:
-    """Repeatable options; `lower` asks for fewer matches to begin with, of a pair, and of an image with the points."""
+    """Makes repeatable options; `lower` lowers the thresholds for the first pair, pairs and images."""
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = 1
     options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = SEED
@@ -75,52 +73,41 @@ def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOption
 
 @dataclass(frozen=True)
 class Mapped:
-    """What one mapping made of the images.
-
-    Attributes:
-        verified: matches of the images.
-    """
+    """Result of a mapping."""
 
     models: Models
     verified: VerifiedMatches
 
     @cached_property
     def contradictions(self) -> tuple[int, int]:
-        """Of the largest model, see `VerifiedMatches.contradictions`; (0, 0) without models."""
+        """`VerifiedMatches.contradictions` of the largest model; (0, 0) without models."""
         return self.verified.contradictions(self.models[0]) if self.models else (0, 0)
 
     @property
     def placed(self) -> int:
-        """Images of the largest model."""
+        """Number of images in the largest model."""
         return self.models[0].num_reg_images() if self.models else 0
 
     @property
     def repeats(self) -> bool:
-        """Whether so many pairs contradict the largest model as where things repeat."""
+        """Checks if the largest model is contradicted as often as with repeated structures."""
         return bool(geometry.repetition_warning(*self.contradictions))
 
 
 @dataclass(frozen=True)
 class Mapping:
-    """One capture that is mapped.
+    """A capture to be mapped."""
 
-    Attributes:
-        database: features and verified matches of its images.
-        folder: where models and copies of the database go.
-        entries: the images, as `sfm.reconstruct` takes them.
-        report: receives a message and the share of the mapping that is done.
-    """
-
-    database: Path
+    database: Path  # features and verified matches
     images: Path
-    folder: Path
-    entries: Sequence[dict[str, Any]]
+    folder: Path  # for models and copies of the database
+    entries: Sequence[dict[str, Any]]  # images as in `sfm.reconstruct`
     rematch: Rematch
-    report: Report
+    report: Report  # receives the share of the mapping that is done, and a message
 
     @property
     def count(self) -> int:
-        """Of images."""
+        """Number of images."""
         return len(self.entries)
 
     @cached_property
@@ -128,7 +115,7 @@ class Mapping:
         return VerifiedMatches(self.database)
 
     def without(self, files: Collection[str]) -> Mapping:
-        """The same without these images and their matches; it has a folder of its own."""
+        """Copies the mapping to its own folder without some images and their matches."""
         folder = self.folder / "without"
         folder.mkdir()
         database = folder / "features.db"
@@ -142,8 +129,7 @@ class Mapping:
         return replace(self, database=database, folder=folder, entries=entries)
 
     def run(self, global_images: int) -> Mapped:
-        """The best models that were reached; by the global mapper first where there are more than `global_images`,
-        and none of them the faces of panoramas."""
+        """Maps the images; globally first for more than `global_images` without panorama faces."""
         best = Mapped([], self._verified)
         if self.count > global_images and not rigs.has_rigs(self.entries):
             self.report(0.0, f"registering {self.count} images at once")
@@ -174,8 +160,10 @@ class Mapping:
         return self._map(self.database, "models", options, report_next_image)
 
     def _globally(self) -> Mapped:
-        """By rotation averaging and global positioning (Pan et al., "Global structure-from-motion revisited", ECCV
-        2024), whose time grows with the matches and not with the square of the images."""
+        """Maps by rotation averaging and global positioning, in time linear in the matches.
+
+        Pan et al., "Global structure-from-motion revisited", ECCV 2024.
+        """
         options = pycolmap.GlobalPipelineOptions()
         options.num_threads = options.mapper.num_threads = 1
         options.random_seed = options.mapper.random_seed = SEED
@@ -217,14 +205,14 @@ class Mapping:
         return best
 
     def _consistent(self, best: Mapped) -> tuple[Mapped, set[tuple[int, int]]]:
-        """The better of `best` and what is mapped without contradicting pairs, and in the latter case these pairs."""
+        """Maps without contradicting pairs; returns the better result and its removed pairs."""
         message = "registering images without contradicting pairs"
         self.report(_FIRST_DONE, message)
         wrong = set(match_cycles.contradicting_pairs(self._verified.pairs, self._verified.pixels))
         if not wrong:
             return best, wrong
         trial = self._copy("consistent", wrong)
-        # Right pairs may have few matches beside wrong ones that look the same: all of them have a say.
+        # Right pairs may have few matches beside wrong ones of the same look: even they are held out.
         held_out = choose_held_out(self._verified.pairs, _FEWEST_OF_REPEATS)
         withhold(trial, held_out)
         on_image = self._counter(0, _FIRST_DONE, _CONSISTENT_DONE, message)
@@ -232,7 +220,7 @@ class Mapping:
         return (best, set()) if better is best else (better, wrong)
 
     def _counter(self, placed: int, begin: float, end: float, message: str) -> Callable[[], None]:
-        """Called for each image, reports how far a mapping of `placed` and more images has come."""
+        """Makes a callback that reports progress per image, starting from `placed` images."""
 
         def count() -> None:
             nonlocal placed
@@ -242,7 +230,7 @@ class Mapping:
         return count
 
     def _copy(self, name: str, without: Collection[tuple[int, int]]) -> Path:
-        """A copy of the database, in which these pairs are not verified."""
+        """Copies the database without the verification of some pairs."""
         copy = self.folder / f"{name}.db"
         shutil.copyfile(self.database, copy)
         with pycolmap.Database.open(copy) as editor:
@@ -258,7 +246,7 @@ class Mapping:
         on_image: Callable[[], None] = lambda: None,
         start: pycolmap.Reconstruction | None = None,
     ) -> Mapped:
-        """Models from nothing, or `start` with more images."""
+        """Maps from scratch, or adds images to `start`."""
         output = self.folder / name
         output.mkdir()
         options.ba_global_frames_ratio = options.ba_global_points_ratio = _GROWTH
@@ -279,7 +267,7 @@ class Mapping:
         return Mapped(largest_first(models.values()), self._verified)
 
     def _better(self, best: Mapped, later: Mapped, held_out: PairMatches) -> Mapped:
-        """`later` if it places more images and explains no fewer matches, or explains more; else `best`."""
+        """Prefers `later` if it places more and explains about as much, or explains more."""
         if not best.models or not later.models:
             return best if best.models else later
         matches, matches_later = (self._verified.explained(some.models[0], held_out) for some in (best, later))
@@ -288,7 +276,7 @@ class Mapping:
         return later if matches_later * _AS_GOOD > matches else best
 
     def _left_out(self, best: Mapped) -> set[int]:
-        """Ids of the images without a place."""
+        """Ids of the unplaced images."""
         model = best.models[0] if best.models else None
         placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
         files = {entry["file"] for entry in self.entries}
@@ -297,13 +285,15 @@ class Mapping:
 
 
 def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
-    """In the order of `Models`."""
+    """Sorts as `Models`."""
     return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
 def strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:
-    """The few pairs of each of these images that join it to another best, sorted: by their matches without those that
-    are held out, and last the pairs of two of these images, as of a photo and its copy, which give neither a place."""
+    """Chooses each image's strongest pairs by matches that are not held out, sorted.
+
+    Pairs of two of `images` come last: a photo and its copy place neither.
+    """
     of_image = defaultdict(list)
     for pair, rows in matches.items():
         for image_id in set(pair) & images:

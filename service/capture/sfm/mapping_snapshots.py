@@ -1,5 +1,4 @@
-"""Cameras and points while structure from motion places them: thinned copies of COLMAP's snapshots, written by its
-child process as one file and read by the parent, which trusts nothing in it."""
+"""Passes thinned COLMAP snapshots from the mapping child to its parent, which distrusts them."""
 
 from __future__ import annotations
 
@@ -17,24 +16,18 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 
 _FILE = "placed.npz"
-_SNAPSHOTS = 8
-"""About so many of a capture: each costs the mapper the time to write and read its model."""
+_SNAPSHOTS = 8  # about, per capture; each costs the mapper a write and a read of its model
 _FEWEST_IMAGES = 4
 _MAX_BYTES = 4 << 20
 
 
 def frames_between(images: int) -> int:
-    """How many images COLMAP places from one snapshot to the next."""
+    """Computes the number of images between snapshots."""
     return max(_FEWEST_IMAGES, -(-images // _SNAPSHOTS))
 
 
 def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
-    """As `keep`, of the newest of COLMAP's snapshots, if there is a new one; removes them all.
-
-    Args:
-        snapshots: where COLMAP writes them, a folder each.
-        read: `pycolmap.Reconstruction`.
-    """
+    """Keeps the newest of COLMAP's snapshot folders in `snapshots`, if any, and removes them all."""
     models = sorted(snapshots.iterdir())
     if not models:
         return
@@ -45,7 +38,7 @@ def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
 
 
 def keep(model: Any, folder: Path) -> None:
-    """Leave a thinned copy of a `pycolmap.Reconstruction` in `folder`, the one of the task, for `take_placed`."""
+    """Stores a thinned copy of a `pycolmap.Reconstruction` in the task's folder for `take_placed`."""
     images = [image for image in model.images.values() if image.has_pose]
     images = [images[row] for row in evenly(len(images), MAX_CAMERAS)]
     ids = list(model.points3D.keys())
@@ -67,12 +60,7 @@ def keep(model: Any, folder: Path) -> None:
 
 
 def take_placed(folder: Path, names: Mapping[str, str], images: int) -> PlacedViews | None:
-    """What the child has left since the last call, in an upright world of the order of one; None if that is nothing, or
-    nothing that can be shown.
-
-    Args:
-        names: of the views, by the files that structure from motion reads.
-    """
+    """Takes new valid cameras, if any, in a normalized upright world; `names` by file."""
     path, mine = folder / _FILE, folder / f"read-{_FILE}"
     try:
         path.rename(mine)

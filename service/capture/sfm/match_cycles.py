@@ -1,7 +1,7 @@
-"""Which image pairs contradict others: matches followed around three images must come back to where they began.
+"""Finds image pairs that contradict others by cycles of matches through three images.
 
-Where things repeat, a pair may agree on the wrong copy at a fine residual. Loops tell it (Zach, Klopschitz and
-Pollefeys, CVPR 2010); matches are composed here, as a wall's pattern moves by a tile without a rotation.
+With repeated structures, a pair may agree on the wrong copy with a small residual. Cycles reveal it (Zach, Klopschitz
+and Pollefeys, CVPR 2010). Matches are composed, not rotations, as a wall's pattern may shift by a tile without one.
 """
 
 from __future__ import annotations
@@ -17,17 +17,13 @@ from fastsplat.service.capture.sfm.model_agreement import PairMatches
 _Pairs = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 
 _SAME_PX = 6.0
-_FEWEST = 8
-"""Matches around a loop that make it count."""
+_FEWEST = 8  # matches around a cycle that make it count
 
 
 def contradicting_pairs(matches: PairMatches, pixels: Mapping[int, NDArray[np.float32]]) -> list[tuple[int, int]]:
-    """The pairs to take out so that no loop of three images contradicts itself: again and again the one that is in most
-    contradicting loops more than in agreeing ones; of equals the one with fewest matches.
+    """Chooses pairs to remove so that no cycle of three images contradicts itself.
 
-    Args:
-        matches: verified, of image pairs (i, j), i < j.
-        pixels: [F, 2] of each image's features.
+    Greedy: the pair with the largest excess of contradicting over agreeing cycles; on ties, with fewest matches.
     """
     loops = _loops(matches, pixels)
     of_pair: dict[tuple[int, int], set[int]] = {pair: set() for pair in matches}
@@ -51,7 +47,7 @@ def contradicting_pairs(matches: PairMatches, pixels: Mapping[int, NDArray[np.fl
 
 
 def _loops(matches: PairMatches, pixels: Mapping[int, NDArray[np.float32]]) -> list[tuple[_Pairs, bool]]:
-    """Every loop of three images as its pairs, and whether it agrees; those that tell nothing are left out."""
+    """Lists each cycle's pairs and whether it agrees; inconclusive ones are omitted."""
     followed, neighbors = {}, defaultdict(set)
     for (i, j), rows in matches.items():
         followed[i, j] = np.full(len(pixels[i]), -1, np.int32)
@@ -69,7 +65,7 @@ def _loops(matches: PairMatches, pixels: Mapping[int, NDArray[np.float32]]) -> l
 def _agrees(
     first: NDArray[np.int32], second: NDArray[np.int32], direct: NDArray[np.int32], pixels: NDArray[np.float32]
 ) -> bool | None:
-    """Whether most features come to the same place in the third image both ways; None where too few tell."""
+    """Checks if most features arrive at the same place; None if inconclusive."""
     rows = np.flatnonzero((first >= 0) & (direct >= 0))
     rows = rows[second[first[rows]] >= 0]
     if len(rows) < _FEWEST:

@@ -1,4 +1,4 @@
-"""How well a model's poses agree with verified matches of image pairs, also with matches that were kept from it."""
+"""Measures the agreement of poses with verified matches, including held-out ones."""
 
 from __future__ import annotations
 
@@ -12,33 +12,27 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.sfm import geometry
 
 PairMatches = Mapping[tuple[int, int], NDArray[np.uint32]]
-"""Rows of features, [M, 2], by the ids of two images."""
+"""Feature rows [M, 2] by the ids of two images."""
 
 _HELD_OUT_EVERY = 10
-_EXPLAINED_PX = 4.0
-"""As far from its epipolar line as COLMAP lets a verified match be."""
+_EXPLAINED_PX = 4.0  # epipolar distance that COLMAP allows for verified matches
 
 
 class VerifiedMatches:
-    """The verified matches of a database and where their features lie, read once however many models are compared.
-
-    Args:
-        database: features and verified matches; what is written to it later is not noticed.
-    """
+    """Verified matches of a database and their pixels, read once; later writes are not noticed."""
 
     def __init__(self, database: Path) -> None:
         self.pairs = verified_matches(database)
-        """Of every pair that has some, in the order of the ids."""
+        """By pair, in the order of the ids."""
         with pycolmap.Database.open(database) as reader:
             self.pixels: dict[int, NDArray[np.float32]] = {
                 image: np.array(reader.read_keypoints(image)[:, :2], np.float32)
                 for image in sorted({image for pair in self.pairs for image in pair})
             }
-            """[F, 2], where the features of each of their images lie."""
+            """Pixels of features by image, [F, 2]."""
 
     def contradictions(self, model: pycolmap.Reconstruction) -> tuple[int, int]:
-        """Compare every pair of images with a model's poses, see `geometry.contradictions`; one unregistered image
-        contradicts too."""
+        """Counts `geometry.contradictions` of a model, including pairs with one unregistered image."""
         placed = _placed(model)
         some = {pair: rows for pair, rows in self.pairs.items() if placed & set(pair)}
         errors = self._errors(model, some)
@@ -46,14 +40,13 @@ class VerifiedMatches:
         return geometry.contradictions([len(rows) for rows in some.values()], medians)
 
     def explained(self, model: pycolmap.Reconstruction, matches: PairMatches) -> int:
-        """How many of these matches lie within 4 px of the epipolar lines of a model's poses; none of a pair that has
-        an image without a pose."""
+        """Counts matches of placed images within 4 px of a model's epipolar lines."""
         return sum(int((values <= _EXPLAINED_PX).sum()) for values in self._errors(model, matches).values())
 
     def _errors(
         self, model: pycolmap.Reconstruction, matches: PairMatches
     ) -> dict[tuple[int, int], NDArray[np.float64]]:
-        """Pixels, [M], by the pairs of which both images have a pose."""
+        """Epipolar errors in pixels, [M], of pairs with two posed images."""
         placed = _placed(model)
         rays: dict[int, NDArray[np.float64]] = {}
         errors = {}
@@ -76,7 +69,7 @@ class VerifiedMatches:
 
 
 def verified_matches(database: Path) -> dict[tuple[int, int], NDArray[np.uint32]]:
-    """The verified matches of every pair (i, j), i < j, that has some, in the order of the ids."""
+    """Reads non-empty verified matches of pairs (i, j), i < j, ordered by ids."""
     with pycolmap.Database.open(database) as reader:
         pair_ids, pairs = reader.read_two_view_geometries()
     rows = sorted(zip(pair_ids, pairs, strict=True), key=lambda row: row[0])
@@ -88,12 +81,12 @@ def verified_matches(database: Path) -> dict[tuple[int, int], NDArray[np.uint32]
 
 
 def choose_held_out(matches: PairMatches, fewest: int) -> dict[tuple[int, int], NDArray[np.uint32]]:
-    """Every tenth match of the pairs with at least `fewest`: those to judge a model by."""
+    """Chooses every tenth match of pairs with at least `fewest`, to judge models by."""
     return {pair: rows[::_HELD_OUT_EVERY] for pair, rows in matches.items() if len(rows) >= fewest}
 
 
 def withhold(database: Path, held_out: PairMatches) -> None:
-    """Take these matches out of the verified ones of a database."""
+    """Removes matches from a database's verified ones."""
     with pycolmap.Database.open(database) as editor:
         for pair, withheld in held_out.items():
             if not editor.exists_two_view_geometry(*pair):
@@ -105,7 +98,7 @@ def withhold(database: Path, held_out: PairMatches) -> None:
 
 
 def give_back(database: Path, held_out: PairMatches) -> None:
-    """Undo `withhold`, for the pairs that are still in the database."""
+    """Undoes `withhold` for the pairs that are still in the database."""
     with pycolmap.Database.open(database) as editor:
         for pair, withheld in held_out.items():
             if editor.exists_two_view_geometry(*pair):
@@ -116,7 +109,7 @@ def give_back(database: Path, held_out: PairMatches) -> None:
 
 
 def _keys(rows: NDArray[np.uint32]) -> NDArray[np.uint64]:
-    """[M], one number a match."""
+    """Packs each match into one number, [M]."""
     return np.asarray(rows[:, 0].astype(np.uint64) << np.uint64(32) | rows[:, 1].astype(np.uint64))
 
 

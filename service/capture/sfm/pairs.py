@@ -10,27 +10,21 @@ from numpy.typing import NDArray
 Pair = tuple[int, int]
 
 _PROBES = 256
-"""All images are compared with all others by them; 512 took four times as long for .4 % more verified matches."""
+"""Features for the all-pairs comparison; 512 took four times as long for 0.4 % more matches."""
 _MAX_RATIO = 0.8
 _SPREAD_IMAGES = 6
 _NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
 
 
 def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32]) -> NDArray[np.float32]:
-    """float32 [K, 128] unit descriptors of an image's largest features, which are the most likely to match elsewhere.
-
-    Args:
-        descriptors: uint8 [F, 128] SIFT.
-        scales: float32 [F].
-    """
+    """Normalizes SIFT descriptors of an image's largest features, which match most likely, [K, 128]."""
     largest = np.argsort(-scales, kind="stable")[:_PROBES]
     vectors = descriptors[largest].astype(np.float32)
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
 
 def probe_scores(images: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
-    """int32 [N, N]: how many mutual nearest neighbors among two images' probes pass the ratio test (Wu, 3DV 2013,
-    section 3)."""
+    """Counts mutual ratio-tested matches of images' probes, [N, N] (Wu, 3DV 2013, section 3)."""
     scores = np.zeros((len(images), len(images)), np.int32)
     for i, first in enumerate(images):
         for j in range(i + 1, len(images)):
@@ -41,8 +35,7 @@ def probe_scores(images: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
 def choose_pairs(
     scores: NDArray[np.int32], *, exhaustive_images: int, pairs_per_image: int, ordered: bool
 ) -> list[tuple[int, int]]:
-    """Pairs (i, j), i < j, sorted: all up to `exhaustive_images`; beyond, each image's best and its neighbors by
-    name."""
+    """Chooses pairs (i, j), i < j, sorted; beyond `exhaustive_images`, best partners and neighbors."""
     count = len(scores)
     if count <= exhaustive_images:
         return [(i, j) for i in range(count) for j in range(i + 1, count)]
@@ -54,8 +47,7 @@ def choose_pairs(
 
 
 def telling_pairs(count: int) -> list[Pair]:
-    """Few pairs that tell most of all `count` images together, sorted: neighbors in the order of names, and those among
-    a few images that are spread evenly over it."""
+    """Chooses few informative pairs, sorted: neighbors, and pairs of evenly spread images."""
     spread = np.linspace(0, count - 1, min(count, _SPREAD_IMAGES)).round().astype(int).tolist()
     neighbors = {(i, i + 1) for i in range(count - 1)}
     return sorted(neighbors | {(i, j) for i in spread for j in spread if i < j})
@@ -67,7 +59,7 @@ def _mutual_matches(first: NDArray[np.float32], second: NDArray[np.float32]) -> 
     cosine = first @ second.T
     rows, nearest = np.arange(len(first)), cosine.argmax(axis=1)
     best = cosine[rows, nearest]
-    mutual = best == cosine.max(axis=0)[nearest]  # `argmax` along columns would copy them, as slow as the product
+    mutual = best == cosine.max(axis=0)[nearest]  # faster: `argmax` along columns copies them, as slow as the product
     cosine[rows, nearest] = -1.0
     angles = np.arccos(np.clip([best, cosine.max(axis=1)], -1.0, 1.0))
     return int((mutual & (angles[0] < _MAX_RATIO * angles[1])).sum())

@@ -1,4 +1,4 @@
-"""What can be shown of a capture while it is made: cameras, and some of the sparse points."""
+"""Cameras and sparse points of a capture in progress, for display."""
 
 from __future__ import annotations
 
@@ -18,21 +18,14 @@ MAX_CAMERAS, MAX_POINTS = 1_000, 5_000
 
 @dataclass(frozen=True)
 class PlacedViews:
-    """Cameras that are placed, with some points.
+    """Placed cameras with some points."""
 
-    Attributes:
-        cameras: at most `MAX_CAMERAS`.
-        points: float32 [P, 3], at most `MAX_POINTS`, scene units.
-        colors: uint8 [P, 3], RGB.
-        complete: whether these are final; otherwise the world is one of the moment.
-    """
-
-    cameras: tuple[PosedCamera, ...]
-    points: NDArray[np.float32]
-    colors: NDArray[np.uint8]
+    cameras: tuple[PosedCamera, ...]  # at most `MAX_CAMERAS`
+    points: NDArray[np.float32]  # [P, 3], at most `MAX_POINTS`, scene units
+    colors: NDArray[np.uint8]  # [P, 3], RGB
     placed: int
     images: int
-    complete: bool
+    complete: bool  # final; otherwise the world may still change
 
 
 def thinned(
@@ -44,7 +37,7 @@ def thinned(
     placed: int,
     complete: bool,
 ) -> PlacedViews:
-    """At most `MAX_CAMERAS` of the cameras and `MAX_POINTS` of the points [P, 3], evenly chosen."""
+    """Thins cameras and points [P, 3] evenly to `MAX_CAMERAS` and `MAX_POINTS`."""
     rows = evenly(len(points), MAX_POINTS)
     return PlacedViews(
         tuple(cameras[row] for row in evenly(len(cameras), MAX_CAMERAS)),
@@ -57,19 +50,19 @@ def thinned(
 
 
 def placed_of(capture: Capture) -> PlacedViews:
-    """The cameras of a finished capture."""
+    """Makes the placed views of a finished capture."""
     cameras = [view.posed for view in capture.views]
     images = max(capture.report.images, len(cameras))
     return thinned(cameras, capture.points, capture.point_colors, images, placed=len(cameras), complete=True)
 
 
 def placed_to_json(placed: PlacedViews) -> bytes:
-    """A `PlacedCameras` as it travels, with the number 0: who stores it counts."""
+    """Encodes `PlacedCameras` with number 0, which the store replaces."""
     info = PlacedInfo(0, placed.placed, placed.images, placed.complete)
     points, colors = placed.points.astype("<f4").tobytes(), placed.colors.tobytes()
     return to_json(PlacedCameras(info, placed.cameras, points, colors))
 
 
 def evenly(count: int, most: int) -> NDArray[np.int64]:
-    """Indices of at most `most` of `count`."""
+    """Chooses at most `most` evenly spread indices of `count`."""
     return np.arange(count) if count <= most else np.linspace(0, count - 1, most).round().astype(np.int64)

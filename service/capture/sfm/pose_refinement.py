@@ -1,7 +1,7 @@
-"""Refines the poses of a phone's tracking by its photos. Runs in the child of `capture.untrusted.sandbox` only.
+"""Refines tracked phone poses by photos. Runs only in the sandbox's child.
 
-Points are triangulated with the tracker's poses, then both are adjusted to the photos, cameras held near their tracked
-positions, in rounds. At last all cameras are moved rigidly to where the tracker has them.
+In rounds, points are triangulated and both are bundle-adjusted with position priors from the tracker. Finally, all
+cameras are aligned rigidly to the tracked ones.
 """
 
 from __future__ import annotations
@@ -24,27 +24,24 @@ Report = Callable[[float, str], None]
 F64 = NDArray[np.float64]
 
 _POSITION_M = 0.05
-"""Standard deviation of a tracked position: ARKit drifts by about 2 cm a second (Kim et al. 2022, Sensors 22, 9873)."""
-_ROTATION = float(np.deg2rad(1.0))
-"""Standard deviation of a tracked rotation."""
+"""Of tracking, 1 σ: ARKit drifts 2 cm/s (Kim et al. 2022, Sensors 22, 9873)."""
+_ROTATION = float(np.deg2rad(1.0))  # tracked rotations, 1 σ
 _ROUNDS_PX = (12.0, 6.0, 4.0)
-"""By how many pixels a feature may miss its point in each round; a degree is 8 to 25 pixels of a photo."""
+"""Reprojection limit in each round; a degree is 8 to 25 pixels of a photo."""
 _MOST_SHIFT_M, _MOST_SHIFT_SHARE = 0.15, 0.1
 _MOST_TURN_DEG = 6.0
-"""A camera that moves farther, or farther than a tenth of the cameras' extent, or turns by more, was not refined."""
-_LEAST_FEATURES = 30
-"""A camera that sees fewer points stays as it was tracked."""
+"""Limits of the median motion, in meters, shares of the cameras' extent, and degrees."""
+_LEAST_FEATURES = 30  # cameras with fewer points keep their tracked pose
 
 
 def refine(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
-    """Poses of undistorted images near their tracked ones, and points.
+    """Refines tracked poses of undistorted images and triangulates points.
 
-    Args:
-        request, folder, report: as in `sfm.triangulate`; the world of the poses is metric.
+    Takes what `sfm.triangulate` takes, in a metric world.
 
     Returns:
-        "poses": {file: world_from_camera rows} of the cameras that were refined, empty if the refinement was refused;
-        "refused": why, or ""; "shift_m", "turn_deg": medians over the refined; "points", "error_px".
+        "poses": {file: world_from_camera rows} of the refined cameras, empty if refused; "refused": the reason, or "";
+        "shift_m", "turn_deg": medians over the refined; "points", "error_px".
 
     Raises:
         ReconstructionError: the images have hardly any texture, or contradict the poses before and after.
@@ -107,7 +104,7 @@ def _triangulated(
 
 
 def _adjust(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
-    """Adjust poses and points; intrinsics stay, because phones know theirs."""
+    """Adjusts poses and points; phones know their intrinsics, so these stay."""
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_focal_length = options.refine_principal_point = options.refine_extra_params = False
     options.print_summary = False
@@ -132,8 +129,7 @@ def _adjust(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
 
 
 def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
-    """Move the whole model rigidly so that its cameras, by position and the ends of their axes, are nearest to the
-    tracked ones."""
+    """Aligns a model rigidly to the tracked cameras, by their centers and axis ends."""
     length = _POSITION_M / _ROTATION
     ends = np.concatenate([np.zeros((3, 1)), length * np.eye(3)], axis=1)
     images = [image for image in model.images.values() if image.num_points3D >= _LEAST_FEATURES]
@@ -150,14 +146,14 @@ def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
 
 
 def _moves(before: Mapping[str, F64], after: Mapping[str, F64]) -> tuple[F64, F64]:
-    """How far each refined camera has moved, meters, and turned, degrees."""
+    """Motion of each refined camera: meters, and degrees."""
     relative = np.array([np.linalg.inv(before[name]) @ pose for name, pose in sorted(after.items())]).reshape(-1, 4, 4)
     cosine = (np.trace(relative[:, :3, :3], axis1=1, axis2=2) - 1) / 2
     return np.linalg.norm(relative[:, :3, 3], axis=1), np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
 
 
 def refusal(positions: F64, shift: F64, turn: F64, contradictions: tuple[int, int], left: tuple[int, int]) -> str:
-    """Why the refined poses cannot be right, or "".
+    """Gives the reason to refuse refined poses, or "".
 
     Args:
         positions: [N, 3] of all cameras as tracked, meters.

@@ -1,7 +1,6 @@
-"""Structure from motion by COLMAP. Runs in the child process of `service.capture.untrusted.sandbox` only.
+"""Structure from motion by COLMAP. Runs only in the sandbox's child.
 
-Repeatable to the bit: ordered images, seeds, no BLAS in threads that match (`_matching_threads`), a mapper on one
-thread.
+Bit-reproducible: ordered images, seeds, no BLAS in matching threads (`_matching_threads`), and a mapper on one thread.
 """
 
 from __future__ import annotations
@@ -30,22 +29,22 @@ Report = Callable[[float, str], None]
 
 _IMAGES_A_STEP = FIRST_IMAGES
 _PAIRS_A_STEP = 512
-"""Matched by one call, which makes an index of each image's features once: calls of 48 took half as long again."""
+"""Each call indexes its images' features once; calls of 48 took 1.5 times as long."""
 _FEATURES_DONE, MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
 _MIN_FEATURES = 50
 _FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
-"""faiss::distance_compute_blas_threshold: searches of at least so many descriptors multiply matrices by BLAS."""
+"""faiss::distance_compute_blas_threshold: from so many descriptors on, searches use BLAS."""
 _NEVER = 2**31 - 1
 
 
 def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
-    """Poses, cameras and points of images alone.
+    """Reconstructs poses, cameras and points of images.
 
     Args:
         request: "image_folder"; "images": see `SfmImage.to_request`, one camera a group, focal length in pixels or 0
-            if unknown; "ordered" whether neighbors in the list are neighbors in time; where there is one, "mask_folder"
-            with `<file>.png` for images of which only the pixels above 0 have features; and all settings.
-        folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
+            if unknown; "ordered": the list is in time order; optionally "mask_folder" with `<file>.png`, features only
+            where it is above 0; and all settings.
+        folder: for the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`).
 
     Returns:
         "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
@@ -102,15 +101,14 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
 
 
 def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:
-    """Points of undistorted images with known poses.
+    """Triangulates points of undistorted images with known poses.
 
     Args:
         request: as in `reconstruct`, each image with "camera": [width, height, fx, fy, cx, cy] and "camera_from_world":
             [4, 4] rows.
-        folder, report: as in `reconstruct`.
 
     Returns:
-        "points": how many, "error_px".
+        "points": their number, "error_px".
 
     Raises:
         ReconstructionError: the images contradict the poses, or too few points agree with them.
@@ -141,7 +139,7 @@ def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[s
 
 
 def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -> None:
-    """Write images and cameras to the database, a camera a group, ids in the order of the entries."""
+    """Writes images and cameras to the database, a camera a group, ids in entry order."""
     pycolmap.Database.open(database).close()
     groups = defaultdict(list)
     for image in entries:
@@ -163,13 +161,11 @@ def extract_and_match(
     *,
     alone: bool = False,
 ) -> None:
-    """Write features and verified matches to the database.
+    """Writes features and verified matches to the database.
 
     Args:
-        database, images, request, folder, report: as in `reconstruct` and `import_images`.
-        alone: whether nothing but the images tells where they were taken, one camera each. Then the first few get
-            cameras to look at before the others have features, and the few pairs that tell most are matched first: by
-            them photos that were all taken from one place are refused, where matching the others takes long.
+        alone: there are no poses or rigs. Then the first few images are mapped early for display, and the most
+            informative pairs are matched first, so that photos from one place are refused before long matching.
 
     Raises:
         ReconstructionError: the images have hardly any texture, or were all taken from one place.
@@ -217,7 +213,7 @@ def _match(
 def _match_guided(
     database: Path, image_pairs: Sequence[tuple[int, int]], request: dict[str, Any], folder: Path
 ) -> None:
-    """Verify pairs of images, by their ids, once more, and look for further matches along the epipolar lines."""
+    """Matches pairs of image ids again, with more matches along the epipolar lines."""
     with pycolmap.Database.open(database) as editor:
         names = {image.image_id: image.name for image in editor.read_all_images()}
         for first, second in image_pairs:
@@ -230,9 +226,10 @@ def _threads(request: dict[str, Any]) -> int:
 
 
 def _matching_threads(threads: int) -> int:
-    """How many threads may match: all of them once faiss computes distances without BLAS, else one. The OpenBLAS in
-    pycolmap's wheels has no locks (https://github.com/OpenMathLib/OpenBLAS/pull/2136): now and then a pair would lose
-    its matches."""
+    """Chooses the matching threads: all if faiss computes distances without BLAS, else one.
+
+    pycolmap's OpenBLAS has no locks (https://github.com/OpenMathLib/OpenBLAS/pull/2136): pairs may lose matches.
+    """
     try:
         threshold = ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), _FAISS_BLAS_THRESHOLD)
     except ValueError:  # a build that hides the symbol
@@ -267,7 +264,7 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
 def _probes(reader: pycolmap.Database, image_id: int) -> NDArray[np.float32]:
     if reader.num_keypoints_for_image(image_id) == 0:
         return np.zeros((0, 128), np.float32)
-    keypoints = np.asarray(reader.read_keypoints(image_id))  # x, y and an affine shape whose columns have the scale
+    keypoints = np.asarray(reader.read_keypoints(image_id))  # x, y and an affine shape scaled by the feature's size
     scales = np.hypot(keypoints[:, 2], keypoints[:, 4])
     return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales)
 
@@ -289,9 +286,7 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
 
 
 def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | bool | str]]:
-    """By file: how many features it has, its verified matches with the image with which it has most, whether it
-    is in another model than the first, and the file of the image of the first with which it has most; where it has no
-    verified matches with one, the one with which it has most that were not verified."""
+    """Collects `PhotoMatches` by file, as lists."""
     placed, elsewhere = (
         {image.image_id for model in some for image in model.images.values() if image.has_pose}
         for some in (models[:1], models[1:])
@@ -321,7 +316,7 @@ def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | b
 
 
 def known_poses(database: Path, posed_images: list[dict[str, Any]]) -> pycolmap.Reconstruction:
-    """A model of known poses, under the database's ids; their cameras replace the database's."""
+    """Makes a model of known poses with the database's ids; their cameras replace the database's."""
     posed = pycolmap.Reconstruction()
     with pycolmap.Database.open(database) as editor:
         stored = {image.name: image for image in editor.read_all_images()}

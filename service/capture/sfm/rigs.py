@@ -1,4 +1,4 @@
-"""Rigs of structure from motion: the faces of a panorama, which share a place and whose rotations are known."""
+"""Rigs of panorama faces, which share a center and have known rotations."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ import numpy as np
 import pycolmap
 
 _NEXT_FRAMES = (1, 2)
-_LEAST_FISHEYE_FOCAL = 0.2
-"""Over the longer side: 286° of view."""
+_LEAST_FISHEYE_FOCAL = 0.2  # over the longer side: 286° of view
 
 
 def reader_options(image: dict[str, Any]) -> pycolmap.ImageReaderOptions:
-    """How the camera of an image's group enters the database; see `SfmImage.to_request`."""
+    """Makes the camera options of an image's group; see `SfmImage.to_request`."""
     options = pycolmap.ImageReaderOptions()
     options.camera_model = image.get("model", "SIMPLE_RADIAL")
     if image["focal"]:  # the principal point is the middle
@@ -28,7 +27,7 @@ def reader_options(image: dict[str, Any]) -> pycolmap.ImageReaderOptions:
 
 
 def apply_rig(database: Path, images: Sequence[dict[str, Any]]) -> None:
-    """Make the faces among the images frames of one rig, whose cameras differ by their rotations alone."""
+    """Makes the panorama faces frames of one rig, whose cameras differ in rotation only."""
     by_face = {image["file"].partition("/")[0]: image for image in images if image.get("camera_from_face") is not None}
     if not by_face:
         return
@@ -50,12 +49,12 @@ def apply_rig(database: Path, images: Sequence[dict[str, Any]]) -> None:
 
 
 def has_rigs(images: Sequence[dict[str, Any]]) -> bool:
-    """Whether faces of panoramas are among the images."""
+    """Checks for panorama faces among the images."""
     return any(image.get("camera_from_face") is not None for image in images)
 
 
 def hold_rigs(options: pycolmap.IncrementalPipelineOptions, database: Path, images: Sequence[dict[str, Any]]) -> None:
-    """Keep rotations and cameras of faces as they are while images are registered."""
+    """Fixes the rotations and cameras of faces during registration."""
     faces = {image["file"] for image in images if image.get("camera_from_face") is not None}
     if faces:
         with pycolmap.Database.open(database) as reader:
@@ -65,8 +64,7 @@ def hold_rigs(options: pycolmap.IncrementalPipelineOptions, database: Path, imag
 
 
 def rig_pairs(pairs: list[tuple[int, int]], images: Sequence[dict[str, Any]], ordered: bool) -> list[tuple[int, int]]:
-    """Pairs of images without those of one panorama, which say nothing of where it is; of a video with all pairs of
-    faces of a frame and its next two."""
+    """Drops pairs within a panorama, useless for its place; in videos, adds next frames'."""
     faces = [image.get("camera_from_face") is not None for image in images]
     frames = [
         image["file"].partition("/")[2] if face else str(index)
@@ -85,7 +83,7 @@ def rig_pairs(pairs: list[tuple[int, int]], images: Sequence[dict[str, Any]], or
 
 
 def relative_focal(camera: pycolmap.Camera) -> float:
-    """Focal length over the longer side; of a fisheye lens that of a pinhole with its field of view, up to 120°."""
+    """Focal length over the longer side; for fisheyes, of an equally wide pinhole (≤ 120°)."""
     focal = float(camera.mean_focal_length() / max(camera.width, camera.height))
     if not camera.model.name.endswith("FISHEYE") or focal < _LEAST_FISHEYE_FOCAL:
         return focal

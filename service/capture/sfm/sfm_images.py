@@ -1,4 +1,4 @@
-"""The images that structure from motion reads, made from photos, panoramas and the frames of a video."""
+"""Prepares photos, panoramas and video frames for structure from motion."""
 
 from __future__ import annotations
 
@@ -34,42 +34,30 @@ from fastsplat_contract.photo_verdicts import NotPlaced
 
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 _FISHEYE_FOV_DEG = 120.0
-"""Across a fisheye photo that does not say its focal length: from here 100° to 175° are found by bundle adjustment."""
+"""Assumed without EXIF; from here, bundle adjustment finds 100° to 175°."""
 _FACES_A_PANORAMA = 6
 
 
 @dataclass(frozen=True)
 class SfmImage:
-    """An upright, reduced image as structure from motion reads it.
-
-    Attributes:
-        file: below the work folder's images.
-        width, height: of the reduced pixels.
-        camera_group: images of one group share a camera.
-        focal_px: by EXIF; 0 if unknown.
-        photo: what it was made from; None for a video's frame.
-        model: COLMAP's camera model that is assumed.
-        face: of a panorama, which knows its camera and its rotation; None for an image of its own.
-        panorama: what a face was made from; None for an image of its own.
-        mask: bool [H, W], false where pixels are to be ignored, or None.
-    """
+    """An upright, reduced image for structure from motion."""
 
     name: str
-    file: str
-    width: int
+    file: str  # below the work folder's images
+    width: int  # of the reduced pixels
     height: int
-    camera_group: str
-    focal_px: float
-    photo: PhotoInfo | None
+    camera_group: str  # images of one group share a camera
+    focal_px: float  # by EXIF; 0 if unknown
+    photo: PhotoInfo | None  # source; None for a video's frame
     quality: PhotoQuality
-    model: str = "SIMPLE_RADIAL"
-    face: LensFace | None = None
-    panorama: PanoramaFrame | None = None
+    model: str = "SIMPLE_RADIAL"  # COLMAP's, assumed
+    face: LensFace | None = None  # of a panorama
+    panorama: PanoramaFrame | None = None  # source of a face
     metadata: PhotoMetadata = field(default_factory=PhotoMetadata)
-    mask: NDArray[np.bool_] | None = None
+    mask: NDArray[np.bool_] | None = None  # [H, W], false where pixels are ignored
 
     def to_request(self) -> dict[str, Any]:
-        """As `sfm.reconstruct` takes it."""
+        """Makes an entry of the request to `sfm.reconstruct`."""
         return {
             "file": self.file,
             "width": self.width,
@@ -90,11 +78,12 @@ def upright_photos(
     held: WithheldPixels,
     left_out: dict[str, NotPlaced],
 ) -> Iterator[SfmImage]:
-    """The images of an upload's photos, each written below `images` as it is asked for; panoramas become their faces.
-    What `held` withholds is left out of all faces. Photos that cannot be read are named in `left_out`.
+    """Writes the images of an upload's photos below `images`, one by one; panoramas as faces.
+
+    Unreadable photos are named in `left_out`; what `held` withholds in one face is withheld in all.
 
     Raises:
-        InvalidInputError: a photo is to be a panorama and cannot be one, or two views would have one name.
+        InvalidInputError: a photo cannot be the stated panorama, or two views would have one name.
         LimitExceededError: more faces than `max_images`.
         ResourceError: as `ImageDecoder.photo`.
     """
@@ -121,7 +110,7 @@ def upright_photos(
 
 
 def frame_width(settings: CaptureSettings) -> int:
-    """Pixels of the longer side to which the frames of a video are reduced."""
+    """Computes the longer side of reduced video frames, pixels."""
     if settings.lens != "panorama":
         return settings.max_side
     return round(2 * np.pi * face_camera(settings.panorama_face_side).fx)
@@ -136,10 +125,10 @@ def video_frames(
     decoder: ImageDecoder,
     held: WithheldPixels,
 ) -> Iterator[SfmImage]:
-    """The images of a video's frames, which lie below `images`; those of a 360° video become their faces.
+    """Makes the images of a video's frames below `images`; 360° frames become faces.
 
     Raises:
-        InvalidInputError: the video is to be a panorama and cannot be one.
+        InvalidInputError: the video cannot be the stated panorama.
         LimitExceededError: more faces than `max_images`.
         CorruptImageError, ResourceError: as `ImageDecoder.photo`.
     """
@@ -159,11 +148,7 @@ def video_frames(
 
 
 def photo_ups(images: Sequence[SfmImage], world_from_camera: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Unit vectors up in the world, float64 [3], one a photo that says what is up; of a panorama by one of its faces.
-
-    Args:
-        world_from_camera: float64 [N, 4, 4] of them.
-    """
+    """Collects unit vectors up in the world, one per photo or panorama that has one."""
     ups: dict[str, NDArray[np.float64]] = {}
     for image, pose in zip(images, world_from_camera, strict=True):
         up, panorama = image.metadata.up, image.panorama
@@ -176,8 +161,7 @@ def photo_ups(images: Sequence[SfmImage], world_from_camera: NDArray[np.float64]
 
 
 def source_pixels(image: SfmImage, images: Path, decoder: ImageDecoder) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] of an image. Frames of a video were written by a child that met a stranger's bytes; photos and
-    faces by this process."""
+    """Loads uint8 [H, W, 3] of an image; untrusted video frames by the decoder."""
     if image.photo is None and image.face is None:
         info = frame_info(image.file, image.width, image.height)
         return decoder.photo(images, info, (image.width, image.height))
@@ -185,7 +169,7 @@ def source_pixels(image: SfmImage, images: Path, decoder: ImageDecoder) -> NDArr
 
 
 def source_ids(image: SfmImage, files: Path, name: str, decoder: ImageDecoder) -> NDArray[np.uint16]:
-    """uint16 [H, W] of the label map `name` of an image's photo, as it lies on the image."""
+    """Loads label map `name` of an image's photo, uint16 [H, W], aligned with the image."""
     assert image.photo is not None
     if image.face is None or image.panorama is None:
         return decoder.ids(files, name, image.photo, (image.width, image.height))
@@ -194,12 +178,12 @@ def source_ids(image: SfmImage, files: Path, name: str, decoder: ImageDecoder) -
 
 
 def frame_info(file: str, width: int, height: int) -> PhotoInfo:
-    """The header of a video's frame."""
+    """Makes the header of a video's frame."""
     return PhotoInfo(file, width, height, orientation=1, lens="", focal_35mm=0.0)
 
 
 class _Names:
-    """Hands out names of views, each once."""
+    """Hands out view names, each once."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._taken = set(names)
@@ -254,7 +238,7 @@ def _photo(
 
 
 def _lens(size: tuple[int, int], focal_35mm: float, settings: CaptureSettings) -> tuple[str, float]:
-    """COLMAP's model, and the focal length in pixels to begin with; 0: COLMAP's own guess."""
+    """Chooses COLMAP's model and initial focal length in pixels; 0: COLMAP's guess."""
     focal_px = focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(*size))
     if settings.lens != "fisheye":
         return "SIMPLE_RADIAL", focal_px
@@ -303,7 +287,7 @@ def _faces(
             mask=mask,
         )
         made.append(image)
-    # A ceiling is less sharp than a shelf in the sharpest panorama: how sharp it is, all faces say together.
+    # A ceiling is less sharp than a shelf even in a sharp panorama, so all faces share their quality.
     detail = _root_mean_square([image.quality.detail for image in made])
     contrast = _root_mean_square([image.quality.contrast for image in made])
     for image in made:

@@ -1,4 +1,4 @@
-"""Unpacks zip and tar archives within bounds that are counted while reading; sizes in headers are never trusted."""
+"""Unpacks zip and tar archives within bounds counted while reading; headers are not trusted."""
 
 from __future__ import annotations
 
@@ -37,11 +37,7 @@ _DAMAGE = (
 
 
 def is_archive(path: Path) -> bool:
-    """Whether a file is a zip, tar or tar.gz archive, by its first bytes.
-
-    Raises:
-        InvalidInputError: it is named like an archive, but is not one of a supported kind.
-    """
+    """Detects zip, tar or tar.gz by its first bytes; raises `InvalidInputError` for other archives."""
     with path.open("rb") as file:
         head = file.read(512)
     if head.startswith((b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b")) or head[257:262] == b"ustar":
@@ -52,7 +48,7 @@ def is_archive(path: Path) -> bool:
 
 
 def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
-    """Write an archive's files below `into`, an empty folder, without hidden files and those of operating systems.
+    """Unpacks an archive into an empty folder, without hidden and system files.
 
     Raises:
         UnsafeArchiveError: an entry leaves its folder, is a link, device or other special file, shares its name or its
@@ -84,7 +80,7 @@ def _is_packed_ply(archive: Path) -> bool:
 
 
 class _Writer:
-    """Writes entries one after the other and counts entries and bytes."""
+    """Writes entries one by one and counts entries and bytes."""
 
     def __init__(self, archive: Path, into: Path, settings: CaptureSettings) -> None:
         self._archive, self._into, self._settings = archive.name, into, settings
@@ -124,7 +120,7 @@ class _Writer:
                 f"{self._archive}: two entries are called {name!r}", field=name, hint="Give every file its own name."
             )
         self._names.add(parts)
-        for depth in range(1, len(parts)):  # a folder costs as much as a file, and may be named by its content alone
+        for depth in range(1, len(parts)):  # folders cost as much as files, and may be named by their content alone
             if parts[:depth] not in self._folders:
                 self._folders.add(parts[:depth])
                 self.count_entry()
@@ -159,7 +155,7 @@ def _unpack_zip(archive: Path, writer: _Writer, settings: CaptureSettings) -> No
             _check_zip_entry(entry, archive.name)
         _check_zip_overlap(raw, entries, archive.name)
         for entry in entries:
-            # Slashes, says the format (APPNOTE 4.4.17.1); Windows' own Compress-Archive wrote backslashes for years.
+            # The format demands slashes (APPNOTE 4.4.17.1); Windows' Compress-Archive wrote backslashes for years.
             name = entry.filename.replace("\\", "/")
             if entry.is_dir():
                 _entry_parts(name, archive.name)
@@ -169,7 +165,7 @@ def _unpack_zip(archive: Path, writer: _Writer, settings: CaptureSettings) -> No
 
 
 def _check_zip_directory(archive: Path, settings: CaptureSettings) -> None:
-    """Bound the central directory before `zipfile` reads all of it into memory."""
+    """Bounds the central directory before `zipfile` reads all of it into memory."""
     with archive.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         tail_at = max(0, size - (1 << 16) - 22)
@@ -180,7 +176,7 @@ def _check_zip_directory(archive: Path, settings: CaptureSettings) -> None:
             raise zipfile.BadZipFile("no central directory")
         directory_bytes = struct.unpack_from("<I", tail, at + 12)[0]
         if directory_bytes == 0xFFFFFFFF:
-            directory_bytes = tail_at + at  # zip64: no larger than all that lies before its end
+            directory_bytes = tail_at + at  # zip64: at most what lies before its end
     if directory_bytes > min(settings.max_entries * _DIRECTORY_BYTES_PER_ENTRY, size):
         raise _too_many_entries(archive.name, settings)
 
@@ -202,10 +198,10 @@ def _check_zip_entry(entry: zipfile.ZipInfo, archive: str) -> None:
 
 
 def _check_zip_overlap(raw: BinaryIO, entries: list[zipfile.ZipInfo], archive: str) -> None:
-    """Two entries that share bytes let a small file unpack to any size (https://www.bamsoftware.com/hacks/zipbomb)."""
+    """Refuses shared bytes, with which a small file unpacks to any size (https://www.bamsoftware.com/hacks/zipbomb)."""
     end = 0
     for entry in sorted(entries, key=lambda item: item.header_offset):
-        if entry.header_offset < 0:  # zipfile moves all offsets by how far the directory is from where it should be
+        if entry.header_offset < 0:  # zipfile shifts all offsets if the directory is misplaced
             raise zipfile.BadZipFile("the central directory is not where the archive's end says")
         raw.seek(entry.header_offset)
         header = raw.read(30)
@@ -241,7 +237,7 @@ def _unpack_tar(archive: Path, writer: _Writer) -> None:
 
 
 class _Forward:
-    """A stream that only moves forward, counts the bytes read, and refuses large single reads, as of forged headers."""
+    """A forward-only stream that counts bytes and refuses large single reads, as of forged headers."""
 
     def __init__(self, source: BinaryIO, archive: str, count: Callable[[int], None]) -> None:
         self._source, self._archive, self._count = source, archive, count

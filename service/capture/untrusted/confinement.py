@@ -1,9 +1,8 @@
-"""Takes from the calling process what a parser of untrusted bytes does not need. Linux; imports nothing heavy.
+"""Confines the calling process before it parses untrusted bytes. Linux only; no heavy imports.
 
-Three layers, each of which holds without the others: limits of resources (setrlimit(2)); a network of its own without
-any interface (network_namespaces(7)) and a filter of system calls (seccomp(2)); of the file system only the folders
-that it is lent, and Python's own (landlock(7)). Containers and hardened kernels forbid some of it: see
-`missing_protections`. The calls are made by ctypes, since no maintained package offers them.
+Three independent layers: resource limits (setrlimit(2)); an empty network namespace (network_namespaces(7)) with a
+system call filter (seccomp(2)); and file access to lent and Python's own folders only (landlock(7)). Containers and
+hardened kernels forbid some of it, see `missing_protections`. Uses ctypes, as no maintained package offers these calls.
 """
 
 from __future__ import annotations
@@ -42,9 +41,9 @@ _NUMBER_AT, _ARCHITECTURE_AT, _FIRST_ARGUMENT_AT = 0, 4, 16  # in struct seccomp
 _AF_UNIX = 1
 _AUDIT_ARCHITECTURES = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 _REFUSED_CALLS = {
-    # socket is refused unless it is AF_UNIX; these are refused altogether:
+    # socket is refused unless it is AF_UNIX; these are always refused:
     # ptrace, process_vm_readv, process_vm_writev, keyctl, add_key, request_key, bpf, perf_event_open, userfaultfd,
-    # io_uring_setup (its operations would pass by this filter), mount, pidfd_getfd, kexec_load
+    # io_uring_setup (its operations would bypass this filter), mount, pidfd_getfd, kexec_load
     "x86_64": (101, 310, 311, 250, 248, 249, 321, 298, 323, 425, 165, 438, 246),
     "aarch64": (117, 270, 271, 219, 217, 218, 280, 241, 282, 425, 40, 438, 104),
 }
@@ -54,32 +53,24 @@ _X32 = 0x40000000  # x86_64's second set of numbers, which no program here uses
 
 @dataclass(frozen=True)
 class ResourceLimits:
-    """What the process may use.
+    """Resource limits of a process."""
 
-    Attributes:
-        memory_bytes: address space.
-        cpu_seconds: of all its threads together; past them the kernel sends SIGXCPU.
-        file_bytes: size of any file that it writes.
-        processes: threads and processes beyond those that its user has now. Root is not bound by it.
-        open_files: file descriptors.
-    """
-
-    memory_bytes: int
-    cpu_seconds: int
-    file_bytes: int
-    processes: int = 1024
+    memory_bytes: int  # address space
+    cpu_seconds: int  # of all threads together; beyond, the kernel sends SIGXCPU
+    file_bytes: int  # size of any written file
+    processes: int = 1024  # threads and processes beyond the user's current ones; does not bind root
     open_files: int = 1024
 
 
 def confine(limits: ResourceLimits, readable: Iterable[Path], writable: Iterable[Path]) -> tuple[str, ...]:
-    """Confine this process, and all that it starts, for ever. To be called before it has threads.
+    """Confines this process and its children permanently, before it has threads.
 
     Args:
-        limits: hard limits from now on; what is lower already stays.
-        readable, writable: folders and files that it may read, and folders that it may change; they exist.
+        limits: hard limits from now on; lower existing ones stay.
+        readable, writable: existing files and folders to read, and folders to change.
 
     Returns:
-        The protections that this kernel or container does not allow, in words; () if all are there.
+        Descriptions of the protections that this kernel or container does not allow.
     """
     _limit(limits)
     attempts = (
@@ -92,7 +83,7 @@ def confine(limits: ResourceLimits, readable: Iterable[Path], writable: Iterable
 
 @cache
 def missing_protections() -> tuple[str, ...]:
-    """What `confine` would return here, tried in a process of its own, since a fork may have a server's threads."""
+    """Tries `confine` in a subprocess, since a fork may have a server's threads."""
     code = (
         f"from {__name__} import ResourceLimits, confine\n"
         "print('\\n'.join(confine(ResourceLimits(1 << 40, 60, 1 << 30), (), ())))"
@@ -130,7 +121,7 @@ def _limit(limits: ResourceLimits) -> None:
 
 
 def _tasks_of_user() -> int:
-    """Threads of this user that this process can see."""
+    """Counts this user's visible threads."""
     user, tasks = os.getuid(), 0
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -144,7 +135,7 @@ def _tasks_of_user() -> int:
 def _leave_network() -> None:
     user, group = os.getuid(), os.getgid()
     _call("unshare", _CLONE_NEWUSER | _CLONE_NEWNET | _CLONE_NEWIPC)
-    # Or every file would seem to belong to nobody.
+    # Otherwise every file would seem to belong to nobody.
     Path("/proc/self/setgroups").write_text("deny")
     Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
     Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
@@ -181,13 +172,13 @@ def _lend(rules: int, path: Path, rights: int) -> None:
 
 
 def _python_folders() -> Sequence[Path]:
-    """Folders of the interpreter, of installed packages and of this product's code, but not of what lies beside it."""
+    """Folders of the interpreter, installed packages and this product's code, without their surroundings."""
     import fastsplat.service
     import fastsplat_contract
 
     packages = [Path(entry) for module in (fastsplat, fastsplat_contract) for entry in module.__path__]
     links = [link for package in packages if package.is_dir() for link in package.iterdir() if link.is_symlink()]
-    # The import system lists the folder around a package; of a checkout that is the client's, which is this product's.
+    # The import system lists the folder around a package; in a checkout, that is the client's.
     packages += [Path(entry).parent for entry in fastsplat_contract.__path__]
     installed = [Path(entry) for entry in sys.path if "site-packages" in entry or "dist-packages" in entry]
     prefixes = [Path(sys.prefix), Path(sys.base_prefix)]
@@ -205,7 +196,7 @@ def _filter_calls() -> None:
         refuse,
         _instruction(_LOAD, 0, 0, _NUMBER_AT),
     ]
-    if machine == "x86_64":  # its second set of numbers would pass by the others
+    if machine == "x86_64":  # its second set of numbers would bypass the checks below
         program += [_instruction(0x35, 0, 1, _X32), refuse]  # jump if greater or equal
     for number in _REFUSED_CALLS[machine]:
         program += [_instruction(_EQUAL, 0, 1, number), refuse]
@@ -235,7 +226,7 @@ def _system_call(number: int, *arguments: int | bytes | None) -> int:
 
 
 def _call(name: str, *arguments: int | bytes | None) -> int:
-    """A function of the C library, with whole words for numbers. Raises OSError where it returns -1."""
+    """Calls a C library function, with whole words for numbers; raises OSError on -1."""
     function = ctypes.CDLL(None, use_errno=True)[name]
     function.restype = ctypes.c_long
     words = [ctypes.c_long(argument) if isinstance(argument, int) else argument for argument in arguments]

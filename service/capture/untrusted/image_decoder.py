@@ -1,5 +1,7 @@
-"""Decodes the pictures of an upload in a confined child process (`untrusted.image_decoding`) that hands back their
-pixels, bare: so many numbers are read as were asked for, so that nothing it could send is parsed again."""
+"""Decodes untrusted pictures in a confined child (`untrusted.image_decoding`) that returns bare pixels.
+
+Exactly the requested number of bytes is read, so that nothing needs parsing again.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,9 @@ class ImageDecoder:
     """One child for all pictures of an upload; a context manager, for one thread.
 
     Args:
-        folder: an empty folder of the child's own.
-        roots: folders, which exist, with pictures to decode; the child can read no others.
-        settings: limits of an image. Memory is bounded by `validation_memory_bytes`, the time for one picture by
-            `validation_seconds`, the processor time for all by `sfm_seconds`.
+        folder: empty, for the child alone.
+        roots: existing folders with pictures; the child can read no others.
+        settings: limits of an image, with `validation_seconds` per picture and processor time `sfm_seconds` in all.
     """
 
     def __init__(self, folder: Path, roots: Sequence[Path], settings: CaptureSettings) -> None:
@@ -55,30 +56,24 @@ class ImageDecoder:
         kill_sandboxed(self._process)
 
     def photo(self, root: Path, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3] of a photo below `root`, upright, averaged down to `size` (width, height).
+        """Decodes a photo, upright, averaged down to `size` (width, height), [H, W, 3].
 
         Raises:
             CorruptImageError, LimitExceededError: as `check_image`.
-            ResourceError: it took more memory or time than it may, or the child crashed.
+            ResourceError: it exceeded its memory or time limit, or the child crashed.
         """
         pixels = self._decode("rgb", root, photo.path, photo, size, 3)
         return np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0], 3)
 
     def opaque(self, root: Path, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.bool_] | None:
-        """bool [H, W] of a photo as `photo` has it: false where a part of a pixel is wholly transparent; None where its
-        header says that nothing is. Raises as `photo`."""
+        """Decodes an opacity mask [H, W]; None if the header excludes transparency. Raises as `photo`."""
         if not photo.transparent:
             return None
         pixels = self._decode("opaque", root, photo.path, photo, size, 1)
         return np.asarray(np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0]) == 255)
 
     def header(self, root: Path, name: str) -> PhotoInfo:
-        """The size, orientation and focal length of an image below `root` that was not looked at before.
-
-        Raises:
-            CorruptImageError, LimitExceededError: as `check_image`, by its first bytes.
-            ResourceError: as `photo`, or the child said what no header can say.
-        """
+        """Reads size, orientation and focal length of an unchecked image; raises as `photo`."""
         unknown = PhotoInfo(name, 1, 1, 1, "", 0.0)
         answer = self._decode("header", root, name, unknown, (1, 1), _HEADER_BYTES)
         width, height, orientation, focal = np.frombuffer(answer, dtype=np.float64).tolist()
@@ -88,21 +83,17 @@ class ImageDecoder:
         return PhotoInfo(name, int(width), int(height), int(orientation), "", focal)
 
     def ids(self, root: Path, name: str, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16]:
-        """uint16 [H, W] of the label map or mask `name` of a photo, upright, sampled down to `size` (width, height).
+        """Decodes a label map or mask, upright, sampled to `size` (width, height), [H, W].
 
-        Raises:
-            InvalidInputError: it has colors instead of ids.
-            CorruptImageError, LimitExceededError, ResourceError: as `photo`.
+        Raises as `photo`, and `InvalidInputError` for colors instead of ids.
         """
         pixels = self._decode("map", root, name, photo, size, 2)
         return np.frombuffer(pixels, dtype=np.uint16).reshape(size[1], size[0])
 
     def depth(self, root: Path, file: DepthFile, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.float32]:
-        """float32 [H, W] of a depth map as stored, scene units, 0 where unknown, sampled to `size` (width, height).
+        """Decodes a depth map in scene units, 0 where unknown, sampled to `size`, [H, W].
 
-        Raises:
-            InvalidInputError, CorruptImageError, LimitExceededError: as `read_depth`.
-            ResourceError: as `photo`.
+        Raises as `read_depth` and `photo`.
         """
         pixels = self._decode("depth", root, file.path, photo, size, 4, asdict(file))
         return np.frombuffer(pixels, dtype=np.float32).reshape(size[1], size[0])
@@ -135,7 +126,7 @@ class ImageDecoder:
     def _receive(self, count: int, name: str, deadline: float) -> bytearray:
         assert self._process.stdout is not None
         buffer, done = bytearray(count), 0
-        # Not by the buffered reader, which would take what select is to see.
+        # Bypasses the buffered reader, which would consume what select is to see.
         pipe = self._process.stdout.fileno()
         while done < count:
             if not select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))[0]:
@@ -154,6 +145,6 @@ class ImageDecoder:
     def _ended(self) -> Exception:
         try:
             status = self._process.wait(_ENDING_S)
-        except subprocess.TimeoutExpired:  # it closed its pipes and lives on
+        except subprocess.TimeoutExpired:  # it closed its pipes but lives on
             status = kill_sandboxed(self._process)
         return decoder_error(status, self._folder, self._settings)

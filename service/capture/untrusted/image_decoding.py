@@ -1,5 +1,4 @@
-"""Pictures of an upload, decoded, upright and reduced, in the confined child of `untrusted.image_decoder`; it starts
-fast."""
+"""Decodes pictures in the confined child of `untrusted.image_decoder`; imports are kept light."""
 
 from __future__ import annotations
 
@@ -26,23 +25,22 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import FastSplatError
 
 DECODED, REFUSED = b"d", b"r"
-"""First byte of an answer: pixels follow, as many bytes as were asked for; or an error as one line of JSON."""
+"""First byte of an answer: bare pixels follow, or an error as JSON line."""
 
 
 def decode_requests(
     request: Mapping[str, Any], answers: BinaryIO, error_of: Callable[[Exception], Mapping[str, Any] | None]
 ) -> None:
-    """Answer one request a line of stdin until it is closed.
+    """Answers one request per line of stdin until it is closed.
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
     `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "opaque" (uint8 [H, W]), "map" (uint16 [H, W]),
-    "depth" (float32 [H, W], of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation
-    and focal_35mm of an image without a `PhotoInfo`).
+    "depth" (float32 [H, W], for the `DepthFile` in "depth"), or "header" (float64 [4]: width, height, orientation and
+    focal_35mm of an image without a `PhotoInfo`).
 
     Args:
-        request: the task's: its "settings".
         answers: receives `DECODED` and the pixels, row by row, or `REFUSED` and an error.
-        error_of: an exception as JSON; None if it is none that a caller expects.
+        error_of: converts an expected exception to JSON; None for others.
     """
     settings = CaptureSettings(**request["settings"])
     for line in sys.stdin.buffer:
@@ -76,8 +74,7 @@ def decode_requests(
 def load_upright_map(
     root: Path, name: str, photo: PhotoInfo, size: tuple[int, int], settings: CaptureSettings
 ) -> NDArray[np.uint16]:
-    """uint16 [H, W] of a stored map, reduced to `size`; one that does not fit the upright image was drawn on the stored
-    pixels."""
+    """Decodes a map, turned upright if only the stored photo fits, reduced to `size`."""
     stored = open_map(root, name, settings)
     if stored.shape[1::-1] != photo.upright_size:
         stored = apply_orientation(stored, photo.orientation)
@@ -85,20 +82,20 @@ def load_upright_map(
 
 
 def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
-    """(width, height) with the longer side at most `max_side`."""
+    """Limits the longer side to `max_side`."""
     scale = min(1.0, max_side / max(width, height))
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
 def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
-    """uint8 [H, W, ...] averaged down to `size` (width, height)."""
+    """Averages uint8 [H, W, ...] down to `size` (width, height)."""
     if pixels.shape[1::-1] == size:
         return pixels
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def reduce_ids(ids: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
-    """uint16 [H, W] sampled down to `size` (width, height), nearest neighbor."""
+    """Samples ids [H, W] down to `size` (width, height) by nearest neighbor."""
     if ids.shape[1::-1] == size:
         return ids
     return np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint16)

@@ -1,5 +1,4 @@
-"""Runs the parsers of untrusted data in a child process with an empty environment, confined and limited: a crash ends
-one request, not the service. `untrusted.sandbox_worker` is the other side."""
+"""Runs parsers of untrusted data in confined child processes without environment, isolating their crashes."""
 
 from __future__ import annotations
 
@@ -26,12 +25,12 @@ from fastsplat_contract.errors import FastSplatError, ReconstructionError, Resou
 
 Task = Literal["validate", "probe", "frames", "decode", "reconstruct", "triangulate", "refine"]
 Listener = Callable[[float, str], None]
-"""Receives the share of the task that is done, and a line for people; may raise to stop it."""
+"""Receives the share of the task that is done, and a message; may raise."""
 
 _ENVIRONMENT = {
     "OMP_WAIT_POLICY": "passive",
-    "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small, and threads for them would spin beside COLMAP's
-    # Playlists, and containers that refer to other files, are none of these formats.
+    "OPENBLAS_NUM_THREADS": "1",  # numpy's products are small, and its threads would spin beside COLMAP's
+    # Excludes playlists and containers that refer to other files.
     "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file|format_whitelist;mov,avi,matroska",
     "LC_ALL": "C.UTF-8",
     "PYTHONUTF8": "1",
@@ -41,7 +40,7 @@ _PASSED_ON = ("OMP_NUM_THREADS", "LD_LIBRARY_PATH")
 _WORKER = "fastsplat.service.capture.untrusted.sandbox_worker"
 _HEARTBEAT_S = 2.0
 _OUT_OF_MEMORY_SIGNS = ("bad_alloc", "cannot allocate", "out of memory", "memoryerror", "failed to map")
-_TRACEBACK_LINES = 60  # a library that cannot be loaded for want of memory says so at the head of its traceback
+_TRACEBACK_LINES = 60  # a library that fails to load for lack of memory says so at the top of its traceback
 _DESCRIPTIONS: dict[Task, str] = {
     "validate": "checking the upload",
     "probe": "checking the video",
@@ -55,7 +54,7 @@ _DESCRIPTIONS: dict[Task, str] = {
 
 @dataclass(frozen=True)
 class _Limits:
-    """What a task may use, and the settings that say so, where one does."""
+    """Limits of a task, and the settings that define them."""
 
     memory_bytes: int
     memory_setting: str
@@ -76,7 +75,7 @@ class _Limits:
 
 
 def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
-    """`validate_upload` in a child process, which ends early when the caller is cancelled.
+    """Runs `validate_upload` in a child process; ends early when the caller is cancelled.
 
     Raises:
         ResourceError: it exceeded `validation_memory_bytes` or `validation_seconds`, or crashed.
@@ -84,7 +83,7 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings, strict: boo
         FastSplatError: as `validate_upload`.
     """
     request = {"upload": str(upload_dir), "settings": settings.model_dump(mode="json"), "strict": strict}
-    # Beside the upload: should this process be killed, it is removed with it.
+    # Beside the upload, so that it is removed with it if this process is killed.
     with tempfile.TemporaryDirectory(prefix=".validation-", dir=upload_dir.parent) as folder:
         result = run_sandboxed("validate", request, Path(folder), settings, lambda fraction, message: check_cancelled())
     return ValidatedUpload(
@@ -101,14 +100,13 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings, strict: boo
 def run_sandboxed(
     task: Task, request: dict[str, Any], folder: Path, settings: CaptureSettings, listen: Listener
 ) -> dict[str, Any]:
-    """Run one task of `capture.untrusted.sandbox_worker` in `folder`, an empty folder of its own; returns its result.
+    """Runs a task of `sandbox_worker` in its own empty folder; returns its result.
 
     Raises:
         FastSplatError: the typed error that the task raised.
-        ResourceError: it exceeded its memory or time limit, or crashed, which is what C++ without memory does.
-        ReconstructionError: the child failed in another way; for "validate", where no other is expected, a
-            RuntimeError.
-        CancelledError: whatever `listen` raised; the child is gone by then.
+        ResourceError: it exceeded its memory or time limit, or crashed, as C++ does without memory.
+        ReconstructionError: the child failed in another way; a RuntimeError for "validate".
+        CancelledError: whatever `listen` raised, after the child has ended.
     """
     limits = _limits(task, settings)
     process = start_sandboxed(task, request, folder, settings)
@@ -123,7 +121,7 @@ def run_sandboxed(
 def start_sandboxed(
     task: Task, request: dict[str, Any], folder: Path, settings: CaptureSettings
 ) -> subprocess.Popen[bytes]:
-    """Start one task of `untrusted.sandbox_worker` in `folder`, with pipes to it, for `kill_sandboxed` to end."""
+    """Starts a task of `sandbox_worker` in `folder`, with pipes, until `kill_sandboxed`."""
     limits = _limits(task, settings)
     description = {
         "limits": {
@@ -148,7 +146,7 @@ def start_sandboxed(
 
 
 def kill_sandboxed(process: subprocess.Popen[bytes]) -> int:
-    """End the child and all that it started, which outlives it where it crashed; returns its exit status."""
+    """Kills the child and its children, which may outlive its crash; returns its exit status."""
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     for pipe in (process.stdin, process.stdout):
@@ -159,12 +157,12 @@ def kill_sandboxed(process: subprocess.Popen[bytes]) -> int:
 
 
 def decoder_error(status: int, folder: Path, settings: CaptureSettings) -> FastSplatError:
-    """The error of a child that decodes and ended with `status` before it was to."""
+    """Makes the error of a decoding child that ended early with `status`."""
     return _crash("decode", status, folder, _limits("decode", settings))
 
 
 def error_from_json(details: dict[str, Any]) -> FastSplatError:
-    """The typed error that a child reported."""
+    """Restores a typed error from a child."""
     kind = getattr(errors, details.pop("type"))
     assert issubclass(kind, FastSplatError)
     error: FastSplatError = kind(details.pop("message"), **details)
@@ -194,7 +192,7 @@ def _limits(task: Task, settings: CaptureSettings) -> _Limits:
 
 
 def _follow(process: subprocess.Popen[bytes], task: Task, limits: _Limits, listen: Listener) -> None:
-    """Pass progress on until the child closes its output; repeat the last when it is silent, so that one can cancel."""
+    """Reports progress until output closes; repeats the last while silent, to allow cancelling."""
     assert process.stdout is not None
     deadline = time.monotonic() + limits.seconds
     descriptor = process.stdout.fileno()
@@ -239,7 +237,7 @@ def _crash(task: Task, status: int, folder: Path, limits: _Limits) -> FastSplatE
         return _took_too_long(task, limits)
     log = (folder / "log.txt").read_text(errors="replace").strip().splitlines()
     if status < 0 or any(sign in " ".join(log[-_TRACEBACK_LINES:]).lower() for sign in _OUT_OF_MEMORY_SIGNS):
-        # C++ that gets no memory does not always say so: some of it writes through the null pointer.
+        # C++ without memory does not always say so: some of it writes through the null pointer.
         return ResourceError(
             f"{_DESCRIPTIONS[task]} ended by {f'signal {-status}' if status < 0 else 'an error'}, "
             "as it does when it runs out of memory",

@@ -1,4 +1,4 @@
-"""The child's side of `untrusted.sandbox`: python -m ….sandbox_worker TASK FOLDER PARENT_PID."""
+"""Child side of `untrusted.sandbox`: python -m ….sandbox_worker TASK FOLDER PARENT_PID."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from fastsplat_contract.errors import FastSplatError, ResourceError
 _NICENESS = 5
 _READ = ("video", "image_folder", "mask_folder")  # and all of "roots"
 _WRITTEN = ("upload", "folder")
-"""Fields of a request that name what a task may read, and change."""
+"""Fields of a request with paths that a task may read, and change."""
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main(task: str, folder: Path, parent_pid: int) -> None:
-    """Read `request.json`, run the task within its limits and its folders, write `result.json`."""
+    """Runs the task of `request.json` within its limits and folders and writes `result.json`."""
     die_with_parent(parent_pid)
     request: dict[str, Any] = json.loads((folder / "request.json").read_text())
     limits, memory_limit = ResourceLimits(**request.pop("limits")), request.pop("memory_limit")
@@ -32,7 +32,7 @@ def main(task: str, folder: Path, parent_pid: int) -> None:
         Path(path) for path in (*(request[name] for name in _READ if name in request), *request.get("roots", ()))
     ]
     confine(limits, readable, [folder, *(Path(request[name]) for name in _WRITTEN if name in request)])
-    die_with_parent(parent_pid)  # again: the kernel forgets it where a process changes its credentials
+    die_with_parent(parent_pid)  # again, as the kernel resets it when credentials change
 
     def error_of(error: Exception) -> dict[str, Any] | None:
         return _error_to_json(error, description, memory_limit)
@@ -75,9 +75,9 @@ def _error_to_json(error: Exception, description: str, memory_limit: str) -> dic
 
 
 def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
-    # Imported only now, below the memory limit, and only what the task needs.
+    # Imported only now, under the memory limit, and only what the task needs.
     if task == "validate":
-        os.nice(_NICENESS)  # its parent answers questions meanwhile
+        os.nice(_NICENESS)  # its parent is serving meanwhile
         settings = importlib.import_module("fastsplat.service.capture.settings")
         validation = importlib.import_module("fastsplat.service.capture.uploads.upload_validation")
         limits = settings.CaptureSettings(**request["settings"])
@@ -99,7 +99,7 @@ def _report(fraction: float, message: str) -> None:
 
 
 if __name__ == "__main__":
-    # Libraries print to descriptor 1: what the parent reads gets a descriptor of its own, theirs goes to the log.
+    # Libraries print to descriptor 1, so answers get their own and descriptor 1 goes to the log.
     _ANSWERS = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     main(sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]))

@@ -1,5 +1,4 @@
-"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them: every read is
-bounded by what the file really holds, and every number is checked."""
+"""Reads COLMAP models (https://colmap.github.io/format.html) with every read bounded and number checked."""
 
 from __future__ import annotations
 
@@ -32,7 +31,7 @@ _Point = tuple[tuple[float, ...], tuple[int, ...], float]  # position, color, er
 
 
 def model_suffix(folder: Path) -> str | None:
-    """ ".bin" or ".txt" when the folder holds a model in that form (binary first), else None."""
+    """Detects a model: ".bin" (preferred) or ".txt"; None without one."""
     for suffix in (".bin", ".txt"):
         if all((folder / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
             return suffix
@@ -40,7 +39,7 @@ def model_suffix(folder: Path) -> str | None:
 
 
 def count_images(folder: Path) -> int:
-    """About how many images a model has, by what its files claim and can hold; which one to read is chosen by it."""
+    """Estimates a model's number of images, to choose between models, by claimed counts and sizes."""
     path = folder / f"images{model_suffix(folder)}"
     with path.open("rb") as file:
         if path.suffix == ".bin":
@@ -49,12 +48,11 @@ def count_images(folder: Path) -> int:
 
 
 def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, left_out: LeftOut) -> PosedDataset:
-    """Cameras, poses and points of a COLMAP model; points3D may be missing.
+    """Reads cameras, poses and points of a COLMAP model; points3D may be missing.
 
     Args:
-        model: the model's folder, relative to `root`.
-        images: the images' folder, relative to `root`; the model's image names are relative to it.
-        left_out: receives images with an invalid camera or pose, and those that are missing or outside the upload.
+        model, images: folders of the model and of its images, relative to `root`.
+        left_out: receives images with an invalid camera or pose, and missing ones.
 
     Raises:
         InvalidInputError: cut short, an invalid point, or no image is left. The message names the file.
@@ -135,7 +133,7 @@ def _posed_image(
 
 
 class _Binary:
-    """Reads a binary file, never more than it has left."""
+    """Reads a binary file, never beyond its end."""
 
     def __init__(self, file: BinaryIO, size: int, field: str) -> None:
         self._file, self._left, self._field = file, size, field
@@ -144,7 +142,7 @@ class _Binary:
         return form.unpack(self._read(form.size))
 
     def count(self, least_bytes: int) -> int:
-        """The count of entries of at least so many bytes each."""
+        """Reads a count of entries of at least `least_bytes` each."""
         (number,) = _U64.unpack(self._read(8))
         if number * least_bytes > self._left:
             self.fail(f"claims {number} entries, but is too short for them")
@@ -216,7 +214,7 @@ def _binary_points(path: Path, field: str) -> Iterator[_Point]:
 
 
 def _lines(path: Path, field: str) -> Iterator[str]:
-    """The lines, stripped; a comment is empty."""
+    """Yields stripped lines; comments are empty."""
     try:
         with path.open(encoding="utf-8-sig") as file:
             for line in file:
@@ -239,7 +237,7 @@ def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
 def _text_images(path: Path, field: str) -> Iterator[_Pose]:
     after_image = False
     for line in _lines(path, field):
-        # Behind each image stands a line of observations, which may be empty; some programs leave it away.
+        # Each image is followed by a line of observations, which may be empty; some programs omit it.
         if (after_image and _are_observations(line)) or not line:
             after_image = False
             continue
@@ -252,7 +250,7 @@ def _text_images(path: Path, field: str) -> Iterator[_Pose]:
 
 
 def _are_observations(line: str) -> bool:
-    """Whether a line holds triples of numbers, by their count and the first of them; of an image, the tenth is text."""
+    """Detects triples of numbers; of an image's line, the tenth word is text."""
     words = line.split()
     try:
         return len(words) % 3 == 0 and [float(word) for word in words[:12]] != []

@@ -1,4 +1,4 @@
-"""Label maps of an upload: names of their ids, which image each belongs to, and whether they fit."""
+"""Reads label tables, assigns label maps to images, and checks them."""
 
 from __future__ import annotations
 
@@ -25,34 +25,29 @@ _MAX_LISTED_IDS = 8
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Names of the ids in a user's label maps.
+    """Names of the ids in a user's label maps."""
 
-    Attributes:
-        names: in id order; their position + 1 is the id that the capture uses.
-        ids: the user's id of each name; they may have gaps.
-    """
-
-    names: tuple[str, ...]
-    ids: tuple[int, ...]
+    names: tuple[str, ...]  # in id order; position + 1 is the capture's id
+    ids: tuple[int, ...]  # the user's ids, possibly with gaps
 
     def dictionary(self) -> Dictionary:
-        """The names as a dictionary of labels. Raises `InvalidInputError` when two names mean the same."""
+        """Converts the names to a dictionary. Raises `InvalidInputError` if two mean the same."""
         return dictionary_of(self.names)
 
     def translate(self, user_ids: NDArray[np.uint16]) -> NDArray[np.uint16]:
-        """uint16 [H, W] of the user's ids to ids of the dictionary; the ids must be known."""
+        """Converts known user ids to dictionary ids, [H, W]."""
         table = np.zeros(MAX_LABELS + 1, dtype=np.uint16)
         table[list(self.ids)] = np.arange(1, len(self.ids) + 1)
         return np.asarray(table[user_ids])
 
 
 def read_label_table(root: Path, name: str, settings: CaptureSettings) -> LabelTable:
-    """The table of the file `name`, a labels.json, below `root`. Raises as `read_json` and `parse_label_table`."""
+    """Reads a labels.json below `root`. Raises as `read_json` and `parse_label_table`."""
     return parse_label_table(read_json(root / name, name, settings), field=name)
 
 
 def parse_label_table(document: Any, *, field: str) -> LabelTable:
-    """The table that a `labels.json`, or "labels" of a transforms.json, holds.
+    """Parses a labels.json, or "labels" of a transforms.json.
 
     Raises:
         InvalidInputError: neither names to ids nor a list of names; an id twice, out of 1..65535, or not a whole
@@ -91,13 +86,9 @@ def parse_label_table(document: Any, *, field: str) -> LabelTable:
 
 
 def match_label_maps(label_maps: Iterable[str], images: Iterable[str], missing: Iterable[str] = ()) -> dict[str, str]:
-    """Image path to label map path.
+    """Maps image paths to label map paths; label maps of `missing` images are ignored.
 
-    A label map has the path below `labels/` that its image has below the images' common folder, but for the extension.
-
-    Args:
-        label_maps: paths below a folder `labels`.
-        missing: images that have a pose, but are not there; their label maps are passed over.
+    A label map has the same path below `labels/` as its image below the images' common folder, without extension.
 
     Raises:
         InvalidInputError: a label map has no image.
@@ -120,11 +111,7 @@ def match_label_maps(label_maps: Iterable[str], images: Iterable[str], missing: 
 def check_label_map(
     root: Path, name: str, table: LabelTable, sizes: set[tuple[int, int]], settings: CaptureSettings
 ) -> None:
-    """Refuse a label map that does not fit its image or its table.
-
-    Args:
-        root: what `name` is relative to.
-        sizes: (width, height) that the map may have.
+    """Refuses a label map that has none of the `sizes` (width, height), or unknown ids.
 
     Raises:
         InvalidInputError: another size, or an id that the table does not have.

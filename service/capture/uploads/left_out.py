@@ -1,4 +1,4 @@
-"""Files and frames of an upload that cannot be used: each costs itself, and is named with its reason."""
+"""Records unusable files and frames of an upload with reasons."""
 
 from __future__ import annotations
 
@@ -12,27 +12,16 @@ _MAX_LETTERS = 300
 
 
 class LeftOut:
-    """What of one upload is left out. One thread at a time.
-
-    Attributes:
-        reasons: by name, as spelled in the upload, a clause for people that does not repeat the name.
-
-    Args:
-        strict: nothing may be left out: what would be is raised instead.
-    """
+    """Records an upload's unusable files, in one thread; if `strict`, raises their errors."""
 
     def __init__(self, strict: bool = False) -> None:
-        self.reasons: dict[str, str] = {}
+        self.reasons: dict[str, str] = {}  # by name in the upload, clauses without the name
         self._strict = strict
         self._first: FastSplatError | None = None
 
     @contextmanager
     def costs(self, name: str, subject: str = "") -> Iterator[None]:
-        """A block in which what is wrong costs one file or frame: its error is noted, and the block ends.
-
-        Args:
-            subject: what messages may call it beside its name.
-        """
+        """Makes a block whose error costs one file, called `name` or `subject` in messages."""
         try:
             yield
         except (InvalidInputError, LimitExceededError) as error:
@@ -43,7 +32,7 @@ class LeftOut:
             self.reasons.setdefault(_storable(name), _storable(reason))
 
     def refusal(self, otherwise: FastSplatError) -> FastSplatError:
-        """The error of an upload of which too little is left: what was left out first, or `otherwise` for nothing."""
+        """Makes the error of an upload with too little left: the first, or `otherwise`."""
         first, more = self._first, len(self.reasons) - 1
         if first is None or more < 1:
             return first or otherwise
@@ -52,7 +41,7 @@ class LeftOut:
 
 
 def _clause(message: str, names: tuple[str, ...]) -> str:
-    """A message without the name that stands before it in a list."""
+    """Strips a leading name from a message."""
     for name in filter(None, names):
         for separator, begin in ((" ", "it "), (": ", "")):
             if message.startswith(name + separator):
@@ -61,5 +50,5 @@ def _clause(message: str, names: tuple[str, ...]) -> str:
 
 
 def _storable(text: str) -> str:
-    """Without control characters and lone surrogates: documents of strangers name files by any text."""
+    """Replaces control characters and lone surrogates, which untrusted documents may contain."""
     return "".join("\N{REPLACEMENT CHARACTER}" if category(letter) in ("Cc", "Cs") else letter for letter in text)

@@ -1,4 +1,4 @@
-"""Finds the files of an upload that documents of other programs name, spelled as these programs spell."""
+"""Finds files of an upload by the names in documents of other programs."""
 
 from __future__ import annotations
 
@@ -16,12 +16,7 @@ FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths"
 
 
 class NamedFiles:
-    """The files of one upload by the names that a document gives them; what differs is kept for `warnings`.
-
-    Args:
-        root: the upload's folder.
-        document: what warnings call the document.
-    """
+    """Files of an upload by the names in a `document`; differences are kept for `warnings`."""
 
     def __init__(self, root: Path, document: str) -> None:
         self._root, self._document = root, document
@@ -29,20 +24,21 @@ class NamedFiles:
         self._exact = set[str | None]()
 
     def expect(self, folder: str, names: Iterable[str]) -> None:
-        """Keep the files that these names mean by their letters from being what another name means."""
+        """Reserves the files that these names mean exactly, so that no other name matches them."""
         self._exact.update(self._inside(folder, name) for name in names)
 
     def path(self, folder: str, name: str, field: str, *, photo: bool = False, suffixes: Sequence[str] = ()) -> str:
-        """The path, relative to the root, of the one file that a name relative to `folder` can mean: by its letters as
-        they stand, in another Unicode form, with slashes for backslashes, in another letter case, or by as many of its
-        last parts as one file alone has. Where there is none, the path that it would have.
+        """Finds the file meant by a name in `folder`; returns its path in the upload.
+
+        Tried in order: exactly, in another Unicode form or with slashes for backslashes, in another letter case, and by
+        the most last parts shared with a unique file. Without a match, returns the path that the name spells.
 
         Args:
             photo: folders of masks and the like are searched only if the name has them.
-            suffixes: of files, where the name may leave them away.
+            suffixes: that the name may omit.
 
         Raises:
-            InvalidInputError: the name leads out of the upload, and to no file in it.
+            InvalidInputError: the name leads out of the upload and matches no file in it.
         """
         names = [*(name + suffix for suffix in suffixes), name]
         for inside in (self._inside(folder, each) for each in names):
@@ -56,18 +52,18 @@ class NamedFiles:
         return path
 
     def file(self, folder: str, name: str, field: str, *, photo: bool = False) -> str:
-        """As `path`, of a file that is there; raises `InvalidInputError` where it is not."""
+        """Finds an existing file as `path` does; raises `InvalidInputError` without one."""
         path = self.path(folder, name, field, photo=photo)
         if not self.has(path):
             raise _not_in_upload(name, field)
         return path
 
     def has(self, path: str) -> bool:
-        """Whether a file lies there; unlike `Path.is_file`, also of names that are too long."""
+        """Checks for a file; unlike `Path.is_file`, accepts names that are too long."""
         return os.path.isfile(self._root / path)
 
     def warnings(self) -> tuple[str, ...]:
-        """One sentence for people for each way in which names differ from the files that they mean."""
+        """Makes one sentence for people per kind of difference between names and files."""
         return tuple(
             f"{len(found)} names in {self._document} differ from the files that they mean by {how}, e.g. "
             f"{name[:200]} means {found[name][:200]}."
@@ -76,7 +72,7 @@ class NamedFiles:
         )
 
     def _inside(self, folder: str, name: str) -> str | None:
-        """Relative to the root, links followed; None outside of it."""
+        """Resolves a path relative to the root, following links; None outside of it."""
         if "\0" in name:
             return None
         root, resolved = self._root.resolve(), (self._root / folder / name).resolve()
@@ -112,7 +108,7 @@ class NamedFiles:
 
 
 def _shared(path: str, parts: Sequence[str]) -> int:
-    """How many last parts a path shares with those of a name."""
+    """Counts the last parts shared by a path and a name."""
     return len(posixpath.commonprefix([_folded(path).split("/")[::-1], list(parts[::-1])]))
 
 

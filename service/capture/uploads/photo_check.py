@@ -1,4 +1,4 @@
-"""Photos judged before anything is sent or trained: too few, blurred, dark, alike, without overlap."""
+"""Checks photos before upload or training: number, blur, darkness, duplicates, overlap."""
 
 from __future__ import annotations
 
@@ -24,43 +24,37 @@ _SIDE = 480
 _FEATURES = 800
 _RATIO = 0.75
 _NEIGHBORS = 12
-"""Each photo is compared with so many before it and after it, by name, and with the first ones after the last."""
+"""Photos before and after, by name and cyclic, that each is matched with."""
 _ERROR_PX = 2.0
 _FEW, _SOME = 6, 15
 
 
 @dataclass(frozen=True)
 class PhotoCheck:
-    """What photos promise.
+    """Result of a photo check."""
 
-    Attributes:
-        photos: a verdict for each, by name; none is placed yet, and `not_placed` is "no_overlap" where it shares
-            nothing with those around it, else None; `matches` are with the one that shares most.
-        advice: about all of them, as sentences; none where all is well.
-        size: width and height of most, pixels.
-    """
-
-    photos: tuple[PhotoVerdict, ...]
-    advice: tuple[str, ...]
-    size: tuple[int, int]
+    photos: tuple[PhotoVerdict, ...]  # by name; unplaced, with the matches of the best pair
+    advice: tuple[str, ...]  # sentences about all of them
+    size: tuple[int, int]  # typical width and height, pixels
 
     @property
     def is_good(self) -> bool:
-        """Whether nothing is to be said."""
+        """Checks that there is no advice."""
         return not self.advice and not any(photo.advice for photo in self.photos)
 
 
 def check_photos(
     folder: Path, scratch: Path, settings: CaptureSettings, on_photo: Callable[[int, int], None] | None = None
 ) -> PhotoCheck:
-    """What photos promise, without placing or training anything: checked as any upload, with overlap by ORB features
-    that fit one fundamental matrix, of which structure from motion finds more.
+    """Checks photos as uploads are, without placing or training anything.
+
+    Overlap is measured by ORB features that fit a fundamental matrix; structure from motion finds more.
 
     Args:
-        on_photo: called with how many photos are looked at, of how many.
+        on_photo: called with the numbers of finished and of all photos.
 
     Raises:
-        InvalidInputError: no folder, or what is in it is no set of photos without poses.
+        InvalidInputError: no folder, or not a set of photos without poses.
         FastSplatError: as `validate_upload` and `ImageDecoder.photo`.
     """
     if not folder.is_dir():
@@ -135,7 +129,7 @@ def _features(pixels: NDArray[np.uint8]) -> Features:
 
 
 def _best_matches(features: Sequence[Features]) -> list[int]:
-    """Of each photo the matches with the one near it, by name, with which it has most."""
+    """Most matches of each photo with a photo near it by name."""
     count, best = len(features), [0] * len(features)
     pairs = {
         tuple(sorted((number, (number + step) % count)))
@@ -149,7 +143,7 @@ def _best_matches(features: Sequence[Features]) -> list[int]:
 
 
 def _shared(one: Features, other: Features) -> int:
-    """Matches that are clearly better than the next best, and fit one fundamental matrix."""
+    """Counts matches that pass the ratio test and fit one fundamental matrix."""
     if min(len(one[0]), len(other[0])) < MIN_MATCHES:
         return 0
     pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(one[1], other[1], k=2)

@@ -1,4 +1,4 @@
-"""Photos of a validated upload that its owner wants left out: found by name, taken out of the manifest."""
+"""Excludes photos of a validated upload by name."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError
 
-ON_REQUEST = "left out on request"
-"""Why these photos are not used."""
+ON_REQUEST = "left out on request"  # the reason in the manifest
 _FEWEST_WITHOUT_POSES = 2
 _FIELD = "exclude"
 
 
 def photo_paths(manifest: UploadManifest, names: Sequence[str]) -> tuple[str, ...]:
-    """The paths of photos in the upload, by these or by the names of their views.
+    """Resolves names of photos or views to paths in the upload.
 
     Raises:
         InvalidInputError: the upload has no such photo, or no photos at all, as a video.
     """
     paths = {name: photo.path for photo, name in zip(manifest.photos, manifest.names, strict=True)}
     paths |= {photo.path: photo.path for photo in manifest.photos}
-    paths |= {path: path for path in manifest.left_out}  # these are not used anyway
+    paths |= {path: path for path in manifest.left_out}  # not used anyway
     unknown = [name[:80] for name in names if name not in paths]
     if unknown:
         raise InvalidInputError(
@@ -37,11 +36,7 @@ def photo_paths(manifest: UploadManifest, names: Sequence[str]) -> tuple[str, ..
 
 
 def without_photos(manifest: UploadManifest, paths: Collection[str]) -> UploadManifest:
-    """The manifest without some of its photos, which its `left_out` names.
-
-    Raises:
-        InvalidInputError: too few photos are left.
-    """
+    """Moves photos to the manifest's `left_out`; raises `InvalidInputError` if too few stay."""
     gone = [photo.path for photo in manifest.photos if photo.path in paths]
     kept = [
         (photo, name) for photo, name in zip(manifest.photos, manifest.names, strict=True) if photo.path not in paths

@@ -1,4 +1,4 @@
-"""Checks images of an upload one by one: their headers before any is decoded, then every row."""
+"""Checks images of an upload: all headers before any decoding, then every row."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat_contract.errors import CorruptImageError, LimitExceededError
 
 _MAX_PIXELS_PER_BYTE = 200
-"""An upload with more pixels than so many times its bytes as sent is refused as a decompression bomb. A photo has
-about 4, a synthetic image on a plain background up to 50. The first 256 megapixels are free."""
+"""Limit against decompression bombs: photos have about 4, plain synthetic images up to 50."""
 
 _FREE_PIXELS = 256_000_000
 
 
 def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: CaptureSettings) -> None:
-    """Refuse images by their headers, before any is decoded; what is no image or too large by its header does not
-    count.
+    """Refuses images by their headers, before any decoding; invalid ones are ignored here.
 
     Raises:
         LimitExceededError: more than `max_images`, or more pixels than `max_pixels` or than their bytes allow.
@@ -52,13 +50,13 @@ def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: C
 
 
 def transparency_warning(photos: Sequence[PhotoInfo]) -> tuple[str, ...]:
-    """A sentence for people about pixels that are not learned from; none if there are none."""
+    """Makes a sentence for people about transparent pixels, if any."""
     count = sum(photo.transparent for photo in photos)
     return (f"{count} of the photos have transparent pixels, which are not trained on.",) if count else ()
 
 
 def too_many_images(count: int, settings: CaptureSettings) -> LimitExceededError:
-    """The error of an upload of so many images."""
+    """Makes the error of an upload with too many images."""
     return LimitExceededError(
         f"the upload has {count} images",
         field="files",
@@ -70,11 +68,7 @@ def too_many_images(count: int, settings: CaptureSettings) -> LimitExceededError
 def usable_photos(
     files: Path, paths: Sequence[str], settings: CaptureSettings, left_out: LeftOut
 ) -> tuple[PhotoInfo, ...]:
-    """The images of which every row could be decoded, in the order of their paths; others go to `left_out`.
-
-    Raises:
-        LimitExceededError: more than `max_images`.
-    """
+    """Decodes images and returns the intact ones; raises `LimitExceededError` beyond `max_images`."""
     if len(paths) > settings.max_images:
         raise too_many_images(len(paths), settings)
     photos = []

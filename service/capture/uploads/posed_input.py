@@ -1,4 +1,4 @@
-"""Posed images as the COLMAP and nerfstudio readers return them, and what both readers need."""
+"""Posed images of all readers, and their shared checks."""
 
 from __future__ import annotations
 
@@ -18,82 +18,51 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
 
 _FARTHEST = 1e7
-"""World units; in meters, farther than any place on Earth is from its center."""
+"""World units; in meters, more than from any place on Earth to its center."""
 _RIGID = 1e-3
 
 
 @dataclass(frozen=True)
 class PosedImage:
-    """One image of a posed dataset.
+    """An image of a posed dataset."""
 
-    Attributes:
-        name: what the view will be called.
-        path: the image, relative to the upload.
-        camera_model: as stored, for the resolution that it was stored for.
-        world_from_camera: float64 [4, 4], OpenCV axes.
-        label_map: path of its label map, if any.
-        mask: path of its mask, if any: 0 where pixels are to be ignored.
-    """
-
-    name: str
-    path: str
-    camera_model: CameraModel
-    world_from_camera: NDArray[np.float64]
-    label_map: str | None = None
-    mask: str | None = None
+    name: str  # of its view
+    path: str  # in the upload
+    camera_model: CameraModel  # for the resolution in the document
+    world_from_camera: NDArray[np.float64]  # [4, 4], OpenCV axes
+    label_map: str | None = None  # path
+    mask: str | None = None  # path; 0 where pixels are ignored
     depth: DepthFile | None = None
 
 
 @dataclass(frozen=True)
 class MissingImage:
-    """An image that has a pose, but is not in the upload.
+    """An image that has a pose, but is not in the upload."""
 
-    Attributes:
-        name: what the view would be called.
-        path: where the image would be, relative to the upload; without extension if the document gives none.
-    """
-
-    name: str
-    path: str
+    name: str  # of its view
+    path: str  # expected in the upload; without extension if the document gives none
 
 
 @dataclass(frozen=True)
 class PosedDataset:
-    """Images with cameras and poses before a pixel is read.
+    """Images with cameras and poses before a pixel is read."""
 
-    Attributes:
-        images: sorted by name.
-        points: float32 [P, 3], world; may be empty.
-        point_colors: uint8 [P, 3].
-        scale: whether world units are meters.
-        tracked: whether the poses are estimates of a phone's tracking, which the images refine; else they are exact.
-        labels: names of the ids in the label maps, if there are any.
-        test_names: names of the images set apart for testing.
-        mean_reprojection_error_px: over the points, as far as the source says; else 0.
-        missing: images that have a pose, but are not there.
-        warnings: what is not used, as sentences for people.
-    """
-
-    images: tuple[PosedImage, ...]
-    points: NDArray[np.float32]
-    point_colors: NDArray[np.uint8]
+    images: tuple[PosedImage, ...]  # sorted by name
+    points: NDArray[np.float32]  # [P, 3], world; may be empty
+    point_colors: NDArray[np.uint8]  # [P, 3]
     scale: Scale = "ARBITRARY"
-    labels: LabelTable | None = None
-    test_names: tuple[str, ...] = ()
-    mean_reprojection_error_px: float = 0.0
+    labels: LabelTable | None = None  # of the label maps
+    test_names: tuple[str, ...] = ()  # images reserved for testing
+    mean_reprojection_error_px: float = 0.0  # 0 if unknown
     missing: tuple[MissingImage, ...] = ()
-    warnings: tuple[str, ...] = ()
-    tracked: bool = False
+    warnings: tuple[str, ...] = ()  # sentences for people about what is not used
+    tracked: bool = False  # poses are a phone's estimates, to be refined; otherwise exact
 
 
 def missing_warning(
     field: str, missing: Sequence[MissingImage], frames: int, settings: CaptureSettings
 ) -> tuple[str, ...]:
-    """What to say of frames whose image is not in the upload.
-
-    Raises:
-        InvalidInputError: fewer than `min_frames_present` are there.
-    """
+    """Warns about missing images; raises `InvalidInputError` below `min_frames_present`."""
     if not missing:
         return ()
     listed = list_names([image.name for image in missing])
@@ -109,7 +78,7 @@ def missing_warning(
 
 
 def check_position(pose: NDArray[np.float64], field: str) -> None:
-    """Raise `InvalidInputError` unless a camera's position (the pose's last column, world units) is within reach."""
+    """Raises `InvalidInputError` if a camera is too far from the origin, in world units."""
     distance = float(np.abs(pose[:3, 3]).max())
     if distance > _FARTHEST:
         raise InvalidInputError.of(
@@ -123,11 +92,7 @@ def check_position(pose: NDArray[np.float64], field: str) -> None:
 def stated_similarity(
     document: Mapping[str, Any], names: tuple[str, str], field: str, hint: str
 ) -> tuple[NDArray[np.float64], float]:
-    """The rigid part float64 [4, 4] and the scale that a document states under these names.
-
-    Raises:
-        InvalidInputError: they are no rigid 3×4 matrix and no positive number.
-    """
+    """Reads a rigid transform [4, 4] and a positive scale by name, or raises `InvalidInputError`."""
     result = np.eye(4)
     try:
         result[:3] = np.array(document[names[0]], dtype=np.float64)[:3]
@@ -142,12 +107,12 @@ def stated_similarity(
 
 
 def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Empty points and colors."""
+    """Makes empty points and colors."""
     return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
 
 
 def mask_warning(dataset: PosedDataset) -> tuple[str, ...]:
-    """A sentence for people about masks in a data set without labels; none if it has no masks."""
+    """Makes a sentence for people about masks in a dataset without labels, if any."""
     masked = sum(image.mask is not None for image in dataset.images)
     text = f"{masked} images have a mask: pixels that are 0 in it are ignored. Label maps need labels for their ids."
     return (text,) if masked else ()

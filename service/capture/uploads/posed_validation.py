@@ -1,4 +1,4 @@
-"""Validates uploads that bring poses: a frame that cannot be used is left out, and the rest goes on."""
+"""Validates uploads with poses; unusable frames are left out."""
 
 from __future__ import annotations
 
@@ -35,14 +35,11 @@ def read_posed_dataset(
     settings: CaptureSettings,
     left_out: LeftOut | None = None,
 ) -> PosedDataset:
-    """Images with cameras and poses of an upload that has some.
+    """Reads an upload's posed images; errors as the readers.
 
     Args:
         sizes: (width, height) of its images as stored.
-        left_out: receives frames that cannot be used; None: one such frame is an error.
-
-    Raises:
-        InvalidInputError, LimitExceededError, CorruptImageError: see the readers.
+        left_out: receives unusable frames; None: they raise errors.
     """
     left_out = left_out or LeftOut(strict=True)
     if upload.source == "colmap":
@@ -53,15 +50,15 @@ def read_posed_dataset(
 
 
 def read_validated_dataset(files: Path, manifest: UploadManifest, settings: CaptureSettings) -> PosedDataset:
-    """The images of a validated upload that its manifest has, with cameras and poses."""
+    """Reads the posed images in the manifest of a validated upload."""
     sizes = {photo.path: (photo.width, photo.height) for photo in manifest.photos}
-    any_share = settings.model_copy(update={"min_frames_present": 0.0})  # what was left out counts as missing by now
+    any_share = settings.model_copy(update={"min_frames_present": 0.0})  # left-out images count as missing by now
     dataset = read_posed_dataset(files, manifest, sizes, any_share, LeftOut())
     return replace(dataset, images=tuple(image for image in dataset.images if image.path in sizes))
 
 
 class ImageSizes(Mapping[str, tuple[int, int]]):
-    """(width, height) of images as stored, read from their headers when looked up."""
+    """(width, height) of images as stored, read from headers on lookup."""
 
     def __init__(self, files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> None:
         self._files, self._paths, self._settings = files, frozenset(paths), settings
@@ -84,7 +81,7 @@ class ImageSizes(Mapping[str, tuple[int, int]]):
 def validate_posed(
     files: Path, contents: UploadContents, sent_bytes: int, settings: CaptureSettings, left_out: LeftOut
 ) -> UploadManifest:
-    """The manifest of an upload with poses; a frame costs itself where one of its files cannot be used.
+    """Makes the manifest of an upload with poses; an unusable file costs its frame.
 
     Raises:
         InvalidInputError, LimitExceededError, CorruptImageError: the document cannot be read, no frame is left, or the
@@ -158,7 +155,7 @@ def _check_posed_image(image: PosedImage, photo: PhotoInfo) -> None:
 
 
 def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSettings) -> bool:
-    """Whether any pixel of the mask counts. Raises `InvalidInputError` if it does not have its image's size."""
+    """Checks for a usable pixel. Raises `InvalidInputError` on a wrong size."""
     mask = open_map(files, name, settings)
     height, width = mask.shape
     if (width, height) not in (photo.upright_size, (photo.width, photo.height)):
@@ -171,7 +168,7 @@ def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSetti
 
 
 def depth_images(dataset: PosedDataset) -> tuple[str, ...]:
-    """Paths of the depth and confidence maps that are images, sorted."""
+    """Lists depth and confidence maps that are images, sorted."""
     depths = [image.depth for image in dataset.images if image.depth is not None]
     names = {name for depth in depths for name in (depth.path, depth.confidence) if name is not None}
     return tuple(sorted(name for name in names if PurePosixPath(name).suffix.lower() in IMAGE_SUFFIXES))
@@ -180,12 +177,10 @@ def depth_images(dataset: PosedDataset) -> tuple[str, ...]:
 def check_depths(
     files: Path, dataset: PosedDataset, settings: CaptureSettings, left_out: LeftOut
 ) -> tuple[dict[str, tuple[int, int]], tuple[str, ...]]:
-    """The sizes of the depth maps by their photo's path, and what is not used, as sentences for people. A map of which
-    less than 1 % is known is left out; one that is damaged, too large or of another aspect ratio costs its frame
-    (`left_out`).
+    """Checks depth maps; returns sizes by photo path, and warnings for people.
 
-    Raises:
-        LimitExceededError: together they have more than `max_pixels`.
+    A map with less than 1 % known pixels is ignored; one that is damaged, too large or of another aspect ratio costs
+    its frame. Raises `LimitExceededError` beyond `max_pixels` in all.
     """
     sizes: dict[str, tuple[int, int]] = {}
     pixels, empty = 0, []

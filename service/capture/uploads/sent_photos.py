@@ -1,5 +1,7 @@
-"""Single photos that come with a request: decoded by a confined child, upright and reduced. A child serves one request,
-so that no caller's photo harms another's; a spare one is started ahead."""
+"""Decodes photos sent with a request in a confined child, upright and reduced.
+
+A child serves one request, so that photos of different callers stay apart; a spare one is started ahead.
+"""
 
 from __future__ import annotations
 
@@ -18,29 +20,21 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 
-DECODER_BYTES = 96 << 20
-"""Of a child that waits, at most."""
+DECODER_BYTES = 96 << 20  # of a waiting child, at most
 
 
 @dataclass(frozen=True)
 class SentPhoto:
-    """A decoded photo.
+    """A decoded photo."""
 
-    Attributes:
-        pixels: uint8 [H, W, 3], upright, reduced.
-        size: width and height before it was reduced, upright.
-        focal: focal length over the longer side, as its metadata say; None where they do not.
-        taken_at: when it was taken, seconds since 1970; None where its metadata do not say it with its time zone.
-    """
-
-    pixels: NDArray[np.uint8]
-    size: tuple[int, int]
-    focal: float | None
-    taken_at: float | None = None
+    pixels: NDArray[np.uint8]  # [H, W, 3], upright, reduced
+    size: tuple[int, int]  # width and height before reduction, upright
+    focal: float | None  # over the longer side, by metadata
+    taken_at: float | None = None  # seconds since 1970; None without a time zone
 
 
 class SparePhotoDecoder:
-    """Decodes the photos of one request after the other, each by a child of its own. Threads may share it."""
+    """Decodes the photos of each request in a child of its own. Thread-safe."""
 
     def __init__(self, settings: CaptureSettings) -> None:
         self._settings = settings
@@ -49,13 +43,9 @@ class SparePhotoDecoder:
         self._closed = False
 
     def decode(self, photos: Sequence[bytes], max_side: int) -> tuple[SentPhoto, ...]:
-        """Photos with at most `max_side` pixels on the longer side.
+        """Decodes image files, at most `max_side` pixels on the longer side.
 
-        Args:
-            photos: image files; errors name them as "photos[0]" and so on.
-
-        Raises:
-            CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.
+        Errors are those of `ImageDecoder.photo` and name files "photos[0]" etc.
         """
         with self._lock:
             child, self._spare = self._spare, None
@@ -66,8 +56,10 @@ class SparePhotoDecoder:
             child.close()
 
     def prepare(self) -> bool:
-        """Start a child for the next request, if none is waiting; whether one was started. On a thread that lives on:
-        the child ends with the thread that started it."""
+        """Starts a spare child unless one is waiting; returns whether it did.
+
+        Call it on a long-lived thread: the child ends with the thread that started it.
+        """
         with self._lock:
             if self._spare is not None or self._closed:
                 return False
@@ -75,21 +67,21 @@ class SparePhotoDecoder:
             return True
 
     def drop(self) -> None:
-        """End the child that waits; a later request starts one."""
+        """Ends the spare child; a later request starts one."""
         with self._lock:
             child, self._spare = self._spare, None
         if child is not None:
             child.close()
 
     def close(self) -> None:
-        """End the child that waits, and start no other ahead."""
+        """Ends the spare child for good."""
         with self._lock:
             self._closed = True
         self.drop()
 
 
 class _Child:
-    """A decoder with a folder of its own that it reads photos from."""
+    """A decoder with its own folder of photos."""
 
     def __init__(self, settings: CaptureSettings) -> None:
         self._settings = settings

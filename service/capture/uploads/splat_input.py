@@ -1,4 +1,4 @@
-"""A splat that came with an upload: read once where uploads are checked, carried as plain arrays from then on."""
+"""Handles the splat of an upload: read once during validation, then kept as plain arrays."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ _HINT = "Send dataparser_transforms.json as nerfstudio wrote it, beside the conf
 
 
 def check_splats(splats: Sequence[str]) -> None:
-    """Raise if an upload has more than one splat.
-
-    Raises:
-        InvalidInputError: it has.
-    """
+    """Raises `InvalidInputError` if an upload has more than one splat."""
     if len(splats) > 1:
         raise InvalidInputError(
             f"the upload has {len(splats)} splats, e.g. {splats[0]} and {splats[1]}",
@@ -47,7 +43,7 @@ def check_splats(splats: Sequence[str]) -> None:
 def admit_splat(
     files: Path, contents: UploadContents, manifest: UploadManifest, folder: Path, settings: CaptureSettings
 ) -> UploadManifest:
-    """The manifest with the upload's splat, whose arrays are written to `folder`; its file is removed from `files`.
+    """Adds the upload's splat to its manifest; moves its arrays to `folder`, removing its file.
 
     Raises:
         InvalidInputError, LimitExceededError: as `read_splat_file`; or the file of its frame cannot be read.
@@ -69,22 +65,25 @@ def admit_splat(
 
 
 def take_splat(validated: Path, folder: Path) -> Path:
-    """The arrays of a validated upload's splat, linked into a capture's folder."""
+    """Links the arrays of a validated splat into a capture's folder."""
     target = folder / _SPLAT
     link_or_copy(validated / _SPLAT, target)
     return target
 
 
 def load_splat(path: Path) -> SplatRows:
-    """The rows of `Capture.splat`, in the order of the user's file."""
+    """Loads the rows of `Capture.splat` in the order of the user's file."""
     return SplatRows(**load_file(path))
 
 
 def in_splat_frame(
     dataset: PosedDataset, files: Path, manifest: UploadManifest, settings: CaptureSettings
 ) -> PosedDataset:
-    """The dataset with its poses in the world of the splat, x' = scale · transform · x by nerfstudio's
-    dataparser_transforms.json, which contains transforms.json's `applied_transform` and `applied_scale`."""
+    """Moves poses and points to the splat's world: x' = scale · transform · x.
+
+    Both are from nerfstudio's dataparser_transforms.json, which includes transforms.json's `applied_transform` and
+    `applied_scale`.
+    """
     matrix, scale = _splat_from_poses(files, manifest.splat_frame, manifest.poses, settings)
     return replace(
         dataset,
@@ -103,7 +102,7 @@ def _moved(image: PosedImage, matrix: NDArray[np.float64], scale: float) -> Pose
 def _splat_from_poses(
     files: Path, frame: str, poses: str, settings: CaptureSettings
 ) -> tuple[NDArray[np.float64], float]:
-    """Rigid [4, 4] and a scale that is applied after it."""
+    """Reads a rigid transform [4, 4] and the scale applied after it."""
     matrix, scale = stated_similarity(read_json(files / frame, frame, settings), ("transform", "scale"), frame, _HINT)
     if not poses.endswith(".json"):
         return matrix, scale

@@ -70,19 +70,17 @@ class _Document:
 def read_transforms(
     root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
-    """Cameras, poses, points and label maps of a transforms.json.
+    """Reads cameras, poses, points and label maps of a transforms.json.
 
-    Poses are world-from-camera, in OpenGL axes (x right, y up, z backward) unless "convention" says "opencv". With
-    "labels" in the document, a frame's "mask_path" is its label map; without, it is nerfstudio's mask, whose zeros are
-    pixels to ignore. Frames whose image is not in the upload are skipped with a warning, as nerfstudio does.
+    Poses are world-from-camera in OpenGL axes (x right, y up, z backward) unless "convention" says "opencv". A frame's
+    "mask_path" is its label map if the document has "labels", else nerfstudio's mask, ignoring pixels that are zero.
+    Frames without an image are skipped with a warning, as in nerfstudio.
 
     Args:
-        root: the upload's folder; `name` is the document in it.
         name: path of the document relative to `root`.
-        sizes: (width, height) of the images as stored, by path, for documents that do not say "w" and "h".
-        settings: limits of the document, its points and the share of frames without an image.
-        left_out: receives frames that cannot be used: by a pose that is missing, singular, scaled, not finite or too
-            far away, a missing focal length or mask, an unknown camera model, a name that none can be.
+        sizes: (width, height) of the images as stored, by path, if the document lacks "w" and "h".
+        left_out: receives frames with a missing, singular, scaled, non-finite or far pose, no focal length or mask, an
+            unknown camera model, or an impossible name.
 
     Raises:
         InvalidInputError: no frame is left, an unknown convention, an `applied_transform` that is not rigid, fewer
@@ -96,7 +94,7 @@ def read_transforms(
     labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
     files = NamedFiles(root, name)
     opengl = _is_opengl(top.get("convention", "opengl"), name)
-    if top.get("applied_transform") is not None:  # what it says is in the poses already, so that it is only checked
+    if top.get("applied_transform") is not None:  # already in the poses, so it is only checked
         stated = {"applied_scale": 1.0, **top}
         stated_similarity(stated, ("applied_transform", "applied_scale"), name, "Write it as nerfstudio does, or not.")
     unit = _MILLIMETER
@@ -121,8 +119,7 @@ def read_transforms(
 
 
 def _whole_document(root: Path, name: str, settings: CaptureSettings) -> dict[str, Any]:
-    """A document without what is null in it. Blender's, for training, validation and test, are one, whose frames say
-    what their own document says of the camera; the last is the test split."""
+    """Reads a document without null values; merges Blender's training, validation and test documents."""
     parts = BLENDER_DOCUMENTS if PurePosixPath(name).name in BLENDER_DOCUMENTS else (PurePosixPath(name).name,)
     whole: dict[str, Any] = {}
     for path in (PurePosixPath(name).with_name(part) for part in parts):
@@ -141,22 +138,21 @@ def _whole_document(root: Path, name: str, settings: CaptureSettings) -> dict[st
 
 
 def _with_camera(top: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
-    """A frame with what its document says of the camera and the frame does not, in whichever way it says it."""
+    """Completes a frame's camera by its document's, in either notation."""
     own = {key: value for key, value in frame.items() if value is not None}
     told = {key for pair in _SAME_FOCAL for key in pair if own.keys() & set(pair)}
     return {key: top[key] for key in _CAMERA_KEYS if key in top and key not in told} | own
 
 
 def name_keys(name: str) -> tuple[str, str, str]:
-    """How a split may name an image: with its folder, without, and without its extension too."""
+    """Names of an image in a split: with its folder, without, and without its extension."""
     return name, PurePosixPath(name).name, PurePosixPath(name).stem
 
 
 def _frames(
     document: _Document, frames: Sequence[Any], sizes: Mapping[str, tuple[int, int]], left_out: LeftOut
 ) -> tuple[tuple[PosedImage, ...], tuple[MissingImage, ...], dict[str, str]]:
-    """The frames with an image, sorted by name; those without; and by the file_path of each, what its view is called,
-    "" where there is none."""
+    """Reads frames: sorted images, missing ones, and view names ("" if missing) by file_path."""
     images: dict[str, PosedImage] = {}
     missing, name_by_asked = [], dict[str, str]()
     asked = [str(frame.get("file_path")) for frame in frames if isinstance(frame, dict)]
@@ -195,7 +191,7 @@ def _posed_image(
             "Name the frame's image.",
             f"{_MAX_PATH_LETTERS} characters",
         )
-    # Blender's documents leave the extension away.
+    # Blender's documents omit the extension.
     suffixes = () if PurePosixPath(file_path).suffix.lower() in IMAGE_SUFFIXES else _IMPLIED_SUFFIXES
     path = document.files.path(document.folder, file_path, where, photo=True, suffixes=suffixes)
     name = posixpath.relpath(path, document.folder)
@@ -221,8 +217,7 @@ def _posed_image(
 
 
 def _depth_file(document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
-    """nerfstudio's depth map of a frame (docs.nerf.studio, "Depth images"): millimeters unless the document says
-    otherwise."""
+    """Reads a frame's depth map (docs.nerf.studio, "Depth images"), by default in millimeters."""
     name = frame.get("depth_file_path")
     if name is None:
         return None
@@ -267,7 +262,7 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
 
 
 def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) -> CameraModel:
-    """Per-frame keys win over the document's; see `PosedImage.camera_model` for the resolution."""
+    """Reads the camera of a frame with its document's defaults."""
     numbers = {key: _number(values, key, where) for key in _CAMERA_KEYS[:-1] if key in values}
     width, height = (int(numbers["w"]), int(numbers["h"])) if "w" in numbers and "h" in numbers else size
     if width < 1 or height < 1:
@@ -287,7 +282,7 @@ def _camera_model(values: Mapping[str, Any], size: tuple[int, int], where: str) 
 
 
 def _distortion(stated: str, numbers: Mapping[str, float], where: str) -> tuple[str, tuple[float, ...]]:
-    """COLMAP's name of the simplest model that has the distortion, and its distortion parameters."""
+    """Chooses COLMAP's simplest model for the distortion, and its distortion parameters."""
 
     def parameters(keys: Iterable[str]) -> tuple[float, ...]:
         return tuple(numbers.get(key, 0.0) for key in keys)
@@ -356,7 +351,7 @@ def _points(
 
 
 def _test_names(document: _Document, names: list[str], name_by_asked: Mapping[str, str]) -> tuple[str, ...]:
-    """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; frames that are not used are left out."""
+    """Reads "split": {"test": [...]}, or nerfstudio's "test_filenames", without unused frames."""
     split = document.top.get("split")
     entries = split.get("test") if isinstance(split, dict) else document.top.get("test_filenames")
     if entries is None:

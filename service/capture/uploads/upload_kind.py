@@ -1,4 +1,4 @@
-"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model, a transforms.json or a splat."""
+"""Detects an upload's kind: images, video, COLMAP model, transforms.json, recording or splat."""
 
 from __future__ import annotations
 
@@ -27,45 +27,34 @@ _OTHERS = {
     ".glb": ("glTF", "Save its splat as PLY with the program that made it"),
     ".obj": ("a mesh", "Send a splat, or the photos that the mesh was made from"),
 } | dict.fromkeys(ARCHIVE_SUFFIXES, ("an archive in the archive", "Unpack it, and send one archive of its files"))
-"""Files that are not read, by suffix: the kind, and what to do."""
+"""Unsupported files by suffix: their kind, and advice."""
 _IMAGES = "images"
 _SPLAT_FRAME = "dataparser_transforms.json"
 
 
 @dataclass(frozen=True)
 class UploadContents:
-    """The parts of an upload, as paths relative to its folder.
-
-    Attributes:
-        images: candidates, sorted; all of them for images alone, else a superset of what the poses name.
-        poses: transforms.json or the COLMAP model's folder, or "".
-        image_folder: what a COLMAP model's image names are relative to.
-        video: the video, or "".
-        labels: labels.json, or "".
-        label_maps: the image files below labels/.
-        splats: splat files; an upload may have one.
-        splat_frame: nerfstudio's dataparser_transforms.json, which relates the splat's world to the poses', or "".
-        warnings: what is not used, as sentences for people.
-    """
+    """The parts of an upload, as paths relative to its folder; "" if absent."""
 
     source: Source
-    images: tuple[str, ...]
-    poses: str = ""
-    image_folder: str = "."
+    images: tuple[str, ...]  # sorted candidates; with poses, possibly more than these name
+    poses: str = ""  # transforms.json or the COLMAP model's folder
+    image_folder: str = "."  # base of a COLMAP model's image names
     video: str = ""
-    labels: str = ""
-    label_maps: tuple[str, ...] = ()
-    splats: tuple[str, ...] = ()
-    splat_frame: str = ""
-    warnings: tuple[str, ...] = ()
+    labels: str = ""  # labels.json
+    label_maps: tuple[str, ...] = ()  # below labels/
+    splats: tuple[str, ...] = ()  # an upload may have one
+    splat_frame: str = ""  # nerfstudio's dataparser_transforms.json, from the poses' world to the splat's
+    warnings: tuple[str, ...] = ()  # sentences for people about what is not used
 
 
 def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
-    """The kind and the parts of an upload. Poses take precedence over images and over a splat's own, a transforms.json
-    over a COLMAP model, that over a phone's recording, a shallower file over a deeper one.
+    """Detects the kind and parts of an upload.
+
+    Precedence: transforms.json, COLMAP model, phone recording, splat, images. A shallower file wins over a deeper one.
 
     Args:
-        left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.
+        left_out: receives photos of an unsupported format, unless poses name the photos.
 
     Raises:
         InvalidInputError: several videos, or nothing usable.
@@ -130,7 +119,7 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
 
 
 def _phone_recording(root: Path, files: list[str]) -> UploadContents | None:
-    """The kind and the poses of a phone's recording."""
+    """Detects a phone's recording and its poses."""
     if poses := find_polycam(root, files):
         return UploadContents("polycam", (), poses)
     if poses := find_record3d(files):
@@ -146,7 +135,7 @@ def _files(root: Path) -> list[str]:
 
 
 def _unread(files: list[str], read: Collection[str], suffixes: Sequence[str] = ()) -> tuple[str, ...]:
-    """A sentence about files that nothing is read of, if there are any; with suffixes, about such alone."""
+    """Makes a sentence about unread files, if any; only those with `suffixes`, if given."""
     unread = [path for path in files if path not in read and (not suffixes or _suffix(path) in suffixes)]
     if not unread:
         return ()
@@ -157,7 +146,7 @@ def _unread(files: list[str], read: Collection[str], suffixes: Sequence[str] = (
 
 
 def _refuse_others(files: list[str]) -> None:
-    """Say of what is all there is why it is not read."""
+    """Explains why none of the files can be read."""
     for path in files:
         if _suffix(path) in _OTHERS:
             kind, way = _OTHERS[_suffix(path)]
@@ -173,14 +162,14 @@ def _refuse_others(files: list[str]) -> None:
 
 
 def _photos(images: tuple[str, ...]) -> tuple[str, ...]:
-    """Without masks and the like; nerfstudio's reduced copies (images_2, images_4) count only without originals."""
+    """Drops masks and the like, and nerfstudio's reduced copies (images_2, images_4) beside originals."""
     photos = [path for path in images if not FOLDERS_WITHOUT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
     originals = [path for path in photos if _IMAGES in PurePosixPath(path).parts[:-1]]
     return tuple(originals or photos)
 
 
 def _image_folder(root: Path, model: str) -> str:
-    """The `images` folder beside the model or above it; else the capture's root."""
+    """Finds the `images` folder beside or above the model; else the root."""
     for parent in (PurePosixPath(model), *PurePosixPath(model).parents):
         if (root / parent / _IMAGES).is_dir():
             return (parent / _IMAGES).as_posix()

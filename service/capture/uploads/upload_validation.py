@@ -1,4 +1,4 @@
-"""Validates uploads: unpacked, their kind detected, and checked to the last row before anything else uses them."""
+"""Validates uploads completely before anything else uses them."""
 
 from __future__ import annotations
 
@@ -43,18 +43,15 @@ _VIDEO_SIGNATURES = (
 
 
 def validate_upload(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
-    """The checked content of what a user sent, laid out for `build_capture` in `upload_dir`'s folder `VALIDATED`.
+    """Validates an upload and lays it out for `build_capture` in its folder `VALIDATED`.
 
     Accepts one archive, one video, or files: images alone, or with a COLMAP model, a transforms.json or label maps
-    (`labels/*.png` with `labels.json`); a splat, alone or with posed images. What cannot be used is left out, and named
-    with its reason. On an error nothing is left behind but what was there.
-
-    Args:
-        strict: refuse the upload where something would be left out.
+    (`labels/*.png` with `labels.json`); a phone's recording; a splat, alone or with posed images. Unusable files are
+    left out with reasons, or raise if `strict`. On an error, nothing is left behind.
 
     Raises:
         UnsafeArchiveError, LimitExceededError, CorruptImageError, InvalidInputError: see the readers; each names the
-            file and says what to do.
+            file and gives advice.
     """
     with atomic_directory(upload_dir / VALIDATED) as partial:
         files = partial / FILES
@@ -177,7 +174,7 @@ def _validate_images(
 
 
 def _sent_bytes(upload_dir: Path) -> int:
-    """Bytes of an upload as it was sent."""
+    """Sums up the bytes of an upload as sent."""
     own = (path for path in upload_dir.iterdir() if path.name != VALIDATED and not path.name.startswith("."))
     paths = (path for top in own for path in (top, *top.rglob("*")))
     return sum(path.stat().st_size for path in paths if path.is_file())

@@ -1,4 +1,4 @@
-"""Photos that are kept with a version, read for whoever looks at them."""
+"""Reads photos that are kept with a version."""
 
 from __future__ import annotations
 
@@ -13,14 +13,7 @@ from fastsplat_contract.errors import SceneFileError
 
 
 def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] of a photo that is kept with a version.
-
-    Args:
-        side: it is reduced to so many pixels on the longer side.
-
-    Raises:
-        SceneFileError: it is damaged, or gone.
-    """
+    """Reads a kept photo, its longer side reduced to `side`; raises `SceneFileError`."""
     try:
         pixels = load_rgb(path)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What views become of one image: one, or the faces of a fisheye lens."""
+"""Turns an image into its views: one, or the faces of a fisheye lens."""
 
 from __future__ import annotations
 
@@ -25,31 +25,21 @@ F64 = NDArray[np.float64]
 
 @dataclass
 class ViewLog:
-    """What is known of views as they are made: through which lenses they were seen, and what verdicts on photos need.
+    """Records lenses, and data for verdicts, while views are made."""
 
-    Attributes:
-        lenses: by the number of faces and the field of view in whole degrees, the share of pixels that is covered.
-        qualities: one a view.
-        matches: of the views of images without poses.
-        place_of: of the first view of each photo that says where it was taken.
-        unused_depths: how many depth maps belong to fisheye photos, of which none is used.
-        left_out: why photos are left out that were to become views, by name.
-        broken_maps: label and depth maps that cannot be read, and are not used.
-    """
-
-    lenses: dict[tuple[int, int], float] = field(default_factory=dict)
-    qualities: list[PhotoQuality] = field(default_factory=list)
-    matches: dict[str, PhotoMatches] = field(default_factory=dict)
-    place_of: dict[str, PhotoPlace] = field(default_factory=dict)
-    unused_depths: int = 0
-    left_out: dict[str, NotPlaced] = field(default_factory=dict)
-    broken_maps: list[str] = field(default_factory=list)
+    lenses: dict[tuple[int, int], float] = field(default_factory=dict)  # covered shares by face count and degrees
+    qualities: list[PhotoQuality] = field(default_factory=list)  # one a view
+    matches: dict[str, PhotoMatches] = field(default_factory=dict)  # by view, without given poses
+    place_of: dict[str, PhotoPlace] = field(default_factory=dict)  # by first view of each photo with a place
+    unused_depths: int = 0  # depth maps of fisheye photos
+    left_out: dict[str, NotPlaced] = field(default_factory=dict)  # by name
+    broken_maps: list[str] = field(default_factory=list)  # unreadable label and depth maps
     _photos: set[str] = field(default_factory=set)
 
     def add(
         self, lens: WideLens, quality: PhotoQuality, matches: PhotoMatches | None = None, image: SfmImage | None = None
     ) -> None:
-        """Take in an image that is about to become the views of a lens's faces."""
+        """Records an image before it becomes the views of a lens's faces."""
         if lens.field_of_view_deg:
             self.lenses[len(lens.faces), round(lens.field_of_view_deg)] = lens.covered
         for face in lens.faces:
@@ -64,11 +54,11 @@ class ViewLog:
             self.place_of[face_name(quality.name, lens.faces[0].name)] = image.metadata.place
 
     def places(self, views: Sequence[str]) -> list[PhotoPlace | None]:
-        """Of each view the place of its photo, once a photo."""
+        """Looks up each view's place, once a photo."""
         return [self.place_of.get(view) for view in views]
 
     def warnings(self) -> tuple[str, ...]:
-        """What becomes of fisheye photos, and which maps are not used, as sentences for people."""
+        """Makes sentences for people about fisheye photos and unused maps."""
         sentences = [_sentence(faces, angle, share) for (faces, angle), share in sorted(self.lenses.items())]
         if self.unused_depths:
             sentences.append(f"The depth maps of {self.unused_depths} fisheye photos are not used.")
@@ -79,7 +69,7 @@ class ViewLog:
 
 
 def posed_lens(image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> tuple[WideLens, list[ViewGeometry]]:
-    """The lens of a posed image and, of each of its faces, how it becomes a view.
+    """Computes the lens of a posed image and the geometry of its faces' views.
 
     Raises:
         InvalidInputError: the distortion cannot be undone.
@@ -98,7 +88,7 @@ def posed_lens(image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -
 
 
 def views_of(source: SourceImage, lens: WideLens) -> list[SourceImage]:
-    """One image as the views of a lens's faces; its undistortion is theirs then."""
+    """Splits an image into the views of a lens's faces, with their undistortions."""
     return [
         replace(
             source,
@@ -111,7 +101,7 @@ def views_of(source: SourceImage, lens: WideLens) -> list[SourceImage]:
 
 
 def test_views(names: Sequence[str], views: Sequence[str]) -> tuple[str, ...]:
-    """The views of images that are set apart for testing: of a fisheye photo all its faces."""
+    """Lists the views of test images, including all faces of fisheye photos."""
     faces: Mapping[str, list[str]] = {name: [name, *(face_name(name, face) for face in FACES)] for name in names}
     present = set(views)
     return tuple(face for name in names for face in faces[name] if face in present)

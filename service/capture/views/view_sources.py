@@ -1,4 +1,4 @@
-"""Placed photos as images about to become views. What is wrong with one photo costs that photo, or its map alone."""
+"""Prepares placed photos as views; a faulty photo or map costs only itself."""
 
 from __future__ import annotations
 
@@ -34,27 +34,17 @@ from fastsplat.service.capture.views.view_writer import SourceImage
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
-MAX_SIDE = 640
-"""Pixels of a stored map's longer side at most; trainings do not look at photos more closely."""
-_BROKEN = (InvalidInputError, LimitExceededError)
-"""What `ImageDecoder` raises where it is the file's fault."""
+MAX_SIDE = 640  # of a stored depth map, pixels; training reads photos no more closely
+_BROKEN = (InvalidInputError, LimitExceededError)  # errors of `ImageDecoder` due to the file
 
 
 @dataclass(frozen=True)
 class ViewSources:
-    """Makes the images about to become views of one capture.
-
-    Attributes:
-        manifest, files: of the upload.
-        images: folder of the images that structure from motion read.
-        settings, decoder, held: of the capture.
-        table: of the label maps that came with it, or None.
-        log: receives what becomes of each photo.
-    """
+    """Prepares the source images of a capture's views."""
 
     manifest: UploadManifest
     files: Path
-    images: Path
+    images: Path  # folder of the images for structure from motion
     settings: CaptureSettings
     decoder: ImageDecoder
     held: WithheldPixels
@@ -64,12 +54,12 @@ class ViewSources:
     def reconstructed(
         self, image: SfmImage, pose: NDArray[np.float64], camera: list[Any], matches: PhotoMatches
     ) -> Iterator[SourceImage]:
-        """Those of an image that structure from motion has placed: one, or the faces of a fisheye lens; none where its
-        camera cannot exist, as the process that found it is not trusted.
+        """Prepares the views of an image placed by structure from motion.
+
+        Yields none for an impossible camera, as the process that computed it is not trusted.
 
         Args:
-            image: as it was read.
-            pose: float64 [4, 4], world_from_camera.
+            pose: [4, 4], world_from_camera.
             camera: COLMAP's model, width, height and parameters.
         """
         model, width, height, params = camera
@@ -99,7 +89,7 @@ class ViewSources:
         yield from views_of(source, lens)
 
     def posed(self, image: PosedImage, photo: PhotoInfo) -> Iterator[SourceImage]:
-        """Those of an image whose pose came with the upload; none where it, its mask or its camera cannot be used."""
+        """Prepares the views of an uploaded pose; none if photo, mask or camera is unusable."""
         try:
             lens, geometries = posed_lens(image, photo, self.settings)
         except InvalidInputError:
@@ -176,14 +166,12 @@ def view_depth(
     decoder: ImageDecoder,
     root: Path,
 ) -> tuple[F32, Camera]:
-    """A depth map float32 [H, W] of a posed image's view in its own pixels, scene units, 0 where unknown, and its
-    camera.
+    """Undistorts a posed image's depth map, in scene units, and computes its camera.
 
     Args:
-        image: the image, whose camera model is for the photo as stored.
-        file: its depth map, which covers what the photo covers, in the orientation of the photo as stored.
+        image: its camera model is for the photo as stored.
+        file: covers what the photo covers, in its stored orientation.
         stored_size: (width, height) of the map.
-        decoder: reads the map.
 
     Raises:
         CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

@@ -1,4 +1,4 @@
-"""Writes a capture's views: undistorted, upright, reduced, with the masks and label maps that belong to them."""
+"""Writes a capture's views: undistorted, upright, reduced, with masks and label maps."""
 
 from __future__ import annotations
 
@@ -31,34 +31,23 @@ IMAGES, MASKS, LABELS = "images", "masks", "labels"
 
 @dataclass(frozen=True)
 class SourceImage:
-    """One image about to become a view; all arrays upright, of one size, still distorted.
-
-    Attributes:
-        pixels: uint8 [H, W, 3].
-        undistortion: how to undistort them.
-        world_from_camera: float64 [4, 4].
-        lossless: whether the view is stored without loss.
-        label_ids: uint16 [H, W] of the dictionary, or None; what the mask leaves out is stored as undetected.
-        mask: bool [H, W], false where pixels are to be ignored, or None.
-        depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
-        exposure_ev, taken_at: see `View`.
-    """
+    """An image about to become a view; arrays are upright, of one size, still distorted."""
 
     name: str
-    pixels: NDArray[np.uint8]
+    pixels: NDArray[np.uint8]  # [H, W, 3]
     undistortion: Undistortion
-    world_from_camera: NDArray[np.float64]
-    lossless: bool = False
-    label_ids: NDArray[np.uint16] | None = None
-    mask: NDArray[np.bool_] | None = None
-    depth: tuple[NDArray[np.float32], Camera] | None = None
+    world_from_camera: NDArray[np.float64]  # [4, 4]
+    lossless: bool = False  # storage of the view
+    label_ids: NDArray[np.uint16] | None = None  # [H, W], of the dictionary; stored as undetected where masked
+    mask: NDArray[np.bool_] | None = None  # [H, W], false where pixels are ignored
+    depth: tuple[NDArray[np.float32], Camera] | None = None  # see `view_sources.view_depth`
     exposure_ev: float | None = None
     taken_at: float | None = None
 
 
 @dataclass(frozen=True)
 class WrittenViews:
-    """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
+    """Written views and their label maps, names of wholly masked ones, and warnings."""
 
     views: tuple[View, ...]
     label_maps: tuple[Path | None, ...]
@@ -68,21 +57,15 @@ class WrittenViews:
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """How a posed image becomes a view.
+    """Geometry of a posed image's view."""
 
-    Attributes:
-        size: (width, height) that its upright pixels are reduced to.
-        undistortion: how to undistort them then.
-        world_from_camera: float64 [4, 4] of the upright view.
-    """
-
-    size: tuple[int, int]
+    size: tuple[int, int]  # (width, height) of the reduced upright pixels
     undistortion: Undistortion
-    world_from_camera: NDArray[np.float64]
+    world_from_camera: NDArray[np.float64]  # [4, 4], of the upright view
 
 
 def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> ViewGeometry:
-    """Size, undistortion and pose of a posed image's view, by a single pinhole.
+    """Computes the geometry of a posed image's view as a single pinhole.
 
     Raises:
         InvalidInputError: the distortion cannot be undone.
@@ -99,8 +82,10 @@ def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSe
 def reduced_camera(
     posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings
 ) -> tuple[CameraModel, int, tuple[int, int]]:
-    """The camera of a posed image's reduced pixels, how many clockwise quarter turns make them upright, and their
-    upright (width, height). Intrinsics are for stored pixels unless their size fits upright ones only."""
+    """Computes a posed image's reduced camera, clockwise quarter turns to upright, and upright size.
+
+    Intrinsics are for stored pixels unless their size fits upright ones only.
+    """
     stored = posed_image.camera_model
     turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
     size = reduced_size(*photo.upright_size, settings.max_side)
@@ -108,10 +93,9 @@ def reduced_camera(
 
 
 def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Path | None] | None:
-    """Write the view's files below `folder`.
+    """Writes a view's files below `folder`; returns it with its label map's path.
 
-    Returns:
-        The view and its label map's path; None, and nothing written, if no pixel of the view is valid.
+    None, and nothing written, if no pixel is valid.
     """
     height, width = source.pixels.shape[:2]
     undistortion = source.undistortion
@@ -146,13 +130,9 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
 def _valid_depth(
     depth: NDArray[np.float32], source: Camera, valid: NDArray[np.bool_], target: Camera
 ) -> NDArray[np.float32]:
-    """float32 [H, W]: the map without the measurements whose pixels lie, even in part, on pixels of another camera at
-    the same place that are not valid; what is withheld of a photo is withheld of its depths.
+    """Drops depths that overlap invalid pixels [H', W'] of `target` at the same place.
 
-    Args:
-        depth: [H, W], 0 where unknown.
-        valid: bool [H', W'], of the other camera's pixels.
-        target: the other camera.
+    Withheld pixels thus have no depth.
     """
     columns = (np.arange(source.width) + 0.5 - source.cx) / source.fx * target.fx + target.cx
     rows = (np.arange(source.height) + 0.5 - source.cy) / source.fy * target.fy + target.cy

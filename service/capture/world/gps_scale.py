@@ -1,4 +1,4 @@
-"""Meters by GPS: where photos say they were taken against where structure from motion placed them.
+"""Estimates meters by GPS places of photos against their poses.
 
 Only lengths come out: no coordinate is stored with a capture, a scene or an error.
 """
@@ -17,18 +17,13 @@ from fastsplat.service.capture.world.scale_estimates import metric_capture
 
 F64 = NDArray[np.float64]
 
-_ASSUMED_M = 5.0
-"""Of a place that does not state its accuracy: what phones reach under an open sky."""
-_LEAST_M = 0.5
-"""Nothing is taken as more accurate."""
-_RADIUS_TO_DEVIATION = 1 / 1.51
-"""Of a radius that holds 68 % of places, the standard deviation along each axis."""
+_ASSUMED_M = 5.0  # accuracy where none is stated, as of phones under an open sky
+_LEAST_M = 0.5  # best accuracy that is believed
+_RADIUS_TO_DEVIATION = 1 / 1.51  # radius that holds 68 % of places to 1 σ along each axis
 _LEAST_PLACES = 5
-_LEAST_SPREAD = 4.0
-"""How often the accuracy has to go into the spread of the places."""
+_LEAST_SPREAD = 4.0  # of the places, in accuracies
 _MOST_RELATIVE = 0.2
-_MOST_TILT_DEG = 6.0
-"""Lengths in the plane shrink by the cosine."""
+_MOST_TILT_DEG = 6.0  # lengths in the plane shrink by its cosine
 _OUTLIER = 4.0
 _ROUNDS = 5
 _MOST_CORRELATION = 0.8
@@ -37,17 +32,14 @@ _EQUATOR_M, _FLATTENING = 6_378_137.0, 1 / 298.257223563
 
 @dataclass(frozen=True)
 class PlacedPhoto:
-    """Attributes:
-    center: float64 [3], of the camera in a world with z up.
-    place: where the photo says it was taken.
-    """
+    """A camera with its GPS place."""
 
-    center: F64
+    center: F64  # [3], in a world with z up
     place: PhotoPlace
 
 
 def local_meters(places: Sequence[PhotoPlace]) -> F64:
-    """float64 [N, 2]: east and north of places in meters, about their median (WGS84, flat to first order)."""
+    """Converts places to east and north of their median, meters, [N, 2] (WGS84, first order)."""
     degrees = np.array([(place.latitude_deg, place.longitude_deg) for place in places])
     middle = np.median(degrees, axis=0)
     turn = (degrees[:, 1] - middle[1] + 180) % 360 - 180  # over the date line
@@ -59,7 +51,7 @@ def local_meters(places: Sequence[PhotoPlace]) -> F64:
 
 
 def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | None, str]:
-    """Meters per scene unit by the places of photos, or None and why not, a sentence for people; "" for no places.
+    """Estimates meters per scene unit from photos' places; None with the reason for people.
 
     A similarity in the plane, a·c + t, is fitted to east and north by least squares without places more than 4 σ off;
     its scale is |a|. Its variance is σ² / Σ|c - c̄|², σ² the larger of the residuals' and of the stated accuracy's,
@@ -98,7 +90,7 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
             break
         used = kept
     count, scale = int(used.sum()), abs(factor)
-    # 40 MB that captures without places do without
+    # Costs 40 MB, only for captures with places.
     from scipy.stats import t as student_t
 
     freedom = 2 * count - 4
@@ -114,12 +106,11 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
 
 
 def with_gps(capture: Capture, places: Sequence[PhotoPlace | None]) -> Capture:
-    """The capture in meters if GPS tells how long they are, combined with what tags said; else the same, with a warning
-    that says why not.
+    """Scales a capture to meters by GPS, combined with tags; otherwise adds a warning.
 
     Args:
-        capture: with z up, by structure from motion, in the units that tags gave it, if they did.
-        places: of its views; None for views that say none, or are not the first of their photo.
+        capture: with z up, by structure from motion.
+        places: of its views; None if unknown, or not the first view of a photo.
     """
     photos = [
         PlacedPhoto(view.posed.world_from_camera[:3, 3], place)
@@ -137,7 +128,7 @@ def with_gps(capture: Capture, places: Sequence[PhotoPlace | None]) -> Capture:
 
 
 def _alike(residual: NDArray[np.complex128]) -> float:
-    """How much larger the variance of a mean is where neighbors err alike (autoregressive of first order)."""
+    """Variance inflation of a mean if errors of neighbors correlate (first-order autoregression)."""
     power = float((np.abs(residual) ** 2).sum())
     if power == 0:
         return 1.0

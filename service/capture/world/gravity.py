@@ -1,4 +1,4 @@
-"""Which way is up in a capture, and how sure that is: by what photos say, by level cameras, by floors and tables."""
+"""Estimates the vertical of a capture from photo metadata, level cameras, floors and tables."""
 
 from __future__ import annotations
 
@@ -16,22 +16,18 @@ F64 = NDArray[np.float64]
 
 _LEAST_PHOTOS = 3
 _MOST_DISAGREEMENT_DEG = 12.0
-_SENSOR_DEG = 0.5
-"""1 σ of what all photos of one device have in common: its accelerometer sits askew."""
+_SENSOR_DEG = 0.5  # 1 σ shared by all photos of a device: its accelerometer sits askew
 _MEAN_UP_DEG = 15.0
 _LEAST_AGREEMENT = 0.5
-_LEVEL_DEG = 0.3
-"""1 σ of how level floors and tables are."""
-_ONE_PLANE_DEG = 1.5
-"""1 σ where one plane alone says it: it may be a slope, or a thing's."""
+_LEVEL_DEG = 0.3  # 1 σ of level floors and tables
+_ONE_PLANE_DEG = 1.5  # 1 σ of a single plane, which may be a slope
 _GATE_DEG = 25.0
 _MOST_PLANES = 4
 _LEAST_INLIERS = 40
 _LEAST_SHARE = 0.05
-_THICKNESS = 0.0015
-"""To either side of a plane, as a share of the scene's extent."""
+_THICKNESS = 0.0015  # to either side of a plane, over the scene's extent
 _LEAST_SHARPNESS = 0.55
-"""Share of the points within three times that thickness: a slab through clutter has a third."""
+"""Share of the points within three thicknesses; a slab through clutter has a third."""
 _TRIPLES = 1_500
 _MOST_POINTS = 4_000
 _SEED = 0
@@ -39,23 +35,21 @@ _SEED = 0
 
 @dataclass(frozen=True)
 class Vertical:
-    """Attributes:
-    up: unit vector, float64 [3], world.
-    estimate: its source and 1 σ.
-    """
+    """An estimated vertical."""
 
-    up: F64
+    up: F64  # unit vector [3], world
     estimate: VerticalEstimate
 
 
 def vertical_of_capture(world_from_camera: F64, points: F64, photo_ups: Sequence[F64]) -> Vertical | None:
-    """The vertical by the photos' own metadata, else by level cameras, else by their mean upward direction, combined
-    (by inverse variances) with that of level planes unless they are more than 3 σ apart; None if nothing tells.
+    """Estimates the vertical from metadata, else level cameras, else the cameras' mean up.
+
+    It is combined by inverse variances with level planes unless they are more than 3 σ apart; None without evidence.
 
     Args:
-        world_from_camera: float64 [N, 4, 4], OpenCV axes.
-        points: float64 [P, 3], world.
-        photo_ups: unit vectors up as single photos say, world.
+        world_from_camera: [N, 4, 4], OpenCV axes.
+        points: [P, 3], world.
+        photo_ups: unit vectors up of single photos, world.
     """
     first = _of_photos(photo_ups) or _of_cameras(world_from_camera)
     if first is None:
@@ -75,7 +69,7 @@ def vertical_of_capture(world_from_camera: F64, points: F64, photo_ups: Sequence
 
 
 def _of_photos(ups: Sequence[F64]) -> Vertical | None:
-    """The median direction of what photos say, without those that disagree with it."""
+    """Averages the photos' directions without those that disagree with their median."""
     if len(ups) < _LEAST_PHOTOS:
         return None
     vectors = np.stack(ups)
@@ -101,8 +95,7 @@ def _of_cameras(world_from_camera: F64) -> Vertical | None:
 
 
 def _of_planes(points: F64, first: Vertical) -> Vertical | None:
-    """The common normal of the largest nearly level planes, found by RANSAC one after the other, fitted by principal
-    axes."""
+    """Common normal of the largest nearly level planes, by sequential RANSAC and principal axes."""
     rng = np.random.default_rng(_SEED)
     low, high = np.percentile(points, [2, 98], axis=0) if len(points) else (np.zeros(3), np.zeros(3))
     left = points[((points >= low) & (points <= high)).all(axis=1)]
@@ -141,7 +134,7 @@ def _of_planes(points: F64, first: Vertical) -> Vertical | None:
 def _largest_plane(
     points: F64, up: F64, gate: float, thickness: float, rng: np.random.Generator
 ) -> tuple[F64, F64] | None:
-    """Normal on the side of `up`, and how far each point is from the plane."""
+    """Finds the normal towards `up`, and each point's distance from the plane."""
     corners = points[rng.integers(0, len(points), (_TRIPLES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1)

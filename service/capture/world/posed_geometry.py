@@ -1,5 +1,4 @@
-"""Points of images whose poses are known, or nearly so, and their unit: points of the upload or triangulated ones,
-tracked poses refined by the photos, and points and meters of a depth sensor."""
+"""Computes points of posed images, refines tracked poses, and derives meters from depth sensors."""
 
 from __future__ import annotations
 
@@ -28,43 +27,32 @@ from fastsplat.service.capture.world.scale_estimates import (
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import ReconstructionError
 
-_DEPTH_POINTS = 5_000
-"""Points taken from the depth maps of a capture, all together, for the scene to start from."""
+_DEPTH_POINTS = 5_000  # taken from all depth maps of a capture together, as initial points
 
 PosedTask = Literal["triangulate", "refine"]
 SfmAnswer = tuple[dict[str, Any], NDArray[np.float64], NDArray[np.uint8]]
-"""What a task of structure from motion answers, its points float64 [P, 3] and their colors uint8 [P, 3]."""
+"""Answer of structure from motion, points float64 [P, 3] and colors uint8 [P, 3]."""
 RunSfm = Callable[[PosedTask, dict[str, Any]], SfmAnswer]
 
 
 @dataclass(frozen=True)
 class PosedGeometry:
-    """Views and the points that they show.
+    """Views and points of a posed dataset."""
 
-    Attributes:
-        views: as they were written, with the poses that are to be used.
-        points: float32 [P, 3], world.
-        colors: uint8 [P, 3].
-        error_px: mean reprojection error of triangulated points; else 0.
-        scale: what the meters rest on, where they were measured here.
-    """
-
-    views: tuple[View, ...]
-    points: NDArray[np.float32]
-    colors: NDArray[np.uint8]
-    error_px: float
-    scale: ScaleEstimate | None = None
+    views: tuple[View, ...]  # with their final poses
+    points: NDArray[np.float32]  # [P, 3], world
+    colors: NDArray[np.uint8]  # [P, 3]
+    error_px: float  # mean reprojection error of triangulated points; else 0
+    scale: ScaleEstimate | None = None  # if meters were measured here
     warnings: tuple[str, ...] = ()
 
 
 def posed_geometry(
     dataset: PosedDataset, views: tuple[View, ...], images: Path, settings: CaptureSettings, run: RunSfm
 ) -> PosedGeometry:
-    """The geometry of a posed dataset: its own points, or else triangulated ones; and points of the depth maps.
+    """Computes the geometry of a posed dataset: its own or triangulated points, and depth points.
 
     Args:
-        dataset: as read from the upload.
-        settings: `depth_points`, and those of structure from motion.
         run: runs a task of structure from motion.
 
     Raises:
@@ -97,7 +85,7 @@ def posed_geometry(
 
 
 def _refined(views: tuple[View, ...], result: dict[str, Any]) -> tuple[tuple[View, ...], tuple[str, ...]]:
-    """The views with the poses that the photos refined, and what people should know of it."""
+    """Applies refined poses to the views; also returns warnings for people."""
     poses = {name: np.array(pose, np.float64) for name, pose in result["poses"].items()}
     if not poses:
         reason = f"The tracked poses are used as they are: {result['refused']}."
@@ -117,8 +105,7 @@ def _refined(views: tuple[View, ...], result: dict[str, Any]) -> tuple[tuple[Vie
 
 
 def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
-    """Poses, points and depth maps in one unit: that of poses that are metric by their own word, else that of the depth
-    maps."""
+    """Unifies the units of poses, points and depths, by exact metric poses or the depths."""
     ratio = depth_ratio(geometry.views, geometry.points)
     tracking = ScaleEstimate("arkit", 1.0, TRACKING_ERROR_95) if dataset.tracked else None
     if ratio is None:
@@ -137,7 +124,7 @@ def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
     )
     if dataset.scale == "METRIC" and not dataset.tracked:
         return replace(geometry, views=views)
-    # Tracking is not combined with the sensor: with a LiDAR, ARKit tracks by it too.
+    # Tracking is not combined with the sensor, as ARKit uses a LiDAR, too.
     return replace(
         geometry,
         views=tuple(scaled_view(view, meters_per_unit) for view in views),
@@ -157,8 +144,10 @@ def _request(views: tuple[View, ...], folder: Path, settings: CaptureSettings) -
 
 
 def depth_points(views: Sequence[View], count: int) -> tuple[F32, NDArray[np.uint8]]:
-    """At most `count` points float32 [P, 3] on what the views' depth maps show, world, and their colors uint8 [P, 3];
-    none on edges, where sensors mix depths. Deterministic, and nearer surfaces are not preferred."""
+    """Samples at most `count` colored world points from depth maps, [P, 3] each.
+
+    None on edges, where sensors mix depths. Deterministic, without preferring nearer surfaces.
+    """
     measured = [view for view in views if view.depth is not None]
     points, colors = [], []
     for index, view in enumerate(measured):

@@ -1,4 +1,4 @@
-"""Meters by what a phone measured: its tracking and its depth sensor; captures in meters by one or more estimates."""
+"""Estimates meters from a phone's tracking and depth sensor; scales captures to meters."""
 
 from __future__ import annotations
 
@@ -15,28 +15,27 @@ from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
 from fastsplat.service.common.similarity import scaled_camera
 
 TRACKING_ERROR_95 = 0.05
-"""Of ARKit's lengths, as a share: it drifts by 0.02 m a second (Kim et al. 2022, Sensors 22, 9873, the best of four
-trackers), at 0.8 m a second of a slow walk a standard deviation of 2.5 %."""
+"""Relative, of ARKit's lengths: 2.5 % (1 σ) at a slow walk of 0.8 m/s.
+
+It drifts by 0.02 m/s (Kim et al. 2022, Sensors 22, 9873, the best of four trackers).
+"""
 SENSOR_ERROR_95 = 0.02
-"""Of all depths of a phone's LiDAR together, as a share: 1 cm at 1 to 2 m (Luetzenburg et al. 2021), in all views
-alike."""
+"""Relative, alike in all views: 1 cm at 1–2 m (Luetzenburg et al. 2021)."""
 MOST_DISAGREEMENT = 0.1
-"""Metric poses and metric depths that differ by a larger share contradict each other."""
+"""Relative difference beyond which metric poses and depths contradict each other."""
 _LEAST_POINTS, _LEAST_VIEWS = 10, 3
 _LEAST_DEVIATION = 1e-6
 _SAME_SURFACE = 0.25
-"""A measurement that differs from the median by a larger share is of something before or behind the point."""
+"""Relative difference from the median beyond which a depth is of another surface."""
 
 
 def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[float, float] | None:
-    """How long a unit of the world is in units of the depth maps, and its relative standard error; None where they do
-    not tell.
+    """Estimates a world unit's length in depth map units, and its relative standard error.
 
-    A view's answer is the median ratio to its points, the views' the median of these (error 1.2533 σ/√n by the median
-    absolute deviation).
+    The median over views of each view's median ratio (error 1.2533 σ/√n by the median absolute deviation); None if
+    there are too few.
 
     Args:
-        views: with poses in the world; those without depth say nothing.
         points: [P, 3] triangulated, world.
     """
     ratios = []
@@ -64,12 +63,12 @@ def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[flo
 
 
 def sensor_estimate(ratio: float, standard_error: float) -> ScaleEstimate:
-    """The scale that `depth_ratio` gives, where the depth maps are in meters."""
+    """Converts a `depth_ratio` of metric depth maps to a scale."""
     return ScaleEstimate("sensor_depth", ratio, math.hypot(SENSOR_ERROR_95, NORMAL_95 * standard_error))
 
 
 def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstimate:
-    """The scale that fits two independent estimates in the same units best, by `combined_ratio`."""
+    """Combines two independent estimates in the same units by `combined_ratio`."""
     surest = sorted((first, second), key=lambda estimate: estimate.relative_error_95)
     variances = [max(estimate.relative_error_95 / NORMAL_95, _LEAST_DEVIATION) ** 2 for estimate in surest]
     ratio, deviation = combined_ratio([estimate.meters_per_unit for estimate in surest], variances)
@@ -77,8 +76,10 @@ def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstim
 
 
 def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
-    """The capture in meters by an estimate of its present unit, and by the earlier one where there is one; the report's
-    scale is of the first unit."""
+    """Scales a capture to meters by an estimate of its unit, combined with earlier ones.
+
+    The report's scale is of the first unit.
+    """
     before, both = capture.report.scale, estimate
     if before is not None:
         both = combined_estimate(replace(before, meters_per_unit=1.0), estimate)
@@ -94,6 +95,6 @@ def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
 
 
 def scaled_view(view: View, factor: float) -> View:
-    """The view in units of which one of its own has `factor`."""
+    """Scales a view so that one of its units becomes `factor`."""
     depth = None if view.depth is None else replace(view.depth, unit=view.depth.unit * factor)
     return replace(view, posed=scaled_camera(view.posed, factor), depth=depth)

@@ -1,7 +1,7 @@
-"""Meters by printed tags: AprilTags of a known side, found in the photos, tell how long a scene unit is.
+"""Estimates meters from printed AprilTags of a known side.
 
-Corners (ArUco, family 36h11) are triangulated over the views, and the sides of the square compared with the printed
-side. How sure that is says a jackknife over the views, which counts errors of corners and poses alike.
+Corners (ArUco, family 36h11) are triangulated over the views, and the sides of the squares compared with the printed
+side. A jackknife over the views gives the uncertainty, which covers errors of corners and poses alike.
 """
 
 from __future__ import annotations
@@ -19,46 +19,34 @@ from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat.service.capture.world.scale_estimates import metric_capture
 from fastsplat_contract.camera import PosedCamera
 
-_TAG_SIDE_ERROR_M = 0.0002
-"""Standard deviation of that side, by the printer and the ruler; part of every interval that is stated."""
+_TAG_SIDE_ERROR_M = 0.0002  # 1 σ of the side, by printer and ruler; part of every stated interval
 
 F64 = NDArray[np.float64]
 
 TAG_FAMILY = cv2.aruco.DICT_APRILTAG_36h11
-TAG_COUNT = 587
-"""Tags of the family."""
+TAG_COUNT = 587  # of the family
 _LEAST_VIEWS = 3
 _MOST_ERROR_PX = 1.5
 _MOST_RELATIVE = 0.05
-"""A scale whose 95 % interval is wider than this share to either side is not stated."""
+"""Largest half of a relative 95 % interval that is stated."""
 _STEPS = 8
 
 
 @dataclass(frozen=True)
 class TagSighting:
-    """One tag in one view.
+    """A tag in a view."""
 
-    Attributes:
-        view: index of the view.
-        tag: id in its family.
-        corners: float64 [4, 2] pixels, clockwise from the tag's top left, pixel centers at +0.5.
-    """
-
-    view: int
-    tag: int
-    corners: F64
+    view: int  # index
+    tag: int  # id in its family
+    corners: F64  # [4, 2] pixels, clockwise from the tag's top left, pixel centers at +0.5
 
 
 def find_tags(gray: NDArray[np.uint8], view: int, tags: range) -> list[TagSighting]:
-    """The tags of a picture whose ids are in `tags`; one that is there twice is left out: which of them is meant?
-
-    Args:
-        gray: uint8 [H, W], undistorted.
-    """
+    """Finds tags with ids in `tags` in an undistorted gray picture, without ambiguous duplicates."""
     if not any(number in tags for number, _ in _detected(gray, cv2.aruco.CORNER_REFINE_NONE)):
         return []
-    # Lines fitted to the edges: the other refinements pull the corners of small tags inwards, by 1 to 4 % of the side.
-    # It costs four times the search alone, and so is left to pictures with tags. Its pixels are ours already.
+    # Lines fitted to the edges: other refinements pull corners of small tags inwards, by 1 to 4 % of the side. It takes
+    # four times as long as detection, so only for pictures with tags. Pixel centers are at +0.5 already.
     refined = _detected(gray, cv2.aruco.CORNER_REFINE_APRILTAG)
     numbers = [number for number, _ in refined]
     return [
@@ -80,16 +68,15 @@ def _detected(gray: NDArray[np.uint8], refinement: int) -> list[tuple[int, F64]]
 def estimate_scale(
     sightings: Iterable[TagSighting], cameras: Sequence[PosedCamera], side_m: float, side_error_m: float = 0.0
 ) -> ScaleEstimate | None:
-    """Meters per scene unit by the sides of tags, or None where they do not tell it to 5 %.
+    """Estimates meters per scene unit from the sides of tags.
 
     Args:
-        sightings: of all views.
         cameras: of the views, without distortion, in scene units.
         side_m: printed side of the black square, meters.
-        side_error_m: standard deviation of that side over printers and rulers, meters.
+        side_error_m: 1 σ of that side over printers and rulers, meters.
 
     Returns:
-        The estimate; None where no tag is seen well in at least three views from different places.
+        None if no tag is seen well in three views from different places, or the 95 % interval exceeds ±5 %.
     """
     by_tag: dict[int, dict[int, F64]] = {}
     for sighting in sightings:
@@ -116,7 +103,7 @@ def estimate_scale(
     count = len(without)
     if count < _LEAST_VIEWS:
         return None
-    # 40 MB that captures without tags do without
+    # Costs 40 MB, only for captures with tags.
     from scipy.stats import t as student_t
 
     spread = np.asarray(without) / side
@@ -129,8 +116,7 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in meters if tags in its pictures tell how long they are, with what was estimated before; else the
-    same."""
+    """Scales a capture to meters by tags and earlier estimates; unchanged without tags."""
     if settings.tag_side_m is None:
         return capture
     sightings = []
@@ -144,20 +130,20 @@ def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int
 
 
 def draw_tag(tag: int, modules_px: int) -> NDArray[np.uint8]:
-    """uint8 [10 m, 10 m]: a tag of m = `modules_px` pixels a module, its black square in the white border it needs."""
+    """Draws a tag with its white border, 10 modules of `modules_px` pixels a side."""
     dictionary = cv2.aruco.getPredefinedDictionary(TAG_FAMILY)
     black = cv2.aruco.generateImageMarker(dictionary, tag, 8 * modules_px)
     return np.asarray(np.pad(black, modules_px, constant_values=255), np.uint8)
 
 
 def _mean_side(squares: Iterable[tuple[float, float]]) -> float:
-    """The mean of sides, each weighted by the inverse of its variance."""
+    """Averages sides, weighted by inverse variances."""
     sides, variances = np.array(list(squares)).T
     return float(np.average(sides, weights=1 / np.maximum(variances, 1e-30)))
 
 
 def _square(views: Mapping[int, F64], cameras: Sequence[PosedCamera]) -> tuple[float, float] | None:
-    """A tag's side in scene units and its variance, or None where the views contradict each other."""
+    """Computes a tag's side in scene units and its variance; None if the views contradict."""
     corners, covariances, errors = [], [], []
     for corner in range(4):
         seen = [(cameras[view], points[corner]) for view, points in views.items()]
@@ -182,8 +168,10 @@ def _square(views: Mapping[int, F64], cameras: Sequence[PosedCamera]) -> tuple[f
 
 
 def _triangulate(seen: Sequence[tuple[PosedCamera, F64]]) -> tuple[F64, F64, float] | None:
-    """The point that least squares of reprojection errors give (Gauss-Newton from the rays' nearest point), its
-    covariance for the residuals' own size, and their root mean square in pixels."""
+    """Triangulates a point by least squares (Gauss-Newton from the rays' nearest point).
+
+    Returns its covariance, by the size of the residuals, and their root mean square in pixels, too.
+    """
     poses = np.stack([posed.camera_from_world() for posed, _ in seen]).astype(np.float64)
     intrinsics = np.array([(c.fx, c.fy, c.cx, c.cy) for c in (posed.camera for posed, _ in seen)])
     pixels = np.stack([pixel for _, pixel in seen])

@@ -1,4 +1,4 @@
-"""A sheet of AprilTags to print: its tags give scenes their meters, see `service.capture.world.scale_tags`."""
+"""Draws printable sheets of AprilTags for `service.capture.world.scale_tags`."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ _POINTS_PER_INCH, _MM_PER_INCH = 72, 25.4
 
 
 def tag_pages(tags: Sequence[int], side_m: float) -> list[NDArray[np.uint8]]:
-    """Pages of A4, uint8 [H, W] of `pixels_per_mm(side_m)`, as many tags on each as fit, a ruler of 100 mm below them.
+    """Draws A4 pages of tags with a ruler of 100 mm, at `pixels_per_mm(side_m)`.
 
     Args:
-        tags: ids, at least one, all different.
+        tags: different ids, at least one.
         side_m: of the black square, meters.
 
     Raises:
@@ -47,12 +47,12 @@ def tag_pages(tags: Sequence[int], side_m: float) -> list[NDArray[np.uint8]]:
 
 
 def pixels_per_mm(side_m: float) -> float:
-    """Of the pages: such that a module of a tag is a whole number of pixels."""
+    """Resolution at which a tag's module is a whole number of pixels."""
     return 8 * _MODULE_PX / (1e3 * side_m)
 
 
 def write_pdf(pages: Sequence[NDArray[np.uint8]], side_m: float, path: Path) -> None:
-    """Writes pages as a PDF of their true size."""
+    """Writes pages as a PDF in true size."""
     first, *others = (Image.fromarray(page).convert("1", dither=Image.Dither.NONE) for page in pages)
     resolution = pixels_per_mm(side_m) * _MM_PER_INCH
     first.save(path, "PDF", save_all=True, append_images=others, resolution=resolution)

@@ -1,1 +1,1 @@
-"""Recordings of phones with a LiDAR, tracked by ARKit: Polycam's raw data, Record3D, 3D Scanner App's frames."""
+"""Reads ARKit recordings of LiDAR phones: Polycam's raw data, Record3D, 3D Scanner App."""

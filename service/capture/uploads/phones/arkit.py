@@ -1,6 +1,6 @@
-"""What the recordings of all apps share: ARKit's axes, intrinsics, and how JSON of strangers is read.
+"""Shared parts of ARKit recordings: axes, intrinsics, and checked JSON values.
 
-ARKit's world has y up and meters; its cameras have x right, y up, z backward. Ours is z up, cameras are OpenCV's.
+ARKit's world has y up and meters; its cameras have x right, y up, z backward. Ours has z up and OpenCV cameras.
 """
 
 from __future__ import annotations
@@ -29,11 +29,7 @@ F64 = NDArray[np.float64]
 
 
 def world_from_camera(matrix: F64, field: str) -> F64:
-    """float64 [4, 4], z up, OpenCV axes, of ARKit's camera transform [4, 4].
-
-    Raises:
-        InvalidInputError: it is not rigid.
-    """
+    """Converts ARKit's camera transform to z up and OpenCV axes; raises `InvalidInputError` unless rigid."""
     try:
         check_rigid(matrix, field=field)
         check_position(matrix, field)
@@ -45,44 +41,28 @@ def world_from_camera(matrix: F64, field: str) -> F64:
 
 
 def pinhole(intrinsics: Sequence[float], size: tuple[int, int], field: str) -> CameraModel:
-    """The camera model of (fx, fy, cx, cy) in pixels of a photo of `size` (width, height).
-
-    Raises:
-        InvalidInputError: no camera has these.
-    """
+    """Makes a checked camera model from (fx, fy, cx, cy), pixels of `size` (width, height)."""
     camera_model = CameraModel("PINHOLE", *size, tuple(intrinsics))
     check_camera_model(camera_model, field=field)
     return camera_model
 
 
 def numbers(value: Any, count: int, field: str) -> F64:
-    """float64 [count] of a list in JSON.
-
-    Raises:
-        InvalidInputError: it is no list of so many finite numbers.
-    """
+    """Reads a JSON list as float64 [count]; raises `InvalidInputError` unless finite and complete."""
     if not isinstance(value, list) or len(value) != count or not all(map(_is_finite, value)):
         raise InvalidInputError(f"{field} is not a list of {count} finite numbers", field=field, hint=_AGAIN)
     return np.array(value, np.float64)
 
 
 def number(document: Mapping[str, Any], key: str, field: str) -> float:
-    """A finite number of a document.
-
-    Raises:
-        InvalidInputError: it has none of that name.
-    """
+    """Reads a finite number; raises `InvalidInputError` without one."""
     if not _is_finite(document.get(key)):
         raise InvalidInputError(f"{field}: {key} is not a finite number", field=field, hint=_AGAIN)
     return float(document[key])
 
 
 def pixel_count(document: Mapping[str, Any], key: str, field: str) -> int:
-    """A whole number of pixels, 1 to 32768, of a document.
-
-    Raises:
-        InvalidInputError: it has none of that name.
-    """
+    """Reads a whole number of pixels, 1 to 32768; raises `InvalidInputError` without one."""
     value = number(document, key, field)
     if value != int(value) or not 1 <= value <= 1 << 15:
         raise InvalidInputError(f"{field}: {key} is {value:g} pixels", field=field, hint=_AGAIN)
@@ -90,7 +70,7 @@ def pixel_count(document: Mapping[str, Any], key: str, field: str) -> int:
 
 
 def spread(items: Sequence[_Item], settings: CaptureSettings) -> tuple[list[_Item], tuple[str, ...]]:
-    """At most `max_phone_frames` of the items, evenly spread, and what people should know of it."""
+    """Thins items evenly to `max_phone_frames`; also returns warnings for people."""
     limit = settings.max_phone_frames
     if len(items) <= limit:
         return list(items), ()
@@ -103,11 +83,7 @@ def spread(items: Sequence[_Item], settings: CaptureSettings) -> tuple[list[_Ite
 
 
 def recording(images: Sequence[PosedImage], field: str, warnings: tuple[str, ...], left_out: LeftOut) -> PosedDataset:
-    """The dataset of a recording: metric, with poses that are a tracker's estimates.
-
-    Raises:
-        InvalidInputError: it has no images, or none is left.
-    """
+    """Makes the metric dataset of a tracked recording; raises `InvalidInputError` without images."""
     if not images:
         raise left_out.refusal(
             InvalidInputError.of(

@@ -1,4 +1,4 @@
-"""Reads Polycam's raw data: one JSON a keyframe with ARKit's pose, photos, depth and confidence maps beside.
+"""Reads Polycam's raw data: keyframes with ARKit's poses, photos, depth and confidence maps.
 
     keyframes/corrected_images/1234.jpg    photos; images/ before Polycam has optimized the poses
     keyframes/corrected_cameras/1234.json  {"fx", "fy", "cx", "cy", "width", "height", "t_00" ... "t_23", ...}
@@ -25,14 +25,14 @@ from fastsplat.service.capture.uploads.posed_input import MissingImage, PosedDat
 from fastsplat_contract.errors import InvalidInputError
 
 _FOLDERS = {"corrected_cameras": "corrected_images", "cameras": "images"}
-"""Of the poses and of their photos; the first are those that Polycam has optimized."""
+"""Folders of poses and their photos; the first are optimized by Polycam."""
 _MILLIMETER = 0.001
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
 _HEAD_BYTES = 4_096
 
 
 def find_polycam(root: Path, files: Iterable[str]) -> str:
-    """The folder of the poses, relative to `root`; "" if this is no recording of Polycam."""
+    """Finds the folder of poses, relative to `root`; "" if this is no Polycam recording."""
     candidates = [PurePosixPath(path) for path in files if path.lower().endswith(".json")]
     for name in _FOLDERS:
         for path in candidates:
@@ -44,13 +44,12 @@ def find_polycam(root: Path, files: Iterable[str]) -> str:
 def read_polycam(
     root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
-    """Cameras, poses and depth maps of a recording.
+    """Reads cameras, poses and depth maps of a recording.
 
     Args:
-        folder: of the poses, as `find_polycam` says.
+        folder: from `find_polycam`.
         sizes: (width, height) of the upload's images as stored, by path.
-        settings: limits of each document, and how many frames are used.
-        left_out: receives frames with a pose or camera that cannot be, or whose document cannot be read.
+        left_out: receives frames with an invalid pose or camera, or an unreadable document.
 
     Raises:
         InvalidInputError: no frame with a photo is left.
@@ -96,6 +95,6 @@ def _image(root: Path, path: str, photo: str, beside: PurePosixPath, settings: C
 
 
 def _names_a_pose(path: Path) -> bool:
-    """By the first bytes alone: the file need be nothing of the kind."""
+    """Detects a pose by the first bytes alone, as the file may be anything."""
     with path.open("rb") as file:
         return b'"t_' in file.read(_HEAD_BYTES)

@@ -1,4 +1,4 @@
-"""Reads recordings of Record3D (`.r3d`, a zip archive): every frame of a video with ARKit's pose and a depth map.
+"""Reads Record3D recordings (`.r3d`, zip): video frames with ARKit's poses and depth maps.
 
     metadata       JSON: "w", "h" of the photos, "dw", "dh" of the depth maps, "K" (9 numbers, column by column) or
                    "perFrameIntrinsicCoeffs" ([fx, fy, cx, cy] a frame), "poses" ([qx, qy, qz, qw, tx, ty, tz] a frame)
@@ -30,7 +30,7 @@ _METADATA, _FRAMES = "metadata", "rgbd"
 
 
 def find_record3d(files: Iterable[str]) -> str:
-    """The recording's metadata, relative to the upload; "" if this is no recording of Record3D."""
+    """Finds the metadata, relative to the upload; "" if this is no Record3D recording."""
     paths = sorted(map(PurePosixPath, files))
     folders = {path.parent.parent for path in paths if path.parent.name == _FRAMES and path.suffix.lower() == ".jpg"}
     return next((path.as_posix() for path in paths if path.name == _METADATA and path.parent in folders), "")
@@ -39,7 +39,7 @@ def find_record3d(files: Iterable[str]) -> str:
 def read_record3d(
     root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
-    """Cameras, poses and depth maps of a recording; arguments and errors as `read_polycam`."""
+    """Reads cameras, poses and depth maps; arguments and errors as `read_polycam`."""
     document = read_json(root / name, name, settings)
     poses = document.get("poses") if isinstance(document, dict) else None
     if not isinstance(poses, list) or not poses:
@@ -81,7 +81,7 @@ def _matrix(pose: Any, field: str) -> arkit.F64:
 
 
 def _intrinsics(document: Mapping[str, Any], index: int, name: str) -> list[float]:
-    """(fx, fy, cx, cy) of a frame: focus changes them."""
+    """Reads (fx, fy, cx, cy) of a frame, which change with focus."""
     each = document.get("perFrameIntrinsicCoeffs")
     if isinstance(each, list) and index < len(each):
         return [float(value) for value in arkit.numbers(each[index], 4, f"{name}: perFrameIntrinsicCoeffs {index}")]

@@ -1,4 +1,4 @@
-"""Reads frames that 3D Scanner App exports ("all data"): one JSON a frame with ARKit's pose, beside its photo.
+"""Reads frames exported by 3D Scanner App ("all data"): photos with ARKit's poses.
 
     frame_00000.json   "cameraPoseARFrame" (16 numbers, row by row), "intrinsics" (9 numbers, row by row)
     frame_00000.jpg    photo; of many frames there is none
@@ -27,7 +27,7 @@ _MILLIMETER = 0.001
 
 
 def find_scanner_app(files: Iterable[str]) -> str:
-    """The folder of the frames, relative to the upload; "" if this is no such recording."""
+    """Finds the folder of frames, relative to the upload; "" if this is no such recording."""
     paths = [PurePosixPath(path) for path in files]
     names = {path.as_posix() for path in paths}
     frames = (path for path in paths if _FRAME.fullmatch(path.name))
@@ -38,7 +38,7 @@ def find_scanner_app(files: Iterable[str]) -> str:
 def read_scanner_app(
     root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
-    """Cameras, poses and depth maps of a recording; arguments and errors as `read_polycam`."""
+    """Reads cameras, poses and depth maps; arguments and errors as `read_polycam`."""
     place = PurePosixPath(folder)
     names = sorted(path.name for path in (root / folder).iterdir() if _FRAME.fullmatch(path.name))
     with_photo = [name for name in names if (place / name).with_suffix(".jpg").as_posix() in sizes]

@@ -1,1 +1,1 @@
-"""Splat files of other tools: 3DGS PLY, SuperSplat's compressed PLY and Niantic's SPZ, row by row."""
+"""Readers of splat files: 3DGS PLY, compressed PLY, SPZ, SOG, .splat and .ksplat."""

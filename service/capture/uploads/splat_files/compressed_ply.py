@@ -1,5 +1,7 @@
-"""SuperSplat's compressed PLY (PlayCanvas's layout): an element `chunk` of float bounds of 256 Gaussians, an element
-`vertex` of four packed integers, and optionally an element `sh` of one byte a coefficient."""
+"""Reads SuperSplat's compressed PLY (PlayCanvas's layout).
+
+Elements: `chunk` with float bounds of 256 Gaussians, `vertex` of four packed integers, optionally `sh` of bytes.
+"""
 
 from __future__ import annotations
 
@@ -25,14 +27,13 @@ U32 = NDArray[np.uint32]
 
 
 def is_compressed(header: PlyHeader) -> bool:
-    """Whether a PLY header is that of a compressed splat."""
+    """Detects the header of a compressed splat."""
     vertex = header.element("vertex")
     return vertex is not None and "packed_position" in (vertex.layout.names or ())
 
 
 def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a compressed PLY, in its order; logits ±inf for the bytes 0 and 255. Raises as
-    `read_splat_file`."""
+    """Reads a compressed PLY; logits ±inf for bytes 0 and 255. Raises as `read_splat_file`."""
     vertex = _element(name, header, "vertex", _PACKED, "<u4")
     check_count(name, vertex.count, limits)
     if header.encoding == ASCII:
@@ -94,7 +95,7 @@ def _read_harmonics(path: Path, header: PlyHeader, result: SplatRows) -> None:
     assert element is not None
     higher = result.sh.shape[1] - 1
     levels = (np.arange(256, dtype=np.float32) + 0.5) / 256
-    levels[0], levels[255] = 0, 1  # the encoder truncates, so that a level stands for its middle, but for the ends
+    levels[0], levels[255] = 0, 1  # the encoder truncates, so levels stand for their middle, except at the ends
     levels = (levels - 0.5) * _SH_RANGE
     for rows, table in read_element(path, header, element):
         for index in range(3 * higher):
@@ -102,7 +103,7 @@ def _read_harmonics(path: Path, header: PlyHeader, result: SplatRows) -> None:
 
 
 def _between(bounds: F32, share: F32) -> F32:
-    """Lower and upper bounds [K, 6] mixed by shares [K, 3]; NaN where a bound is not finite."""
+    """Interpolates bounds [K, 6] by shares [K, 3]; NaN where a bound is not finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         return np.asarray(bounds[:, :3] * (1 - share) + bounds[:, 3:] * share)
 
@@ -117,7 +118,7 @@ def _unpack_11_10_11(packed: U32) -> F32:
 
 
 def _unpack_rotation(packed: U32) -> F32:
-    """float32 [K, 4] w x y z: the largest component is left out, its place is in the two highest bits."""
+    """Unpacks quaternions w x y z, [K, 4]; the highest bits locate the omitted component."""
     others = np.stack([_unit(packed >> shift, 10) for shift in (20, 10, 0)], axis=1)
     others = (others - 0.5) * np.float32(np.sqrt(2))
     largest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1)))

@@ -1,4 +1,4 @@
-"""What every reader of a splat file says when it refuses one."""
+"""Shared refusals of splat files."""
 
 from __future__ import annotations
 
@@ -9,24 +9,14 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 @dataclass(frozen=True)
 class SplatLimits:
-    """Bounds on a splat file.
-
-    Attributes:
-        max_gaussians: rows of one file.
-        setting: the environment variable that holds it, for messages.
-    """
+    """Limits of a splat file; `setting` is the environment variable, for messages."""
 
     max_gaussians: int
     setting: str = ""
 
 
 def check_count(name: str, count: int, limits: SplatLimits) -> None:
-    """Raise before anything is allocated for `count` rows.
-
-    Raises:
-        LimitExceededError: more than the limit.
-        InvalidInputError: none.
-    """
+    """Checks a row count before any allocation: at least 1, at most the limit."""
     if count > limits.max_gaussians:
         setting = f" ({limits.setting})" if limits.setting else ""
         raise LimitExceededError.of(
@@ -40,7 +30,7 @@ def check_count(name: str, count: int, limits: SplatLimits) -> None:
 
 
 def bad_splat(name: str, problem: str) -> InvalidInputError:
-    """The error of a file that is no splat, or a damaged one."""
+    """Makes the error of a damaged or foreign file."""
     return InvalidInputError.of(
         name,
         problem,

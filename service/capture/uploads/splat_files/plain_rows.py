@@ -1,5 +1,4 @@
-"""Splats as rows of bytes: antimatter15's `.splat`, and mkkellogg's `.ksplat` of GaussianSplats3D, whose sections have
-buckets of Gaussians around a center. Scales are no logarithms in either, opacities no logits."""
+"""Reads antimatter15's `.splat` and mkkellogg's `.ksplat`, both with activated scales and opacities."""
 
 from __future__ import annotations
 
@@ -30,14 +29,14 @@ _SECTION = np.dtype(
     }
 )
 _LEVELS = (("<f4", "<f4", "<f4"), ("<u2", "<f2", "<f2"), ("<u2", "<f2", "u1"))
-"""Of places, of scales and rotations, and of harmonics, by the level of compression."""
+"""Types of means, of scales and quaternions, and of harmonics, by compression level."""
 _STEPS = 32_767
 _SH_BOUND = 1.5
 _MAX_DEGREE = 2
 
 
 def read_splat_rows(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a `.splat` file, in its order. Raises as `splat_reading.read_splat_file`."""
+    """Reads a `.splat` file in order. Raises as `splat_reading.read_splat_file`."""
     count, rest = divmod(path.stat().st_size, _SPLAT.itemsize)
     if rest:
         raise bad_splat(name, f"has {rest} bytes behind its {count} rows of {_SPLAT.itemsize}")
@@ -48,7 +47,7 @@ def read_splat_rows(path: Path, name: str, limits: SplatLimits) -> SplatRows:
 
 
 def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a `.ksplat` file, section by section. Raises as `splat_reading.read_splat_file`."""
+    """Reads a `.ksplat` file by sections. Raises as `splat_reading.read_splat_file`."""
     content = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
 
     def take(at: int, kind: np.dtype[np.void] | str, count: int) -> NDArray[Any]:
@@ -96,7 +95,7 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
 
 
 def _harmonics(stored: F32, degree: int) -> F32:
-    """float32 [K, coefficients, 3] of rows that have band after band, and in each channel after channel."""
+    """Reorders harmonics from bands, each by channel, to float32 [K, coefficients, 3]."""
     bands = np.split(stored, [9, 24], axis=1)[:degree]
     channels = [band.reshape(len(stored), 3, -1).transpose(0, 2, 1) for band in bands]
     return np.concatenate([np.zeros((len(stored), 0, 3), np.float32), *channels], axis=1)

@@ -1,4 +1,4 @@
-"""The rows of a splat file as arrays, before they are anybody's scene."""
+"""Rows of a splat file as arrays."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from numpy.typing import NDArray
 
 F32 = NDArray[np.float32]
 
-Y00 = 0.28209479177387814
-"""The constant real spherical harmonic: ½ √(1/π)."""
+Y00 = 0.28209479177387814  # constant real spherical harmonic, ½ √(1/π)
 
-SH_COUNTS = (1, 4, 9, 16)
-"""Coefficients of a color by the degree of its harmonics, 0 to 3."""
+SH_COUNTS = (1, 4, 9, 16)  # coefficients of a color by degree, 0 to 3
 
 SH_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
 """Coefficients of a color by the number of f_rest properties."""
 
 
 def logits(stored: NDArray[np.uint8]) -> F32:
-    """float32 logits of opacities in bytes, ±inf for 0 and 255."""
+    """Converts opacity bytes to logits, ±inf for 0 and 255."""
     shares = stored.astype(np.float32) / 255
     with np.errstate(divide="ignore"):
         return np.asarray(np.log(shares) - np.log1p(-shares))
@@ -29,25 +27,17 @@ def logits(stored: NDArray[np.uint8]) -> F32:
 
 @dataclass(frozen=True)
 class SplatRows:
-    """G Gaussians in a file's order, before activation; conventions and units of `service.scene.types.Gaussians`.
+    """G Gaussians in file order, before activation, as in `service.scene.types.Gaussians`."""
 
-    Attributes:
-        means: float32 [G, 3], world frame.
-        quats: float32 [G, 4], w x y z.
-        log_scales: float32 [G, 3].
-        logit_opacities: float32 [G].
-        sh: float32 [G, K, 3], coefficient 0 first.
-    """
-
-    means: F32
-    quats: F32
-    log_scales: F32
-    logit_opacities: F32
-    sh: F32
+    means: F32  # [G, 3], world frame
+    quats: F32  # [G, 4], w x y z
+    log_scales: F32  # [G, 3]
+    logit_opacities: F32  # [G]
+    sh: F32  # [G, K, 3], coefficient 0 first
 
     @classmethod
     def empty(cls, count: int, sh_count: int) -> Self:
-        """`count` rows whose numbers are yet to be written."""
+        """Allocates `count` uninitialized rows."""
         return cls(
             means=np.empty((count, 3), np.float32),
             quats=np.empty((count, 4), np.float32),

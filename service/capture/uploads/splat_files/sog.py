@@ -1,5 +1,4 @@
-"""PlayCanvas' SOG, version 2: a zip of lossless WebP pictures with a pixel for each Gaussian, and `meta.json`, which
-says what their bytes mean; `service.scene.sog_writing` writes it."""
+"""Reads PlayCanvas' SOG 2: a zip of WebP pictures, a pixel per Gaussian, with `meta.json`."""
 
 from __future__ import annotations
 
@@ -26,7 +25,7 @@ _CENTRAL_ENTRY = b"PK\x01\x02"
 
 
 def is_sog(path: Path) -> bool:
-    """Whether a zip has, at its top, the document and the positions of a SOG, by the names in its last bytes."""
+    """Detects a zip with SOG's document and positions by the names in its last bytes."""
     with path.open("rb") as file:
         if file.read(4) != b"PK\x03\x04":
             return False
@@ -36,7 +35,7 @@ def is_sog(path: Path) -> bool:
 
 
 def read_sog(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a SOG file, in its order; logits ±inf for the bytes 0 and 255. Raises as `read_splat_file`."""
+    """Reads a SOG file; logits ±inf for bytes 0 and 255. Raises as `read_splat_file`."""
     try:
         with zipfile.ZipFile(path) as archive:
             meta = json.loads(_content(archive, _META, _MAX_META_BYTES))
@@ -85,7 +84,7 @@ def _rows(archive: zipfile.ZipFile, meta: Mapping[str, Any], count: int) -> Spla
 
 
 def _smallest_three(pixels: NDArray[np.uint8]) -> F32:
-    """float32 [G, 4] w x y z: the three smaller components, and 252 + the place of the largest."""
+    """Unpacks quaternions w x y z, [G, 4]: smaller components, and 252 + the largest's index."""
     place = np.clip(pixels[:, 3].astype(np.intp) - 252, 0, 3)[:, None]
     smaller = (pixels[:, :3] / np.float32(255) - np.float32(0.5)) * np.float32(np.sqrt(2))
     quats = np.zeros((len(pixels), 4), np.float32)
@@ -95,7 +94,7 @@ def _smallest_three(pixels: NDArray[np.uint8]) -> F32:
 
 
 def _picture(archive: zipfile.ZipFile, name: str, most_pixels: int) -> NDArray[np.uint8]:
-    """uint8 [H, W, 4]."""
+    """Decodes uint8 [H, W, 4]."""
     with Image.open(io.BytesIO(_content(archive, name, 4 * most_pixels + _SLACK_BYTES)), formats=("WEBP",)) as image:
         if image.width * image.height > most_pixels:
             raise ValueError(f"{name} has {image.width}×{image.height} pixels")

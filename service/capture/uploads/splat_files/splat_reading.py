@@ -1,4 +1,4 @@
-"""Any splat file as arrays: row i of the file is Gaussian i."""
+"""Reads splat files of all formats as arrays in row order."""
 
 from __future__ import annotations
 
@@ -46,24 +46,17 @@ _WIDEST = 40.0  # its square is the largest that a float32 covariance can hold
 
 @dataclass(frozen=True)
 class SplatFile:
-    """What a splat file holds.
+    """Content of a splat file."""
 
-    Attributes:
-        rows: all G of the file, in its order. All numbers are finite.
-        format: of the file.
-        invisible: rows that cannot be shown (a number that is not finite, or a quaternion of length zero); their
-            Gaussians have an opacity of zero, so that the others keep their numbers.
-        first_invisible: the first of them, or -1.
-    """
-
-    rows: SplatRows
+    rows: SplatRows  # all G in order; all numbers are finite
     format: SplatFormat
-    invisible: int = 0
-    first_invisible: int = -1
+    invisible: int = 0  # rows with a non-finite number or a zero quaternion
+    """They stay with opacity zero, so that the others keep their numbers."""
+    first_invisible: int = -1  # row of the first
 
 
 def is_splat_file(path: Path) -> bool:
-    """Whether a file is a splat by its name and, of a PLY file, by the properties that its header names."""
+    """Detects a splat by its name and, for PLY, by the properties in its header."""
     suffix = path.suffix.lower()
     if suffix != PLY_SUFFIX:
         return suffix in _BY_SUFFIX or (suffix == ".zip" and is_sog(path))
@@ -73,11 +66,7 @@ def is_splat_file(path: Path) -> bool:
 
 
 def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
-    """The Gaussians of a splat file of any format; infinite logits become opacities of 0 and 1.
-
-    Args:
-        name: what messages call it.
-        limits: checked before memory is taken.
+    """Reads a splat file of any format; infinite logits become opacities of 0 and 1.
 
     Raises:
         InvalidInputError: not a whole splat file, or no row of it can be shown.
@@ -95,7 +84,7 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
 
 
 def _settled(name: str, splat: SplatRows, form: SplatFormat) -> SplatFile:
-    """Every number finite, in place."""
+    """Makes every number finite, in place."""
     logits, log_scales = splat.logit_opacities, splat.log_scales
     np.copyto(logits, np.copysign(np.float32(_OPAQUE_LOGIT), logits), where=np.isinf(logits))
     np.copyto(log_scales, np.float32(_THINNEST), where=log_scales == -np.inf)
@@ -128,7 +117,7 @@ def _first_problem(splat: SplatRows) -> str:
 
 
 def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
-    """A sentence for people about rows that cannot be shown; none if there are none."""
+    """Makes a sentence for people about invisible rows, if any."""
     if not file.invisible:
         return ()
     return (
@@ -139,7 +128,7 @@ def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
 
 
 def describe_numbers(name: str, file: SplatFile) -> tuple[str, ...]:
-    """Sentences for people about columns whose signs say that they are not what a 3DGS PLY holds."""
+    """Makes sentences for people about columns whose signs contradict a 3DGS PLY."""
     rows, said = file.rows, []
     if file.format == "3DGS PLY" and len(rows) >= _TELLING_ROWS:
         low, high = float(rows.logit_opacities.min()), float(rows.logit_opacities.max())
@@ -159,15 +148,10 @@ def describe_numbers(name: str, file: SplatFile) -> tuple[str, ...]:
 
 
 def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there (logits, logarithms of
-    scales, quaternions w x y z of any length, f_rest channel by channel).
+    """Reads a plain 3DGS PLY, unactivated; raises as `read_splat_file`.
 
-    Properties may come in any order and scalar type; unknown ones are ignored. Colors as bytes (nerfstudio's red,
-    green, blue) become f_dc: (color − 0.5) / Y_00.
-
-    Raises:
-        InvalidInputError: a property that every Gaussian needs is missing, or the file is too short.
-        LimitExceededError: more Gaussians than the limit.
+    Properties may have any order and scalar type; unknown ones are ignored. Quaternions w x y z may have any length;
+    f_rest is by channel. Byte colors (nerfstudio's red, green, blue) become f_dc: (color − 0.5) / Y_00.
     """
     vertex = header.element("vertex")
     if vertex is None:

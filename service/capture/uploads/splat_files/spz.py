@@ -1,5 +1,7 @@
-"""Niantic's SPZ, versions 2 to 4: fixed-point columns in one gzip stream, since version 4 each in a zstd stream of its
-own. Axes are right, up, back unless an extension says otherwise, and become those of 3DGS PLY files."""
+"""Reads Niantic's SPZ, versions 2 to 4: fixed-point columns in gzip or zstd streams.
+
+Axes are right, up, back unless an extension differs, and become those of 3DGS PLY.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,9 @@ U8 = NDArray[np.uint8]
 
 
 def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of an SPZ file, in its order, with the axes of 3DGS PLY files; logits ±inf for the bytes 0 and 255.
-    Of extensions that of the coordinate system is read, others say nothing of Gaussians and are passed over.
-    Raises as `read_splat_file`, and of axes that are swapped.
+    """Reads an SPZ file with 3DGS PLY axes; logits ±inf for bytes 0 and 255.
+
+    Extensions other than the coordinate system are skipped. Raises as `read_splat_file`, and for swapped axes.
     """
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
@@ -81,7 +83,7 @@ def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
 
 
 def _inflated(file: BinaryIO) -> Callable[[int], bytes]:
-    """Reads so many bytes of what is packed in a file, fewer only at its end."""
+    """Makes a reader of unpacked bytes, which returns fewer only at the end."""
     inflater = zlib.decompressobj(16 + zlib.MAX_WBITS)
 
     def pull(size: int) -> bytes:
@@ -97,7 +99,7 @@ def _inflated(file: BinaryIO) -> Callable[[int], bytes]:
 
 
 def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], bytes]:
-    """The columns of version 4, each of a stream of its own, and the records of extensions before them."""
+    """Reads the columns of version 4, one stream each, and the extension records before them."""
     head = file.read(_HEADER_REST.size)
     begin = _HEADER_REST.unpack(head)[0] if len(head) == _HEADER_REST.size else 0
     if not 0 <= begin - file.tell() <= _MAX_EXTENSION_BYTES:
@@ -118,7 +120,7 @@ def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], 
 
 
 def _signs(records: bytes, name: str) -> tuple[int, int, int]:
-    """What x, y and z are multiplied by to be right, down, front, as in PLY files."""
+    """Signs that turn x, y, z to right, down, front, as in PLY."""
     system = _RIGHT_UP_BACK
     while len(records) > _RECORD.size:
         kind, size = _RECORD.unpack_from(records)
@@ -132,7 +134,7 @@ def _signs(records: bytes, name: str) -> tuple[int, int, int]:
 
 
 def _read_header(name: str, head: bytes, limits: SplatLimits) -> tuple[int, int, int, int, int]:
-    """Number of Gaussians, degree of the harmonics, fractional bits of positions, version and flags."""
+    """Reads count, degree, fractional bits, version and flags."""
     if len(head) < _HEADER.size or head[:4] != MAGIC:
         raise bad_splat(name, "has no SPZ header")
     _, version, count, degree, bits, flags, _ = _HEADER.unpack(head)
@@ -147,7 +149,7 @@ def _read_header(name: str, head: bytes, limits: SplatLimits) -> tuple[int, int,
 
 
 def _fixed_point(packed: U8, bits: int) -> F32:
-    """float32 [K, 3] of 24-bit two's complement numbers, least significant byte first."""
+    """Converts 24-bit two's complement, least significant byte first, to float32 [K, 3]."""
     parts = packed.reshape(-1, 3, 3).astype(np.int32)
     whole = parts[..., 0] | parts[..., 1] << 8 | parts[..., 2] << 16
     whole -= (whole & 0x800000) << 1
@@ -155,15 +157,17 @@ def _fixed_point(packed: U8, bits: int) -> F32:
 
 
 def _first_three(packed: U8) -> F32:
-    """float32 [K, 4] w x y z of version 2: x, y, z a byte each, w ≥ 0 from the unit length."""
+    """Unpacks quaternions w x y z of version 2, [K, 4]: bytes, w ≥ 0."""
     xyz = packed.astype(np.float32) / np.float32(127.5) - 1
     w = np.sqrt(np.maximum(0, 1 - (xyz**2).sum(axis=1, keepdims=True)))
     return np.concatenate([w, xyz], axis=1)
 
 
 def _smallest_three(packed: U8) -> F32:
-    """float32 [K, 4] w x y z of version 3: the place of the largest component (of x y z w) in two bits, the others as a
-    sign and nine bits each, the last in the lowest."""
+    """Unpacks quaternions w x y z of version 3, [K, 4].
+
+    Two bits index the largest of x y z w, the others have a sign and nine bits each, the last in the lowest.
+    """
     word = np.ascontiguousarray(packed).view("<u4")[:, 0]
     place = (word >> 30).astype(np.intp)
     xyzw = np.zeros((len(word), 4), np.float32)
