@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from PIL import ExifTags, Image
 from fastsplat.service.capture.formats.image_io import check_image
 from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 
 _BASE, _GPS = ExifTags.Base, ExifTags.GPS
 _TIME = datetime(2026, 3, 4, 12, 30, 15, tzinfo=UTC).timestamp()
@@ -68,5 +70,9 @@ def test_a_photo_says_when_it_was_taken(tmp_path: Path) -> None:
     exif.get_ifd(ExifTags.IFD.Exif).update(_detail(offset="+01:00"))
     Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg", exif=exif)
     Image.new("RGB", (64, 48)).save(tmp_path / "b.jpg")
-    assert check_image(tmp_path, "a.jpg", CaptureSettings()).taken_at == pytest.approx(_TIME - 3600)
-    assert check_image(tmp_path, "b.jpg", CaptureSettings()).taken_at is None
+    own = tmp_path / "decoder"
+    own.mkdir()
+    with ImageDecoder(own, (tmp_path,), CaptureSettings()) as decoder:
+        for read in (partial(check_image, settings=CaptureSettings()), decoder.header):
+            assert read(tmp_path, "a.jpg").taken_at == pytest.approx(_TIME - 3600)
+            assert read(tmp_path, "b.jpg").taken_at is None

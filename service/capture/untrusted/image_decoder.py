@@ -6,6 +6,7 @@ Exactly the requested number of bytes is read, so that nothing needs parsing aga
 from __future__ import annotations
 
 import json
+import math
 import os
 import select
 import subprocess
@@ -28,7 +29,7 @@ from fastsplat_contract.errors import ResourceError
 
 _MAX_ERROR_BYTES = 1 << 16
 _ENDING_S = 10.0
-_HEADER_BYTES = 4 * 8
+_HEADER_BYTES = 5 * 8
 _MAX_FOCAL = 2_000.0
 
 
@@ -73,14 +74,15 @@ class ImageDecoder:
         return np.asarray(np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0]) == 255)
 
     def header(self, root: Path, name: str) -> PhotoInfo:
-        """Reads size, orientation and focal length of an unchecked image; raises as `photo`."""
+        """Reads size, orientation, focal length and time of an unchecked image; raises as `photo`."""
         unknown = PhotoInfo(name, 1, 1, 1, "", 0.0)
         answer = self._decode("header", root, name, unknown, (1, 1), _HEADER_BYTES)
-        width, height, orientation, focal = np.frombuffer(answer, dtype=np.float64).tolist()
+        width, height, orientation, focal, taken_at = np.frombuffer(answer, dtype=np.float64).tolist()
         pixels = width * height
         if not (1 <= pixels <= self._settings.max_image_pixels and 1 <= orientation <= 8 and 0 <= focal <= _MAX_FOCAL):
             raise ResourceError(f"decoding {name} went wrong", field=name, hint="Save it again as JPEG or PNG.")
-        return PhotoInfo(name, int(width), int(height), int(orientation), "", focal)
+        seconds = taken_at if math.isfinite(taken_at) else None
+        return PhotoInfo(name, int(width), int(height), int(orientation), "", focal, taken_at=seconds)
 
     def ids(self, root: Path, name: str, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16]:
         """Decodes a label map or mask, upright, sampled to `size` (width, height), [H, W].

@@ -35,8 +35,8 @@ def decode_requests(
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
     `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "opaque" (uint8 [H, W]), "map" (uint16 [H, W]),
-    "depth" (float32 [H, W], for the `DepthFile` in "depth"), or "header" (float64 [4]: width, height, orientation and
-    focal_35mm of an image without a `PhotoInfo`).
+    "depth" (float32 [H, W], for the `DepthFile` in "depth"), or "header" (float64 [5]: width, height, orientation,
+    focal_35mm and time, or NaN, of an image without a `PhotoInfo`).
 
     Args:
         answers: receives `DECODED` and the pixels, row by row, or `REFUSED` and an error.
@@ -54,8 +54,8 @@ def decode_requests(
                 pixels = sample_depth(read_depth(root, DepthFile(**asked["depth"]), settings), size)
             elif asked["kind"] == "header":
                 header = read_header(root, asked["name"], settings)
-                numbers = header.width, header.height, header.orientation, header.focal_35mm
-                pixels = np.array(numbers, np.float64)
+                numbers = header.width, header.height, header.orientation, header.focal_35mm, header.taken_at
+                pixels = np.array(numbers, np.float64)  # None becomes NaN
             elif asked["kind"] == "opaque":
                 pixels = reduce(load_opaque(root, photo, settings), size)
             else:
