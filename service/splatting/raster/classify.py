@@ -77,7 +77,7 @@ def joined(maps: Sequence[LabelMap]) -> LabelMap:
 
 
 def label_sums(labels: Tensor, gaussians: int, accumulate: Callable[[Tensor], Tensor]) -> LabelSums:
-    """Sums weights per label with `accumulate` ([H, W, V] -> [G, V]), few labels at once."""
+    """Sums weights per label with `accumulate` ([H, W, V] -> [G, V]) in small batches."""
     present = torch.unique(labels)
     present = present[present >= 0]
     rows, columns, values = [], [], []
