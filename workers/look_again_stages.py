@@ -1,6 +1,6 @@
-"""Stages of a job that searches a finished scene's photos for new names.
+"""Stages of a job that searches a finished scene for new names.
 
-It searches the version at the job's start, and names things in the current one.
+It searches renderings of the version at the job's start, and names things in the current one.
 """
 
 from __future__ import annotations

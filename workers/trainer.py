@@ -71,7 +71,7 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
 
 
 def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
-    """Forwards ten events a second, with files, or starting or ending a stage.
+    """Forwards ten events a second, plus those with files or at a stage's ends.
 
     Metrics of dropped events are merged into the next.
     """

@@ -17,8 +17,7 @@ def write_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
     """Writes contiguous arrays to `path`; equal arrays give equal bytes.
 
     Raises:
-        OSError: the disk is full or not writable. safetensors reports that as `SafetensorError`, with the errno in its
-            text.
+        OSError: the disk is full or not writable; translated from a `SafetensorError`, whose text has the errno.
     """
     try:
         save_file(dict(arrays), path)

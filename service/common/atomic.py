@@ -13,7 +13,7 @@ from pathlib import Path
 
 @contextmanager
 def atomic_file(target: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Yields a temporary path that becomes `target` if the block succeeds.
+    """Yields a temporary path beside `target` that becomes it if the block succeeds.
 
     Raises:
         FileExistsError: `target` exists and `replace` is false.
@@ -34,7 +34,7 @@ def atomic_file(target: Path, *, replace: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(target: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Yields a temporary directory that becomes `target` if the block succeeds.
+    """Yields a temporary directory beside `target` that becomes it if the block succeeds.
 
     A reader sees the old directory, for an instant none, or the complete new one. Missing parents are created.
 

@@ -57,7 +57,7 @@ def cancellable(cancellation: Cancellation) -> Iterator[None]:
 
 
 def check_cancelled() -> None:
-    """Raises if this thread's call was cancelled; cheap enough for inner loops.
+    """Raises if this thread's call was cancelled; cheap, for use between pieces of work.
 
     Raises:
         CancelledError: the caller disconnected, or its deadline has passed.

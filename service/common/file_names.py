@@ -17,7 +17,7 @@ _SYSTEM_FILES = frozenset({"__MACOSX", "Thumbs.db", "desktop.ini"})
 
 
 def safe_parts(name: str) -> tuple[str, ...]:
-    """Splits a relative file name that is safe to write below a folder.
+    """Splits a relative file name that is safe to write below a folder, dropping ".".
 
     Raises:
         InvalidInputError: absolute, empty, longer than 255 bytes a part or deeper than 16 parts, or with "..", a

@@ -48,7 +48,7 @@ class PlyHeader:
     encoding: str  # `LITTLE`, `BIG` or `ASCII`
     elements: tuple[Element, ...]  # in the file's order
     size: int  # in bytes; the data follow
-    refuse: Refuse
+    refuse: Refuse  # error for defects in the data
 
     def element(self, name: str) -> Element | None:
         return next((element for element in self.elements if element.name == name), None)

@@ -61,7 +61,7 @@ def die_with_named_parent(death_signal: signal.Signals = signal.SIGKILL) -> None
 def yield_to_others(niceness: int) -> None:
     """Raises this process's niceness by 0 to 19, before it starts threads.
 
-    A session leader also lowers its autogroup (sched(7)).
+    A session leader also raises its autogroup's niceness (sched(7)).
     """
     if niceness:
         os.nice(niceness)
@@ -71,7 +71,7 @@ def yield_to_others(niceness: int) -> None:
 
 
 def lower_priority(niceness: int) -> None:
-    """Raises the niceness of this thread and its future children; Linux only."""
+    """Raises the niceness of this thread and all it starts later; Linux only."""
     if sys.platform != "linux":
         return
     thread = threading.get_native_id()

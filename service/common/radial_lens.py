@@ -13,7 +13,7 @@ class RadialLens:
     (x, y) at depth 1 is projected f·(1 + k₁ r²)·(x, y) off the image center, r² = x² + y².
     """
 
-    focal: float  # f over the longer image side, before undistortion
+    focal: float  # f over the longer side of the image as captured
     k1: float  # k₁, dimensionless
 
 

@@ -24,7 +24,7 @@ OTHER_VARIABLES = frozenset(
         *("TEST_DATA", "TEST_SEED"),  # the tests
     )
 )
-"""Variables with this prefix that are not settings of the service."""
+"""Variables with `ENV_PREFIX` that are not settings of the service."""
 
 _SERVICE_LINK = re.compile(ENV_PREFIX + r"(\w+_)?(SERVICE_(HOST|PORT(_\w+)?)|PORT_\d+_(TCP|UDP)(_(PROTO|PORT|ADDR))?)")
 

@@ -15,7 +15,7 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Similarity:
-    """x' = scale · R x + t."""
+    """Similarity transform x' = scale · R x + t."""
 
     scale: float  # positive
     rotation: F64  # [3, 3]

@@ -1,6 +1,6 @@
 """Stores a scene's observations in the trained version's frame.
 
-They so stay valid when the scene is scaled or aligned to a map.
+This keeps them valid when the scene is scaled or aligned to a map.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ _RESTORE = "Restore the scene's folder from a backup, or train it again."
 
 @dataclass(frozen=True)
 class Manifest:
-    """Contents of `scene.json`; the fields of `Scene` have the same meaning."""
+    """Contents of `scene.json`; fields named as in `Scene` have the same meaning."""
 
     dictionary: Dictionary
     text_encoder: tuple[str, str]
@@ -44,7 +44,7 @@ class Manifest:
     sh: int  # K
     code: int  # D
     embedding: int  # E
-    arrays_sha256: str  # and so of the row order
+    arrays_sha256: str  # digest, also of the row order
     evidence_entries: int | None = None  # M; None without evidence
     evidence_sha256: str = ""
     things: tuple[Thing, ...] | None = None  # table; None for a scene without

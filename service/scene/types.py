@@ -241,7 +241,7 @@ class ThingSemantics:
 
     things: Things
     codes: F32  # [G, D], see `Things.head`
-    label_ids: NDArray[np.int32]  # [I + 1], dictionary id by thing id up to I; 0 for unnamed and for no thing
+    label_ids: NDArray[np.int32]  # [I + 1], dictionary id by thing id up to the largest, I; 0 if unnamed or no thing
 
 
 Semantics = CodeSemantics | Evidence | ThingSemantics

@@ -80,7 +80,7 @@ def thing_map(
 
 
 class CodeBlend:
-    """Classifies composited codes [D], not divided by alpha, as the training loss does."""
+    """Classifies composited codes, not divided by alpha, as the training loss does."""
 
     def __init__(self, codes: F32, head: SemanticHead, device: torch.device) -> None:
         self._codes = torch.tensor(np.asarray(codes), device=device)

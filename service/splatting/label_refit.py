@@ -32,7 +32,7 @@ _HEAD_RATE = 0.05
 _FINAL_SHARE = 0.1
 _CONSENSUS_WEIGHT = 0.3  # of the Gaussians' own cross-entropy relative to that of pixels
 _HALF_HELD, _LEFT = 1.65, 3.3
-"""Multiples of mean pixels: the own label weighs half; the code is not reset."""
+"""Multiples of the mean Gaussian's pixels: own label at half weight; code not reset."""
 _SEED = 7
 
 

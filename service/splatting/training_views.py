@@ -13,9 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth
-from fastsplat.service.capture.formats.image_io import (
-    load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
-)
+from fastsplat.service.capture.formats.image_io import load_rgb  # `capture.build.load_image` imports far more
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.perception.types import Labelling

@@ -55,7 +55,7 @@ class ImageLoss(StoredGradients):
 
 
 class SemanticLoss(StoredGradients):
-    """(codes [P, D], weight, bias, labels int [P], class_weights) -> scalar; one float dtype, one device."""
+    """(codes [P, D], weight, bias, labels int [P], class_weights) -> scalar; one dtype, one device."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:

@@ -1,4 +1,4 @@
-"""Classifies rendered codes in torch, for the `reference` and `cuda` backends."""
+"""Classifies rendered codes in plain torch, where no C++ kernel does."""
 
 from __future__ import annotations
 
