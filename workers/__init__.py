@@ -1,1 +1,1 @@
-"""Durable jobs: one worker process that takes them, one trainer process for each."""
+"""Durable jobs: a worker process claims them, one trainer process runs each."""

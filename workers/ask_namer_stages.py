@@ -1,5 +1,7 @@
-"""The stages of a job that asks the server's namer about a new scene: what it says of the version of then, suggested in
-the one of now."""
+"""Stages of a job that asks the server's namer about a new scene.
+
+It is asked about the version at the job's start; its suggestions go into the current one.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ _SAID = "said.json"
 
 
 def _ask(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "asking": what the namer says, in bounded time and requests."""
+    """Stage "asking": queries the namer, bounded in time and requests."""
 
     def sheets() -> Iterator[ThingSheet]:
         for number, sheet in enumerate(sheets_of(open_current(job), job.upload, job.version), start=1):
@@ -36,8 +38,7 @@ def _ask(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _suggest(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "suggesting": the current version with these suggestions for the things that it still has, as a folder to
-    be published; without "edits" in its `summary.json` where there are none."""
+    """Stage "suggesting": adds suggestions to existing things; without any publishes nothing."""
     path = job.result("asking") / _SAID
     with intact(path):
         told = json.loads(path.read_text())

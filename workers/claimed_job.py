@@ -1,4 +1,4 @@
-"""Durable state of a claimed job, in rows and files. Its calls wait while database or object store are away."""
+"""Durable state of a claimed job, in the database and files."""
 
 from __future__ import annotations
 
@@ -39,11 +39,10 @@ logger = logging.getLogger(__name__)
 
 
 class ClaimedJob:
-    """A job and the newest claim of this worker to it.
+    """A job with this worker's newest claim to it.
 
-    Methods that write raise `FencedError` once another worker has claimed the job, or it is over. All but `report` and
-    `poll_requests` wait for up to ten minutes while the database or the object store does not answer, then raise
-    `DatabaseError` or `ObjectStoreError`.
+    Writes raise `FencedError` once another worker has claimed the job, or it has ended. Methods marked `patient` retry
+    for ten minutes during an outage of the database or object store, then raise `DatabaseError` or `ObjectStoreError`.
     """
 
     def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
@@ -60,43 +59,35 @@ class ClaimedJob:
         self._progress_files = dict(claim.operation.progress_files or {})
         self._older_files: dict[str, str] = {}
         self._noted: str | None = None
-        self._drafted = claim.operation.makes_scene  # or it may be: an earlier attempt may have published one
+        self._drafted = claim.operation.makes_scene  # an earlier attempt may have published a draft
         self._carried: Sequence[str] = ()
 
     @property
     def starts(self) -> int:
-        """Starts since the job last came further than before that ended in a crash, this one included."""
+        """Starts that ended in a crash since the last progress, plus this one."""
         return self.claim.operation.starts
 
     @property
     def options(self) -> SceneOptions:
-        """What the user chose."""
         operation = self.claim.operation
         return options_from_json({**operation.options, "priority": operation.priority})
 
     @property
     def folder(self) -> Path:
-        """The work folder, shared by all attempts."""
         return self._blobs.job(self.run_id)
 
     @property
     def log(self) -> Path:
-        """File of the trainers' stderr."""
         return self._blobs.log(self.id)
 
     @patient
     def upload(self) -> Path:
-        """Folder of the validated upload, on this machine."""
         folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
         return folder / str(self.claim.operation.options["validated"])
 
     @patient
     def current_version(self) -> tuple[Path, str]:
-        """Folder, on this machine, and name of the scene's current version.
-
-        Raises:
-            NotFoundError: there is no such scene (any more).
-        """
+        """Fetches the scene's current version; raises `NotFoundError` if deleted."""
         _, version, _ = self._scenes.current_version(self.scene_id)
         current = self._blobs.fetch_version(self.scene_id, version)
         if current is None:
@@ -104,17 +95,11 @@ class ClaimedJob:
         return current, version
 
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
-        """Write progress. Returns what was asked of the job, as far as is known: does not wait.
-
-        Where the job has come further than before, `starts` is how many count from then on; else None.
-        """
+        """Writes progress, and `starts` once ahead of earlier attempts; returns known requests without retry."""
         return at_once(self.id, lambda: self._report(stages, starts))
 
     def publish_file(self, kind: str, entry: Mapping[str, Any]) -> None:
-        """Make a file of the work folder's `progress` the one of its kind that is looked at from the next report on.
-
-        The one before stays for those who read it just then.
-        """
+        """Publishes a progress file with the next report; keeps the previous one for current readers."""
         before = self._progress_files.get(kind)
         try:
             self._blobs.keep_progress_file(self.run_id, entry["file"])
@@ -129,13 +114,12 @@ class ClaimedJob:
         self._progress_files[kind] = {"file": entry["file"], "info": {**entry["info"], "number": number}}
 
     def publish_draft(self, entry: Mapping[str, Any]) -> None:
-        """Make a draft, a folder of the work folder's `drafts`, the scene's current version; the next report tells it.
-        One that cannot be published now, as when the scene is being edited, is left out: does not wait."""
+        """Publishes a draft as the current version, or skips it, without retry."""
         name = str(entry["file"])
         try:
             made = self._published(self.folder / DRAFTS / name, name)
             self._jobs.publish_draft(self.claim, made.summary, made.carried, edited=made.edited)
-        except DatabaseError as error:  # it may have written the rows: then the folders are needed
+        except DatabaseError as error:  # the rows may be written, and then need the folders
             logger.warning("job %s: draft %s is not shown: %s", self.id, name, error.message)
             return
         except (ConflictError, FencedError, ObjectStoreError, OSError) as error:
@@ -150,7 +134,7 @@ class ClaimedJob:
         self._progress_files["draft"] = {"file": name, "info": info}
 
     def note_edits(self) -> None:
-        """Tell the trainer of a job that makes its scene what people have made of the newest draft: does not wait."""
+        """Tells the trainer about edits of the newest draft, without retry."""
         if not self._drafted:
             return
         with suppress(DatabaseError, ObjectStoreError, NotFoundError, OSError):
@@ -162,12 +146,12 @@ class ClaimedJob:
 
     @patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
-        """Write progress in which a stage was completed, and how many starts count from then on."""
+        """Writes progress of a completed stage, and the new start count."""
         self._report(stages, starts)
 
     @patient
     def drop_originals(self) -> None:
-        """Remove the upload once its photos are read, if that was promised; its folder stays, empty."""
+        """Deletes the upload once its photos are read, if privacy was promised."""
         upload_id = self.claim.operation.upload_id
         if upload_id and self.options.privacy and (self.folder / "capture").is_dir():
             self._blobs.drop_upload(upload_id)
@@ -175,44 +159,45 @@ class ClaimedJob:
 
     @patient
     def note_photos(self) -> None:
-        """Write what became of the photos, if the capture stage has said so."""
+        """Records the capture stage's result for each photo."""
         path = self.folder / "capture" / PHOTOS
         if path.is_file():
             self._jobs.record_photos(self.claim, json.loads(path.read_text()))
 
     def poll_requests(self) -> frozenset[JobRequest]:
-        """What was asked of the job, as far as is known: does not wait."""
+        """Returns known requests, without retry."""
         return at_once(self.id, lambda: self._jobs.check(self.claim))
 
     @patient
     def is_cancelled(self) -> bool:
-        """Whether the job is to be cancelled."""
         return "cancel" in self._jobs.check(self.claim)
 
     @patient
     def may_ask_namer(self) -> bool:
-        """Whether the settings name a namer, and the job's project agreed to its host."""
+        """The settings name a namer, and the project agreed to its host."""
         return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
 
     @patient
     def claim_again(self) -> None:
-        """Begin another attempt of this worker, whose trainer died."""
+        """Begins another attempt after a trainer crash."""
         self.claim = self._jobs.claim_again(self.claim)
 
     @patient
     def release(self) -> None:
-        """Give the job back unfinished; its start does not count."""
+        """Returns the job unfinished; this start does not count."""
         self._jobs.release(self.claim)
 
     @patient
     def is_published(self) -> bool:
-        """Whether the last stage's result is published."""
         return bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
     @patient
     def publish(self, stage: str, *files: str) -> Path:
-        """Move the result of `stage`, the last one, to the scene's folder, unless an earlier attempt did, and check
-        `files` of it. Returns where it is, a version whose name is the run's; `OSError` where the disk is full."""
+        """Publishes the last stage's result as version `run_id`, if needed, and checks `files`.
+
+        Raises:
+            OSError: the disk is full.
+        """
         folder = self._blobs.fetch_version(self.scene_id, self.run_id)
         if folder is None:
             folder = self._blobs.publish(self.folder / stage, self.scene_id, self.run_id)
@@ -221,8 +206,7 @@ class ClaimedJob:
 
     @patient
     def publish_scene(self, stage: str, follow: NewJob | None) -> None:
-        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY, the
-        operation SUCCEEDED, and queue what is to `follow`.
+        """Publishes the last stage's result, completes scene and operation, and queues `follow`.
 
         Raises:
             ConflictError: a draft was edited meanwhile.
@@ -234,14 +218,12 @@ class ClaimedJob:
 
     @patient
     def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
-        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED; errors as
-        `JobRepository.succeed_with_version`."""
+        """Completes the operation with a published version, if any; raises as `JobRepository.succeed_with_version`."""
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
     @patient
     def drop_result(self, stage: str) -> None:
-        """Remove the result of `stage`, the last one, here and where it was published, so that it is made again;
-        a scene that was not published yet is kept for that."""
+        """Deletes the last stage's result to redo it; keeps an unpublished scene."""
         result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
         if self.claim.operation.makes_scene and result.is_dir():
             remove(kept)
@@ -251,19 +233,18 @@ class ClaimedJob:
 
     @patient
     def cancel(self) -> None:
-        """Make the operation CANCELLED."""
         self._jobs.cancelled(self.claim)
 
     @patient
     def fail(self, error: Mapping[str, Any]) -> None:
-        """Make the operation FAILED with an `OperationError` as JSON."""
+        """Marks the operation FAILED with an `OperationError` as JSON."""
         self._jobs.fail(self.claim, error)
 
     def clean_up(self, outcome: JobOutcome) -> None:
-        """Remove the files that an ended job does not need; what cannot be removed is left to the periodic cleanup.
+        """Deletes files that an ended job does not need; leftovers go with the periodic cleanup.
 
-        The upload of a job that failed or was cancelled stays for a retry, unless its scene was deleted or its photos
-        were promised not to be stored.
+        The upload of a failed or cancelled job is kept for a retry, unless its scene was deleted or privacy was
+        promised.
         """
         with suppress(ObjectStoreError):
             self._blobs.drop_job(self.run_id)
@@ -271,7 +252,7 @@ class ClaimedJob:
             remove(self.log)
         with suppress(DatabaseError, ObjectStoreError):
             deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
-            promised = self.options.privacy is not None  # then no photo as sent outlives the attempt to read it
+            promised = self.options.privacy is not None  # originals then do not outlive the attempt to read them
             if self.claim.operation.upload_id and (deleted or promised or outcome.state == "done"):
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted and self.claim.operation.makes_scene:
@@ -280,7 +261,6 @@ class ClaimedJob:
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _made(self, stage: str) -> MadeScene:
-        """Publish the result of `stage`, the last one, unless an earlier attempt did; errors as `publish_scene`."""
         made = self._published(self.folder / stage, self.run_id, check=True)
         folder = self._version_or(self.run_id, self.folder / stage)
         self._blobs.check_version(folder, SUMMARY, "stage.json")
@@ -288,8 +268,7 @@ class ClaimedJob:
         return made
 
     def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
-        """Publish the folders of a scene, and those of its edits, as far as they are not; with `check`, unless a
-        draft was edited since: `ConflictError`."""
+        """Publishes a scene's folders and edits; with `check` raises `ConflictError` after edits."""
         self._carried = ()
         place = self._version_or(version, folder)
         made = read_made(
@@ -311,7 +290,6 @@ class ClaimedJob:
         return self._blobs.fetch_version(self.scene_id, version) or folder
 
     def _edited(self) -> EditedDraft | None:
-        """What people have made of the newest draft."""
         scene = self._scenes.scene(self.scene_id)
         records = self._versions.of(scene) if scene.version else ()
         return edited_draft(records, lambda name: self._version_or(name, Path()))
@@ -321,7 +299,7 @@ class ClaimedJob:
             self._blobs.drop_version(self.scene_id, name)
 
     def _drop_versions(self, versions: Sequence[str]) -> None:
-        with suppress(ObjectStoreError):  # what stays, the periodic cleanup removes
+        with suppress(ObjectStoreError):  # leftovers go with the periodic cleanup
             for old in versions:
                 self._blobs.drop_version(self.scene_id, old)
 

@@ -1,4 +1,4 @@
-"""Garbage collection: leftovers of crashes, expired uploads, old logs and rows."""
+"""Garbage collection: crash leftovers, expired uploads, old logs and rows."""
 
 from __future__ import annotations
 
@@ -12,36 +12,29 @@ from fastsplat.service.store.identity import check_identity
 from fastsplat.service.store.store import Store
 from fastsplat.workers.periodic import RepeatFilter
 
-TRASH_S = 7 * 24 * 3600.0
-"""So long a scene that lost its row stays in the trash."""
+TRASH_S = 7 * 24 * 3600.0  # retention of lost scenes in the trash
 _MOST_AT_ONCE = 3
-"""More scenes or versions that lost their rows at a time are no remains of deletions and crashes: something is wrong
-with the database."""
-_PUBLISHED_BEFORE_S = 24 * 3600.0
-"""A version that was published later may get its row yet."""
-_DELETION_S = 3600.0
-"""A scene that lost its row so lately is being deleted by whoever removed the row."""
+"""More lost scenes or versions indicate a database problem rather than leftovers."""
+_PUBLISHED_BEFORE_S = 24 * 3600.0  # later versions may still get their row
+_DELETION_S = 3600.0  # scenes that lost their row later are still being deleted
 
 logger = logging.getLogger(__name__)
 logger.addFilter(RepeatFilter(interval_s=3600.0, length=200))
 
 
 def remove_unneeded(
-    store: Store, upload_expiry_s: float, ended_job_retention_s: float, failed_upload_retention_s: float
+    store: Store,
+    upload_expiry_s: float,  # of unneeded uploads, since their last change
+    ended_job_retention_s: float,  # of logs, and of operations without a scene
+    failed_upload_retention_s: float,  # of uploads of failed and cancelled jobs
 ) -> None:
-    """Remove work folders of ended jobs, used and expired uploads, and logs and rows of old jobs.
-
-    Args:
-        store: what to clean.
-        upload_expiry_s: uploads that no job needs are removed when nothing of them has changed for so long.
-        ended_job_retention_s: logs, and operations without a scene, are removed so long after their end.
-        failed_upload_retention_s: uploads of failed and cancelled jobs are removed so long after their end.
+    """Deletes work folders of ended jobs, used and expired uploads, old logs and rows.
 
     Raises:
-        ConflictError: the database is not that of the store's files; nothing was removed.
+        ConflictError: the database does not belong to the store's files; nothing was deleted.
     """
     check_identity(store.engine, store.blobs)
-    # Folders are listed before rows are read: what came since then has its row and stays.
+    # Folders are listed before rows are read, so that newer ones have their row and stay.
     blobs = store.blobs
     jobs, uploads = blobs.ids("jobs"), blobs.ids("uploads")
     for run_id in store.jobs.over(jobs):
@@ -57,15 +50,13 @@ def remove_unneeded(
 
 
 def trash_lost_scenes(store: Store, now: float) -> None:
-    """Move scenes whose row is gone, and of which jobs are known, to the trash, and erase what has been there for
-    `TRASH_S`. Scenes of which the database knows nothing stay where they are: an older database was put back, say.
+    """Trashes scenes that lost their row, and deletes those trashed `TRASH_S` ago.
 
-    Args:
-        store: what to clean.
-        now: seconds since 1970, by a clock that no jump of the wall clock moves far, see `ActivityClock`.
+    Only scenes with known jobs; those unknown to the database stay, e.g. after restoring an older database. `now` is
+    seconds since 1970, robust against clock jumps (`ActivityClock`).
 
     Raises:
-        ConflictError: the database is not that of the store's files; nothing was moved or removed.
+        ConflictError: the database does not belong to the store's files; nothing was moved or deleted.
     """
     check_identity(store.engine, store.blobs)
     lost, unknown = store.jobs.lost_scenes(store.blobs.ids("scenes"), now - _DELETION_S)
@@ -85,14 +76,13 @@ def trash_lost_scenes(store: Store, now: float) -> None:
 
 
 def trash_lost_versions(store: Store, now: float) -> None:
-    """Move versions without a row to the trash, those of scenes that have one, if they are a day old: a process ended,
-    or a database went away, between folder and row.
+    """Trashes day-old versions without a row, left by failures between folder and row.
 
     Raises:
-        ConflictError: the database is not that of the store's files; nothing was moved.
+        ConflictError: the database does not belong to the store's files; nothing was moved.
     """
     check_identity(store.engine, store.blobs)
-    # Folders are listed before rows are read, and jobs before versions: what ended since then has its row and stays.
+    # Folders are listed before rows are read, and jobs before versions, so that newer ones have their row and stay.
     old = {key for key, published_at in store.blobs.versions().items() if now - published_at > _PUBLISHED_BEFORE_S}
     runs_over = store.jobs.over([version for _, version in old])
     lost = sorted(store.versions.without_row([key for key in old if key[1] in runs_over]))

@@ -1,4 +1,4 @@
-"""The stages of a job that makes a scene: files in, files out, `service.pipeline` in between."""
+"""Stages of a job that makes a scene: file input and output around `service.pipeline`."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ STAGES: Mapping[str, Stage] = {
 
 
 def _tradeoffs(job: Job) -> tuple[str, ...]:
-    """What the time budget reduced in perception and training, in words."""
+    """Lists reductions of perception and training due to the time budget."""
     path = job.result("perception") / _TRADEOFFS
     with intact(path):
         of_perception = json.loads(path.read_text()) if path.exists() else ()

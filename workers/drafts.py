@@ -1,4 +1,4 @@
-"""Drafts of a scene, made by the stages of its job while they run."""
+"""Makes drafts of a scene while the stages of its job run."""
 
 from __future__ import annotations
 
@@ -43,33 +43,29 @@ from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.scenes import Edit
 
 _OF_EDIT = {field.name for field in fields(Edit)}
-"""Rows of versions say more, of what came of a prompt."""
+"""Fields of an edit; version rows also hold results of prompts."""
 
 
 def training_drafts() -> tuple[float, ...]:
-    """After which shares of a training a draft is due."""
+    """Training progress, 0..1, at which drafts are due."""
     return tuple(draft.fraction for draft in PLAN if draft.stage == "training")
 
 
 def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
-    """The views that drafts know, of a capture that is labelled: those whose masks were looked for first."""
+    """Selects the views used for drafts: those masked first."""
     looked_at = [number for number, masks in enumerate(labelling.masks) if masks is not None]
     return covering_order(capture, looked_at or range(len(capture.views)))[:EARLY_VIEWS]
 
 
 def write_made(scene: Scene, folder: Path) -> None:
-    """The files of a scene that is to be published, photos excepted."""
+    """Writes a scene for publication, without photos."""
     write_scene(scene, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")
     (folder / SUMMARY).write_text(json.dumps(_summary(scene)))
 
 
 def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
-    """Make the edits of the newest draft again, beside a scene that `write_made` has written.
-
-    Returns:
-        Those that could not be made again, in words.
-    """
+    """Repeats the newest draft's edits beside a written scene; describes those that failed."""
     edited = read_edited(job.folder / EDITS)
     if edited is None:
         _note(folder, "", (), ())
@@ -109,17 +105,14 @@ def _note(folder: Path, edited: str, rows: Sequence[dict[str, Any]], lost: Seque
 
 
 def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
-    """The last stage of a job that makes a scene: the scene, and the edits of its newest draft made again.
+    """Runs the last stage: the scene, and the repeated edits of its newest draft.
 
-    Args:
-        job: whose stage.
-        folder: of the stage.
-        assemble: writes the scene into it, if it was not made before: edits that come late do not cost it.
+    If only late edits are missing, the kept scene is used and `assemble`, which writes it, is skipped.
     """
     kept = job.folder / f"{folder.name.partition('.')[0]}{KEPT}"
     if kept.is_dir():
         shutil.copytree(kept, folder, copy_function=link_or_copy, ignore=_own, dirs_exist_ok=True)
-        (folder / SUMMARY).write_bytes((kept / SUMMARY).read_bytes())  # it is written to, and no link may be
+        (folder / SUMMARY).write_bytes((kept / SUMMARY).read_bytes())  # a copy, because links must not be written to
     else:
         assemble()
     if (job.folder / EDITS).exists():
@@ -127,20 +120,17 @@ def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
 
 
 def _own(folder: str, names: list[str]) -> list[str]:
-    """What is not of the scene alone."""
     return [name for name in names if name in (CARRIED, SUMMARY, *RESULT_FILES)]
 
 
 class Drafts:
-    """Drafts that a stage publishes. Without one a job is as good: what keeps one from being made is written to the
-    job's log."""
+    """Publishes drafts of a stage; failures are logged and do not fail the job."""
 
     def __init__(self, job: Job, files: ProgressFiles) -> None:
         self._job, self._files = job, files
         self._numbers = itertools.count(1)
 
     def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
-        """See `first_draft`."""
         self._publish("perception", lambda: first_draft(capture, labelling, views, self._job.settings))
 
     def of_training(
@@ -152,7 +142,7 @@ class Drafts:
         settings: Settings,
         share: float,
     ) -> None:
-        """See `training_draft`; `share` is that of the training behind it."""
+        """Publishes a draft at training progress `share`."""
         provisional = Provisional("training", round(share, 3))
         self._publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
 
@@ -165,11 +155,11 @@ class Drafts:
             folder.mkdir(parents=True)
             write_made(scene, folder)
             if lost := carry_into(job, scene, folder):
-                raise ConflictError(f"it would lose edits: {'; '.join(lost)}")  # the finished scene may hold them
+                raise ConflictError(f"it would lose edits: {'; '.join(lost)}")  # the finished scene may accept them
             folder.rename(job.folder / DRAFTS / name)
         except CancelledError:
             raise
-        except Exception as error:  # of whatever kind: the job goes on
+        except Exception as error:  # any failure: the job continues
             remove(folder)
             print(f"draft {name} is not made: {error}", file=sys.stderr, flush=True)
             if not isinstance(error, (FastSplatError, OSError)):

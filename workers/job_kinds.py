@@ -1,4 +1,4 @@
-"""The kinds of job, a row each: its stages, what it reads, what runs it, how its result is published."""
+"""Kinds of job: stages, inputs, code and publication."""
 
 from __future__ import annotations
 
@@ -16,36 +16,27 @@ from fastsplat_contract.scenes import Edit
 
 
 class Sources(NamedTuple):
-    """What a job reads, on this machine.
+    """Inputs of a job on this machine."""
 
-    Attributes:
-        folder: the validated upload's; of a job on a finished scene, that of its current version.
-        version: of a job on a finished scene: whose folder it is.
-    """
-
-    folder: Path
-    version: str = ""
+    folder: Path  # of the validated upload, or of the finished scene's current version
+    version: str = ""  # of a finished scene
 
 
 @dataclass(frozen=True)
 class JobKind:
-    """One kind of job.
+    """A kind of job.
 
     Attributes:
-        stages: names of its stages, in order.
-        sources: finds what it reads. Raises `NotFoundError` where that is gone.
-        run: "module:name" of a mapping of its stages' names to `Stage` functions, which trainers alone import.
-        publish: publishes the last stage's result, unless an earlier attempt did, and makes the operation SUCCEEDED.
-            Raises `ConflictError` where the last stage is to be done again, as the scene has another version by now;
-            `NotFoundError` where it was deleted; `OSError` where the disk is full.
-        asks_namer: whether its trainers are told of the settings' namer, as long as the project agrees to that.
+        publish: publishes the last stage's result if needed, and completes the operation. Raises `ConflictError` to
+            redo the last stage because the scene has a new version, `NotFoundError` if it was deleted, `OSError` if the
+            disk is full.
     """
 
-    stages: tuple[str, ...]
-    sources: Callable[[ClaimedJob], Sources]
-    run: str
+    stages: tuple[str, ...]  # in order
+    sources: Callable[[ClaimedJob], Sources]  # raises `NotFoundError`
+    run: str  # "module:name" of `Stage` functions by stage, imported only by trainers
     publish: Callable[[ClaimedJob, str], None]
-    asks_namer: bool = False
+    asks_namer: bool = False  # pass namer settings to trainers, given consent
 
 
 def _upload(job: ClaimedJob) -> Sources:
@@ -62,7 +53,7 @@ def _publish_scene(job: ClaimedJob, stage: str) -> None:
 
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:
-    # What a worker needs only where a job makes a version.
+    # Imported only if a job makes a version.
     from fastsplat.service.new_versions import new_version
     from fastsplat.service.scene.scene_files import read_scene
 
@@ -71,7 +62,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
     result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
     new = new_version(
-        read_scene(job.current_version()[0] / "artefact").things,  # its parent, or it is refused
+        read_scene(job.current_version()[0] / "artefact").things,  # its parent, otherwise publication fails
         read_scene(folder / "artefact"),
         job.calls,
         scene_id=job.scene_id,
@@ -86,7 +77,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
 
 def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
     path = job.folder / stage / "summary.json"
-    summary = json.loads(path.read_text()) if path.exists() else None  # it goes with what is published
+    summary = json.loads(path.read_text()) if path.exists() else None  # publication moves it
     if summary is None or summary["edits"]:
         _publish_version(job, stage)
     else:

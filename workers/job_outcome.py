@@ -1,4 +1,4 @@
-"""Ends of jobs and stages."""
+"""Outcomes of jobs and stages."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any, Literal
 
 @dataclass(frozen=True)
 class JobOutcome:
-    """Outcome of a job or one of its stages; `error` is the `OperationError` of a failed one as JSON, else None."""
+    """Outcome of a job or stage."""
 
     state: Literal["done", "cancelled", "failed"]
-    error: Mapping[str, Any] | None = None
+    error: Mapping[str, Any] | None = None  # `OperationError` as JSON if failed
 
 
 DONE = JobOutcome("done")
@@ -20,5 +20,4 @@ CANCELLED = JobOutcome("cancelled")
 
 
 def failed(error: Mapping[str, Any]) -> JobOutcome:
-    """The outcome of a job that ended with an error."""
     return JobOutcome("failed", error)

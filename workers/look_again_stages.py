@@ -1,4 +1,7 @@
-"""The stages of a job that looks again at a finished scene: a look at the version of then, names for the one of now."""
+"""Stages of a job that searches a finished scene for new names.
+
+It searches renderings of the version at the job's start, and names things in the current one.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ _PICTURES = "pictures"
 
 
 def _look(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "looking": the sightings of the job's texts."""
+    """Stage "looking": finds sightings of the job's texts."""
     order, index = from_plain(LookAgainIn, dict(job.order)), open_current(job)
     (folder / _PICTURES).mkdir()
     sightings = look_for(index, order.texts, job.settings, folder / _PICTURES, progress)
@@ -38,10 +41,7 @@ def _look(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _name(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "naming": the current version with the names of what was sighted, as a folder to be published.
-
-    `summary.json` says of which version it was made, and what to tell the caller.
-    """
+    """Stage "naming": writes the current version with the sighted names."""
     path = job.result("looking") / _SIGHTINGS
     with intact(path):
         values = json.loads(path.read_text())
@@ -58,25 +58,21 @@ STAGES: Mapping[str, Stage] = {"looking": _look, "naming": _name}
 
 
 def write_renamed(job: Job, scene: Scene, folder: Path, more: Mapping[str, Any]) -> None:
-    """Write the current version with other names as a folder to be published.
+    """Writes the current version with other names, for publication.
 
-    Args:
-        job: of the version.
-        scene: what it is now, its Gaussians as they were.
-        folder: to write into.
-        more: for `summary.json`: the "result", and "edits" if the version was made by others than the job's kind.
+    `more` has "result" for `summary.json`, and "edits" unless the job's kind describes them.
     """
     write_scene(scene, folder / "artefact")
     try:
         os.link(job.upload / "scene.ply", folder / "scene.ply")  # the Gaussians are the same
-    except OSError:  # not every file system has links
+    except OSError:  # no hard links
         write_ply(scene.gaussians, folder / "scene.ply")
     share_photos(job.upload, folder)
     (folder / "summary.json").write_text(json.dumps({"parent": job.version, **content_of(scene), **more}))
 
 
 def open_current(job: Job) -> SceneIndex:
-    """The version of the scene that is current as the job's trainer starts."""
+    """Opens the version that was current when the trainer started."""
     scene = read_scene(job.upload / "artefact")
     encoder = open_text_encoder(scene.text_encoder[0], job.settings.models)
     return SceneIndex(scene, encoder, job.settings.query)

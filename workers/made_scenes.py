@@ -1,8 +1,7 @@
-"""What a job that makes a scene has made, as folders: a draft or the finished scene, and the edits that people made of
-the draft before, made again.
+"""Folders of drafts and finished scenes, with repeated edits of an earlier draft.
 
-`artefact/`, `scene.ply`, `photos/` and `summary.json`; below `carried/` such a folder for each version of these edits.
-Which edits there are the supervisor says in a file of the work folder, `EDITS`, as the trainer knows no database.
+Contents: `artefact/`, `scene.ply`, `photos/`, `summary.json`, and such a folder per edited version below `carried/`.
+The supervisor lists the edits in the work folder's `EDITS`, as the trainer has no database.
 """
 
 from __future__ import annotations
@@ -28,18 +27,11 @@ _OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 @dataclass(frozen=True)
 class EditedVersion:
-    """A version that people have made of a draft, or of another such version.
-
-    Attributes:
-        version: its name.
-        folder: on this machine.
-        edits: as JSON.
-        author, request_id, request_digest: see `VersionRecord`.
-    """
+    """A version edited from a draft or from another such version."""
 
     version: str
-    folder: str
-    edits: Sequence[Mapping[str, Any]]
+    folder: str  # on this machine
+    edits: Sequence[Mapping[str, Any]]  # as JSON
     author: str
     request_id: str
     request_digest: str
@@ -47,18 +39,16 @@ class EditedVersion:
 
 @dataclass(frozen=True)
 class EditedDraft:
-    """A draft, by its folder on this machine, and what was made of it, the newest last; at least one version."""
+    """A draft's folder on this machine and one or more edited versions, newest last."""
 
     folder: str
     versions: Sequence[EditedVersion]
 
 
 def edited_draft(records: Sequence[VersionRecord], find: Callable[[str], Path]) -> EditedDraft | None:
-    """What the current one of a scene's versions holds beside the draft that it was made of; None if it is a draft.
+    """Returns the draft that the current version was edited from; None for a draft.
 
-    Args:
-        records: of all its versions.
-        find: the folder of a version.
+    `find` returns a version's folder.
     """
     known = {record.version: record for record in records}
     lineage = [record for record in records if record.current]
@@ -79,14 +69,14 @@ def edited_draft(records: Sequence[VersionRecord], find: Callable[[str], Path]) 
 
 
 def write_edited(edited: EditedDraft | None, path: Path) -> None:
-    """Tell the trainer what was edited: whole or not at all."""
+    """Writes the edits for the trainer, atomically."""
     unfinished = path.with_suffix(".part")
     unfinished.write_text(json.dumps(None if edited is None else asdict(edited)))
     os.replace(unfinished, path)
 
 
 def read_edited(path: Path) -> EditedDraft | None:
-    """What was edited, as far as the supervisor has said; None where nothing was."""
+    """Reads the edits known to the supervisor; None without any."""
     if not path.exists() or (values := json.loads(path.read_text())) is None:
         return None
     return EditedDraft(values["folder"], tuple(EditedVersion(**version) for version in values["versions"]))
@@ -94,36 +84,25 @@ def read_edited(path: Path) -> EditedDraft | None:
 
 @dataclass(frozen=True)
 class MadeScene:
-    """What is to be published.
-
-    Attributes:
-        summary: of the scene.
-        carried: see `publish_made_within`.
-        edited: the edited version whose edits these are; "" for none.
-        lost: what of them could not be made again, in words.
-    """
+    """A scene to publish."""
 
     summary: SceneSummary
-    carried: tuple[NewVersion, ...]
-    edited: str
-    lost: tuple[str, ...]
+    carried: tuple[NewVersion, ...]  # see `publish_made_within`
+    edited: str  # edited version that these edits repeat; "" for none
+    lost: tuple[str, ...]  # descriptions of edits that could not be repeated
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """As `CreateSceneResult`; None where nothing was edited."""
+        """`CreateSceneResult` as JSON; None without edits."""
         return {"carried": len(self.carried), "lost": list(self.lost)} if self.edited else None
 
 
 def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, find: Callable[[str], Path]) -> MadeScene:
-    """What a folder holds, that is `version` of the scene, or is to be.
+    """Reads a folder that is, or becomes, `version` of the scene.
 
-    Args:
-        folder: see above.
-        scene_id, version: of the scene.
-        calls: how many names of people are kept.
-        find: the folder of one of the versions in `carried`, wherever it is by now.
+    `find` returns the current folder of a version in `carried`.
     """
-    # What a worker needs only where a draft was edited.
+    # Imported only if a draft was edited.
     from fastsplat.service.new_versions import new_version
     from fastsplat.service.scene.scene_files import read_scene
 

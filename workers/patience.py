@@ -1,4 +1,4 @@
-"""Calls while the database or the object store is away: those that wait, and those that do not."""
+"""Handling of database and object store outages: retry or skip."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RETRY_S = 1.0
 
 
 def patient(method: Callable[P, T]) -> Callable[P, T]:
-    """Repeat a call for up to ten minutes while the database or the object store does not answer."""
+    """Retries a call for up to ten minutes during an outage."""
 
     @wraps(method)
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -37,8 +37,7 @@ def patient(method: Callable[P, T]) -> Callable[P, T]:
 
 
 def at_once(job_id: str, look: Callable[[], frozenset[JobRequest]]) -> frozenset[JobRequest]:
-    """What `look` says was asked of a job; nothing while the database does not answer: one that restarts in the middle
-    of a job costs some progress reports, not the job."""
+    """Returns the requests to a job; a database outage only costs progress reports."""
     try:
         return look()
     except DatabaseError as error:

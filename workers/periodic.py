@@ -1,4 +1,4 @@
-"""Periodic tasks of a worker, and a log that they cannot flood."""
+"""Periodic tasks of a worker with rate-limited logging."""
 
 from __future__ import annotations
 
@@ -15,12 +15,7 @@ _PAUSE_AFTER_ERROR_S = 1.0
 
 
 class RepeatFilter(logging.Filter):
-    """Log filter that drops a record whose message begins like one that passed a moment ago.
-
-    Args:
-        interval_s: how long a beginning is remembered.
-        length: characters of the beginning.
-    """
+    """Drops records whose first `length` characters passed within `interval_s` seconds."""
 
     def __init__(self, interval_s: float, length: int) -> None:
         super().__init__()
@@ -29,7 +24,6 @@ class RepeatFilter(logging.Filter):
         self._passed_at: dict[str, float] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is logged."""
         beginning, now = record.getMessage()[: self._length], time.monotonic()
         if now - self._passed_at.get(beginning, -self._interval_s) < self._interval_s:
             return False
@@ -42,18 +36,14 @@ logger.addFilter(RepeatFilter(interval_s=60.0, length=200))
 
 
 def repeat(name: str, task: Callable[[], None], interval_s: float) -> None:
-    """Start a thread that calls `task` as long as the process lives, with `interval_s` seconds between its calls."""
+    """Starts a daemon thread that calls `task` with pauses of `interval_s` seconds."""
     threading.Thread(target=_repeat, args=(name, task, interval_s), name=name, daemon=True).start()
 
 
 def run_logged(name: str, task: Callable[[], None]) -> bool:
-    """Call `task` once; what it raises is logged, and the same is not logged again for a minute.
+    """Calls `task`, logs its errors, and returns True on success.
 
-    A database or an object store that is away, or that is another's, is a line; anything else is a defect, and logged
-    with its traceback.
-
-    Returns:
-        Whether it ended without an error.
+    Outages and foreign stores are logged as a line each minute; other errors are defects, with traceback.
     """
     try:
         task()

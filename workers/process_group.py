@@ -1,4 +1,4 @@
-"""Process groups that end with their parent, and what is known of a process by its id. Imports nothing heavy."""
+"""Process groups that end with their parent, and process states; no heavy imports."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _CLOCK_SLACK_S = 2.0
 
 
 def fork_group_guard() -> None:
-    """Fork a process that kills this process group, grandchildren included, once the other end of stdin is closed.
+    """Forks a guard that kills this process group once stdin's other end closes.
 
-    The kernel's own signal reaches one process only, and a Python handler would wait for native code to return.
+    The kernel's own signal reaches a single process, and a Python handler would wait for native code to return.
     """
     if os.fork():
         return
-    os.closerange(1, _MOST_DESCRIPTORS)  # or the readers of our pipes would never see their end
+    os.closerange(1, _MOST_DESCRIPTORS)  # otherwise readers of our pipes would never see EOF
     try:
         while os.read(0, 1024):
             pass
@@ -28,18 +28,15 @@ def fork_group_guard() -> None:
 
 
 def machine_id() -> str:
-    """Identity of one boot of one machine and one container of it: within it, a process id names one process."""
+    """Identifies a machine's boot and container, within which process ids are unique."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return f"{socket.gethostname()} {boot} {os.readlink('/proc/self/ns/pid')}"
 
 
 def process_state(pid: int, before: float) -> str:
-    """State letter of a process in this `machine_id`: "T" is stopped, as by SIGSTOP; "" has ended, "?" is hidden.
+    """State letter of a process of this `machine_id`: "T" stopped, "" ended, "?" hidden.
 
-    Args:
-        pid: its id.
-        before: seconds after the boot; a process that started later is another one with the same id. (A time of day
-            would not do: that clock jumps.)
+    `before` is seconds since boot (the time of day jumps); a process started later only reuses the id.
     """
     try:
         state, *numbers = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -54,6 +51,6 @@ def _exists(pid: int) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except PermissionError:  # another user's, whom /proc may hide
+    except PermissionError:  # another user's, possibly hidden in /proc
         pass
     return True

@@ -1,7 +1,7 @@
-"""Progress files of a running job: small files in its work folder, each announced by a progress event.
+"""Small files that a running job publishes through progress events.
 
-The supervisor makes them visible to the API, wherever that runs, and names them in the operation's row; they go with
-the work folder. A file's name has the attempt in it, and none is written twice.
+The supervisor makes them visible to the API and lists them in the operation's row; they are deleted with the work
+folder. Names include the attempt, and no file is written twice.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _LOOK_EVERY_S = 0.5
 
 
 class ProgressFiles:
-    """Publisher of a stage's progress files. What `progress` raises ends the stage."""
+    """Publishes a stage's progress files; errors of `progress` end the stage."""
 
     def __init__(self, job: Job, stage: str, progress: Progress) -> None:
         self._job, self._progress = job, progress
@@ -32,22 +32,20 @@ class ProgressFiles:
         self._numbers = itertools.count(1)
 
     def progress(self, event: ProgressEvent) -> None:
-        """Passes an event on; files are announced with the last one's figures."""
+        """Forwards an event; files are announced with its figures."""
         self._last = event
         self._progress(event)
 
     def preview(self, preview: TrainingPreview) -> None:
-        """Publishes a picture of the training."""
         info = {name: value for name, value in asdict(preview).items() if name != "jpeg"}
         self._publish("preview", ".jpg", preview.jpeg, info)
 
     def placed(self, placed: PlacedViews) -> None:
-        """Publishes the cameras that are placed."""
         info = {"placed": placed.placed, "images": placed.images, "complete": placed.complete}
         self._publish("placed", ".json", placed_to_json(placed), info)
 
     def draft(self, name: str, provisional: Provisional) -> None:
-        """Announces a draft, a whole folder of the work folder's `drafts`."""
+        """Announces a folder of the work folder's `drafts`."""
         self._announce("draft", name, provisional._asdict())
 
     def _publish(self, kind: str, ending: str, content: bytes, info: Mapping[str, Any]) -> None:
@@ -56,9 +54,9 @@ class ProgressFiles:
         unfinished = folder / f".{name}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            unfinished.write_bytes(content)  # not flushed to the disk: after a power cut there is another one soon
+            unfinished.write_bytes(content)  # not fsynced: replaced soon anyway
             os.replace(unfinished, folder / name)
-        except OSError as error:  # a picture less is no reason to end a job
+        except OSError as error:  # not worth failing the job
             print(f"{name} is not shown: {error}", file=sys.stderr, flush=True)
             return
         self._announce(kind, name, info)
@@ -69,7 +67,7 @@ class ProgressFiles:
 
 
 def finish_requested(job: Job) -> Callable[[], bool]:
-    """A function that says whether the job was asked to end its training early; it looks twice a second at most."""
+    """Returns a function that polls, at most twice a second, for early finish requests."""
     looked_at, requested = -_LOOK_EVERY_S, False
 
     def look() -> bool:

@@ -1,4 +1,4 @@
-"""Messages between a supervisor and its trainer, one JSON object a line: a job to the trainer, events from it."""
+"""JSON-lines protocol between supervisor and trainer: a job in, events out."""
 
 from __future__ import annotations
 
@@ -16,48 +16,30 @@ from fastsplat_contract.operations import SceneOptions
 
 @dataclass(frozen=True)
 class Job:
-    """What a trainer runs.
-
-    Attributes:
-        operation_id: whose job this is.
-        attempt: counts the trainers of this job; part of the name of everything unfinished.
-        upload: the validated upload's folder; of a job on a finished scene, the folder of its current version.
-        folder: the job's work folder, shared by all attempts.
-        options: the user's choices.
-        settings: the operator's, with what the user chose.
-        stages: names of its stages, in order.
-        order: of a job on a finished scene: what was ordered, as JSON.
-        version: of a job on a finished scene: whose folder `upload` is.
-        exclude: paths of photos in the upload that are left out.
-    """
+    """A trainer's job."""
 
     operation_id: str
-    attempt: int
-    upload: Path
-    folder: Path
+    attempt: int  # counts the job's trainers; part of the names of unfinished files
+    upload: Path  # validated upload, or the finished scene's current version
+    folder: Path  # work folder, shared by all attempts
     options: SceneOptions
-    settings: Settings
+    settings: Settings  # the operator's, with the user's choices
     stages: tuple[str, ...] = ()
-    order: Mapping[str, Any] = field(default_factory=dict)
-    version: str = ""
-    exclude: tuple[str, ...] = ()
+    order: Mapping[str, Any] = field(default_factory=dict)  # of a job on a finished scene, as JSON
+    version: str = ""  # of a finished scene, in `upload`
+    exclude: tuple[str, ...] = ()  # upload paths of photos to leave out
 
     def result(self, stage: str) -> Path:
-        """Folder of a stage's finished result; if it exists, it is complete."""
+        """Folder of a stage's result; complete if it exists."""
         return self.folder / stage
 
     @property
     def finish_mark(self) -> Path:
-        """File that is there once the job is to end its training early, for all attempts."""
+        """File whose existence requests an early end of training, for all attempts."""
         return self.folder / "finish"
 
     def to_line(self, run: str, *, asks_namer: bool = False) -> bytes:
-        """The first line that a trainer reads; the database's URL is left out, as it may hold a password.
-
-        Args:
-            run: what runs the stages, see `JobKind.run`.
-            asks_namer: whether it is told of the settings' namer.
-        """
+        """Encodes the trainer's first input line, without database credentials."""
         secret = {"database_url", "database_password", *(() if asks_namer else ("namer",))}
         spec = {
             "operation_id": self.operation_id,
@@ -76,7 +58,7 @@ class Job:
 
 
 def read_job(line: bytes) -> tuple[Job, str]:
-    """Back from `Job.to_line`, with what runs the stages."""
+    """Decodes `Job.to_line`; returns also `run`."""
     spec = json.loads(line)
     job = Job(
         operation_id=spec["operation_id"],
@@ -99,7 +81,7 @@ Stage = Callable[[Job, Path, Progress], None]
 
 @dataclass(frozen=True)
 class Done:
-    """A stage's result is complete in the work folder; `seconds` is what it took, 0.0 if it was there before."""
+    """A stage is complete; `seconds` is 0.0 if it was before."""
 
     stage: str
     seconds: float
@@ -107,7 +89,7 @@ class Done:
 
 @dataclass(frozen=True)
 class Failed:
-    """A stage ended with an error: an `OperationError` as JSON."""
+    """A stage failed with an `OperationError` as JSON."""
 
     error: Mapping[str, Any]
 
@@ -116,13 +98,12 @@ Event = ProgressEvent | Done | Failed
 
 
 def event_to_line(event: Event) -> bytes:
-    """One line for the pipe."""
     kind = {ProgressEvent: "progress", Done: "done", Failed: "failed"}[type(event)]
     return json.dumps({kind: asdict(event)}, default=float).encode() + b"\n"
 
 
 def read_event(line: bytes) -> Event:
-    """Back from `event_to_line`."""
+    """Decodes `event_to_line`."""
     ((kind, values),) = json.loads(line).items()
     if kind == "done":
         return Done(**values)

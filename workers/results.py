@@ -1,4 +1,4 @@
-"""Stage results in a job's work folder: whole or absent, each written by one attempt."""
+"""Stage results in a job's work folder: complete or absent, each by one attempt."""
 
 from __future__ import annotations
 
@@ -21,17 +21,16 @@ from fastsplat.workers.protocol import Job
 from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError, SceneFileError
 
 PHOTOS = "photos.json"
-"""What became of each photo, in the result of the capture stage."""
+"""File of the capture stage with each photo's result."""
 KEPT = ".made"
-"""Ends the name of a last stage's result that is kept as edits of a draft have yet to be made again in it."""
+"""Suffix of a kept last-stage result whose draft edits must be repeated."""
 _TIMES = "stage.json"
-RESULT_FILES = (_TIMES, DIGESTS)
-"""What stands beside a stage's own files in its result."""
+RESULT_FILES = (_TIMES, DIGESTS)  # beside a stage's own files in its result
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def start_stage(job: Job, stage: str) -> Path:
-    """An empty folder for a stage's result, of this attempt alone."""
+    """Creates an empty folder for this attempt's stage result."""
     folder = job.folder / f"{stage}.{job.attempt}.part"
     remove(folder)
     folder.mkdir(parents=True)
@@ -39,7 +38,7 @@ def start_stage(job: Job, stage: str) -> Path:
 
 
 def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
-    """Publish a stage's result, durably. If another attempt was faster, its result stays."""
+    """Publishes a stage's result durably, unless another attempt was faster."""
     (folder / _TIMES).write_text(json.dumps({"seconds": seconds, "attempt": job.attempt}))
     write_digests(folder)
     try:
@@ -49,9 +48,7 @@ def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
 
 
 def discard_damaged(job: Job) -> tuple[str, ...]:
-    """Take away the first stage's result that is not as it was written, and those after it, because they were made of
-    it; returns the stages that are to be done again for that.
-    """
+    """Discards the first damaged stage result and all later ones; returns their stages."""
     done = [stage for stage in job.stages if job.result(stage).is_dir()]
     for number, stage in enumerate(done):
         try:
@@ -59,7 +56,7 @@ def discard_damaged(job: Job) -> tuple[str, ...]:
         except (SceneFileError, OSError) as error:
             print(f"the result of {stage} is damaged, it is made again: {error}", file=sys.stderr, flush=True)
             for gone in reversed(done[number:]):
-                unfinished = job.folder / f"{gone}.{job.attempt}.part"  # what `start_stage` begins with
+                unfinished = job.folder / f"{gone}.{job.attempt}.part"  # emptied by `start_stage`
                 remove(unfinished)
                 job.result(gone).rename(unfinished)
             return tuple(done[number:])
@@ -68,11 +65,7 @@ def discard_damaged(job: Job) -> tuple[str, ...]:
 
 @contextmanager
 def intact(path: Path) -> Iterator[None]:
-    """A block that reads a file of an earlier stage's result.
-
-    Raises:
-        ArtefactError: it is damaged; names it.
-    """
+    """Turns read errors of a file of an earlier stage into `ArtefactError`."""
     try:
         yield
     except (ValueError, KeyError, TypeError, AttributeError, BadZipFile) as error:
@@ -84,17 +77,15 @@ def intact(path: Path) -> Iterator[None]:
 
 
 def stage_seconds(job: Job, stage: str) -> float:
-    """How long the attempt that finished a stage needed for it."""
+    """Returns the duration of the attempt that finished a stage."""
     path = job.result(stage) / _TIMES
     with intact(path):
         return float(json.loads(path.read_text())["seconds"])
 
 
 def checkpoint_folder(job: Job) -> Path:
-    """Folder of this attempt's checkpoints, begun as a copy of the newest earlier attempt's, if any.
-
-    A suspended worker's trainer may wake and go on writing; it writes to its own attempt's folder.
-    """
+    """Returns this attempt's checkpoint folder, initialized from the newest earlier attempt."""
+    # Separate per attempt, because a suspended worker's trainer may resume writing.
     mine = job.folder / f"checkpoint.{job.attempt}"
     if mine.is_dir():
         return mine
@@ -114,8 +105,8 @@ def checkpoint_folder(job: Job) -> Path:
 
 
 def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
-    """An exception as an `OperationError` in JSON; the traceback goes to the log."""
-    with suppress(OSError):  # the log's own disk may be the full one
+    """Converts an exception to `OperationError` JSON, and logs its traceback."""
+    with suppress(OSError):  # the log's disk may be full
         traceback.print_exception(error)
     if isinstance(error, MemoryError):
         error = ResourceError(
@@ -133,14 +124,13 @@ def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
 
 
 def disk_full_error() -> ResourceError:
-    """The error of a job that ends because the disk is full."""
     return ResourceError(
         "the disk is full", field="data_dir", hint="Free space in the server's data folder, then retry the operation."
     )
 
 
 def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, Any]:
-    """A typed error as the durable `OperationError`."""
+    """Converts an error to `OperationError` JSON."""
     return {
         "kind": error.kind.value,
         "reason": error.reason,
@@ -152,8 +142,8 @@ def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, A
 
 
 def _blamed_photos(field: str, job: Job) -> list[str]:
-    """The name of the photo that an error names as its field, or whose label map it names; empty if it names none."""
-    # A worker, which shares this file, never reads images.
+    """Names the photo that an error's field refers to, directly or by its label map."""
+    # Imported here because workers, which share this file, never read images.
     from fastsplat.service.capture.formats.upload_manifest import read_manifest
 
     try:

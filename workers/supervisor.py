@@ -1,4 +1,4 @@
-"""Supervisor of one job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
+"""Supervises a job: runs its trainer process, records progress and outcome."""
 
 from __future__ import annotations
 
@@ -34,21 +34,19 @@ logger = logging.getLogger(__name__)
 
 
 _TRIES = 5
-"""A scene that is edited again and again while its new names are written is left alone after so many."""
-_DONE = "done"
-"""Message of a stage's row once it is complete."""
-_FURTHEST = "furthest"
-"""In a stage's row: the largest fraction of it that any attempt has reported."""
+"""Publication attempts while the scene is edited concurrently."""
+_DONE = "done"  # message of a complete stage's row
+_FURTHEST = "furthest"  # row key of the largest fraction reported by any attempt
 _ADVANCE = 0.01
-"""So much of a stage beyond the furthest attempt is progress; less may be the time between two reports."""
+"""Progress beyond the furthest attempt that counts; less may be report timing."""
 
 
 class StoppingError(Exception):
-    """This worker is stopping; the job was given back unfinished."""
+    """The worker is stopping; the job was returned unfinished."""
 
 
 class Supervisor:
-    """Runner of one claimed job. Once `stopping` is set, it gives the job back."""
+    """Runs a claimed job; returns it once `stopping` is set."""
 
     def __init__(
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
@@ -63,11 +61,11 @@ class Supervisor:
         self._checked_at = 0.0
 
     def run(self) -> JobOutcome:
-        """Have the stages done that are not, make the end durable, and clean up. Returns how the job ended.
+        """Runs missing stages, records the outcome durably and cleans up.
 
         Raises:
             FencedError: another worker has claimed the job.
-            StoppingError: this worker is stopping, and the job was given back.
+            StoppingError: this worker is stopping; the job was returned.
         """
         error = self.start_limit_error()
         outcome = DONE if error is None else failed(error)
@@ -87,9 +85,10 @@ class Supervisor:
         return outcome
 
     def start_limit_error(self) -> Mapping[str, Any] | None:
-        """The error of a job that was started too often without progress, as JSON; None if it may run."""
+        """Returns the error of a job started too often without progress, or None."""
         limit = self._settings.jobs.max_starts
-        self._note_completed_stages(starts=min(self._job.starts, 2))  # this one, and the one that died after its stage
+        # This start, and the one that died after its stage.
+        self._note_completed_stages(starts=min(self._job.starts, 2))
         if self._job.starts <= limit:
             return None
         error = WorkerCrashedError(
@@ -102,12 +101,7 @@ class Supervisor:
         return error_to_json(error, last_stage, log=self._log_name())
 
     def run_stage(self, stage: str) -> JobOutcome:
-        """Have the trainer finish a stage.
-
-        Raises:
-            FencedError: another worker has claimed the job.
-            StoppingError: this worker is stopping, and the job was given back.
-        """
+        """Has the trainer finish a stage; raises as `run`."""
         while stage not in self._progress.done:
             try:
                 trainer = self._trainer or self._start_trainer()
@@ -115,7 +109,7 @@ class Supervisor:
                 return failed(_cannot_start(error, stage))
             except PermissionDeniedError as error:
                 return failed(error_to_json(error, stage))
-            except (NotFoundError, NotReadyError) as error:  # the scene that it looks again at is gone
+            except (NotFoundError, NotReadyError) as error:  # the finished scene is gone
                 return CANCELLED if self._job.is_cancelled() else failed(error_to_json(error, stage))
             try:
                 event = trainer.next(self._settings.jobs.poll_interval_s)
@@ -148,7 +142,6 @@ class Supervisor:
         return DONE
 
     def kill(self) -> None:
-        """End the trainer and all processes that it started."""
         if self._trainer is not None:
             self._trainer.kill()
             self._trainer = None
@@ -181,7 +174,7 @@ class Supervisor:
         return self._trainer
 
     def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome | None:
-        """Claim the job anew for another trainer and return None, or return how the job ends instead."""
+        """Claims the job for another trainer, or returns the final outcome."""
         status = trainer.status()
         self.kill()
         self._note_completed_stages(starts=1)
@@ -201,10 +194,7 @@ class Supervisor:
         return None
 
     def _note_completed_stages(self, starts: int) -> None:
-        """Write, durably, that those stages are complete whose trainer or worker died before it could say so.
-
-        If there are any, so many starts count from then on.
-        """
+        """Records stages whose trainer or worker died before reporting them, and `starts`."""
         complete = [stage for stage in self._kind.stages if (self._job.folder / stage).is_dir()]
         unwritten = [stage for stage in complete if not self._progress.is_complete(stage)]
         if unwritten:
@@ -213,9 +203,9 @@ class Supervisor:
             self._job.note_completed(self._progress.rows, starts)
 
     def _requests(self, *, report: bool, completed: bool) -> frozenset[JobRequest]:
-        """Look what was asked of the job, now and then; writes the progress if that is due, or if `report`.
+        """Polls requests at intervals; writes progress if due or if `report`.
 
-        Once a stage is `completed`, or this attempt has come further than all before, earlier starts count no more.
+        A `completed` stage, or progress beyond all earlier attempts, resets the start count.
         """
         completed = completed or (self._progress.advanced and self._job.starts > 1)
         jobs, now = self._settings.jobs, time.monotonic()
@@ -233,14 +223,11 @@ class Supervisor:
         return not self._kind.asks_namer or self._job.may_ask_namer()
 
     def _taken_back(self) -> frozenset[JobRequest]:
-        """A cancellation, where the project agrees no more that the job's namer is asked."""
+        """Cancels if the project withdrew its consent to the namer."""
         return frozenset() if self._may_ask() else frozenset(("cancel",))
 
     def _succeed(self) -> JobOutcome:
-        """Publish what the job made; returns how the job ended after all.
-
-        Where a finished scene was edited meanwhile, the job's result is put into what it was edited to.
-        """
+        """Publishes the result; redoes the last stage if the scene was edited meanwhile."""
         last = self._kind.stages[-1]
         for remaining in reversed(range(_TRIES)):
             try:
@@ -270,40 +257,31 @@ class Supervisor:
 
 
 class _StageRows:
-    """Progress of a job's stages as it is stored with the operation.
-
-    Attributes:
-        done: stages that the trainer has said to be complete.
-        advanced: whether this attempt has come further in a stage than all before it.
-    """
+    """Progress rows of a job's stages, as stored with the operation."""
 
     def __init__(self, rows: Sequence[Mapping[str, Any]], stages: Sequence[str]) -> None:
         self._stages = stages
         self._rows = {row["stage"]: dict(row) for row in rows}
         self._started: dict[str, float] = {}
-        self.done: set[str] = set()
+        self.done: set[str] = set()  # reported complete by the trainer
         self.begin_attempt()
 
     @property
     def rows(self) -> Sequence[Mapping[str, Any]]:
-        """One row a stage that has begun, in order."""
         return [self._rows[stage] for stage in self._stages if stage in self._rows]
 
     def begin_attempt(self) -> None:
-        """Forget how far this attempt has come, as another begins."""
-        self.advanced = False
+        self.advanced = False  # further in a stage than all earlier attempts
         self._furthest_before: dict[str, float] = {}
 
     def is_complete(self, stage: str) -> bool:
-        """Whether the stage's end is in its row."""
         return bool(self._rows.get(stage, {}).get("message") == _DONE)
 
     def complete(self, stage: str) -> None:
-        """Set the stage's row to its end."""
         self._row(stage).update(fraction=1.0, message=_DONE)
 
     def update(self, event: Event) -> bool:
-        """Add what a trainer reported. Returns whether that completed a stage which was not complete before."""
+        """Applies a trainer's event; returns True if it newly completes a stage."""
         if isinstance(event, Failed):
             return False
         new = isinstance(event, Done) and not self.is_complete(event.stage)

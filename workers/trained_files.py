@@ -1,4 +1,4 @@
-"""The result of a training stage as files of its folder."""
+"""Training results as files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fastsplat.workers.results import intact
 
 
 def save_trained(trained: TrainedSplats, folder: Path) -> None:
-    """Write a training result for the export stage: `arrays.npz` and `report.json`."""
+    """Writes a training result: `arrays.npz` and `report.json`."""
     arrays = {**vars(trained.gaussians), "weight": trained.head.weight, "bias": trained.head.bias}
     if trained.evidence is not None:
         arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
@@ -27,7 +27,7 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
 
 
 def load_trained(folder: Path) -> TrainedSplats:
-    """The training result that `save_trained` wrote, exactly."""
+    """Reads the output of `save_trained`."""
     with intact(folder / "arrays.npz"), np.load(folder / "arrays.npz", allow_pickle=False) as file:
         arrays = {name: file[name] for name in file.files}
         head = SemanticHead(arrays.pop("weight"), arrays.pop("bias"))

@@ -1,7 +1,7 @@
-"""The trainer process: `python -m fastsplat.workers.trainer`, one job, then exit.
+"""Trainer process, `python -m fastsplat.workers.trainer`: runs one job, then exits.
 
-It reads its spec as the first line of stdin; stdin then stays open as long as its supervisor lives. Events leave as
-JSON lines on what was stdout; whatever native code prints goes to stderr, the job's log.
+The first stdin line is its spec; stdin stays open while its supervisor lives. Events leave as JSON lines on the
+original stdout; output of native code goes to stderr, the job's log.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PROGRESS_S = 0.1
 
 
 def main() -> int:
-    """Run one job's missing stages. Exit status: 0 all stages done, 1 a failure was reported."""
+    """Runs a job's missing stages; returns 0 if all are done, 1 if one failed."""
     die_with_parent(int(os.environ[PARENT_VARIABLE]))
     events = os.dup(1)
     os.dup2(2, 1)
@@ -35,7 +35,7 @@ def main() -> int:
     from fastsplat.workers.protocol import event_to_line, read_job
 
     job, run = read_job(spec)
-    yield_to_others(job.settings.jobs.niceness)  # requests to the API of the same machine go first
+    yield_to_others(job.settings.jobs.niceness)  # API requests on this machine take precedence
     return _run(job, run, lambda event: _write(events, event_to_line(event)))
 
 
@@ -71,8 +71,10 @@ def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
 
 
 def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]:
-    """Pass on ten events a second, those with files, and each stage's first and last; metrics of events between them
-    join the next."""
+    """Forwards ten events a second, plus those with files or at a stage's ends.
+
+    Metrics of dropped events are merged into the next.
+    """
     sent_at, sent_stage = 0.0, ""
     metrics: dict[str, float] = {}
 

@@ -1,4 +1,4 @@
-"""Trainer process: started, read and ended by its supervisor."""
+"""Starts, reads and kills trainer processes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import Settings
 from fastsplat.workers.protocol import Event, Job, read_event
 
-# The kernel's death signal is bound to the thread that forks, so all trainers are forked by one that never ends.
+# The kernel's death signal is bound to the forking thread, so one that never ends forks all trainers.
 _forker = ThreadPoolExecutor(1, thread_name_prefix="forker")
 _GRACE_S = 2.0
 
 
 class TrainerProcess:
-    """One running trainer, its process group and its events."""
+    """A running trainer with its process group and events."""
 
     def __init__(self, job: Job, run: str, log: Path, *, asks_namer: bool = False) -> None:
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -34,25 +34,21 @@ class TrainerProcess:
         self._finish_mark = job.finish_mark
         threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
         assert self._process.stdin is not None
-        with contextlib.suppress(BrokenPipeError):  # died already: its exit status tells
+        with contextlib.suppress(BrokenPipeError):  # died already; see its exit status
             self._process.stdin.write(job.to_line(run, asks_namer=asks_namer))
             self._process.stdin.flush()
 
     @property
     def pid(self) -> int:
-        """Process id, and that of its group."""
+        """Id of the process and of its group."""
         return self._process.pid
 
     def next(self, timeout: float) -> Event | None:
-        """The next event, or None after `timeout` seconds without one.
-
-        Raises:
-            EOFError: the process has ended, and all its events were returned; `status` says how it ended.
-        """
+        """Returns the next event, or None after `timeout` seconds; EOFError after the last."""
         try:
             event = self._events.get(timeout=timeout)
         except queue.Empty:
-            # A stray grandchild may hold the pipe open after the trainer's death; do not wait for that.
+            # A stray grandchild may hold the pipe open after the trainer's death; do not wait for it.
             if self._process.poll() is not None:
                 self._ended_at = self._ended_at or time.monotonic()
                 if time.monotonic() - self._ended_at > _GRACE_S:
@@ -64,15 +60,12 @@ class TrainerProcess:
         return event
 
     def ask_to_finish(self) -> None:
-        """Have this trainer, and those of later attempts, end the training early; does nothing when called again.
-
-        A disk that is full makes nothing worse: it is asked again with the next look at the job.
-        """
+        """Requests an early end of training, also of later attempts; repeated at each poll."""
         with contextlib.suppress(OSError):
             self._finish_mark.touch()
 
     def status(self) -> str:
-        """How the process ended, in words; to be called once `next` has raised EOFError."""
+        """Describes how the process ended, after `next` raised EOFError."""
         try:
             code = self._process.wait(timeout=_GRACE_S)
         except subprocess.TimeoutExpired:
@@ -84,7 +77,7 @@ class TrainerProcess:
         return f"it was killed by {name}{why}"
 
     def kill(self) -> None:
-        """End the whole process group, now. May be called twice."""
+        """Kills the process group; idempotent."""
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         if self._process.stdin is not None:
@@ -103,7 +96,7 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    # A trainer reads untrusted data, and needs neither the database nor the object store. A namer is told by its job.
+    # A trainer reads untrusted data, and needs no database or object store. The job carries the namer's settings.
     secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "namer"))
     for name in list(environment):
         if name.startswith((*secrets, "AWS_")):

@@ -1,8 +1,7 @@
-"""The one worker of this process: claims jobs one after the other, runs each under a supervisor, and keeps the house.
+"""A process's worker: claims and runs jobs one by one, and does periodic maintenance.
 
-The rows of the database are the queue: whose attempt a job is, which worker has it, how often it was started, how it
-ended; a stage is done when its folder is there. A worker that cannot go on as planned ends itself: recovery by another,
-or by itself anew, is the one way back.
+The database is the queue: attempt, owner, starts and outcome of a job; a stage is done when its folder exists. A worker
+in an unexpected state exits: the only recovery is by another worker or a restart.
 """
 
 from __future__ import annotations
@@ -29,20 +28,19 @@ from fastsplat.workers.periodic import repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
 from fastsplat_contract.operations import OperationKind
 
-_CLEANUP_INTERVAL_S = 60.0
-"""How often a worker removes folders, uploads, logs and rows that are not needed any more."""
+_CLEANUP_INTERVAL_S = 60.0  # of folders, uploads, logs and rows
 
 logger = logging.getLogger(__name__)
 
 EXIT_FENCED = 75
-"""Exit status of a worker whose job another worker has claimed: start it again (EX_TEMPFAIL)."""
+"""Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
 _EXIT_FAILED = 70
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
 
 
 @dataclass
 class Worker:
-    """The one worker of this process: its identity, the job it runs, whether it is stopping."""
+    """The process's worker: identity, running job, stop flag."""
 
     store: Store
     settings: Settings
@@ -59,9 +57,9 @@ class Worker:
 
 
 def start(worker: Worker) -> None:
-    """Begin to claim jobs, in a thread; returns at once."""
+    """Starts the worker's threads and returns."""
     jobs = worker.settings.jobs
-    # Before anything that writes: a suspended worker may hold the lock that a write waits for.
+    # Before any write: a suspended worker may hold the lock it would wait for.
     _repeat(worker, "kill suspended workers", _kill_suspended, jobs.heartbeat_interval_s)
     worker.heartbeat.update()
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
@@ -72,7 +70,7 @@ def start(worker: Worker) -> None:
 
 
 def stop(worker: Worker, patience_s: float = 15.0) -> None:
-    """Claim nothing more, and give the running job back. The process must end right after."""
+    """Stops claiming and returns the running job; the process must exit right after."""
     worker.stopping.set()
     deadline = time.monotonic() + patience_s
     while worker.running and time.monotonic() < deadline:
@@ -86,7 +84,7 @@ def _run_waiting(worker: Worker) -> None:
 
 
 def _run(worker: Worker, claim: Claim) -> None:
-    """Run one job to its end; after a crash again, from the first stage that is not done."""
+    """Runs a job to its end, starting at the first missing stage."""
     job = claim.operation
     try:
         worker.running = Supervisor(worker.store, worker.settings, claim, worker.kinds[job.kind], worker.stopping)

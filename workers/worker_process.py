@@ -1,4 +1,4 @@
-"""The worker process: takes jobs until SIGTERM or SIGINT."""
+"""Worker process: runs jobs until SIGTERM or SIGINT."""
 
 from __future__ import annotations
 
@@ -22,12 +22,7 @@ _FULL_PAUSE_S = 5.0
 
 
 def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:
-    """Work until SIGTERM or SIGINT, then give the running job back and end the process.
-
-    Args:
-        settings: where the data is, and how to work.
-        kinds: of job that it does.
-    """
+    """Runs jobs until SIGTERM or SIGINT, then returns the running job and exits."""
     stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
@@ -39,17 +34,13 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     logger.info("worker %s is stopping", worker.executor_id)
     stop(worker)
     logging.shutdown()
-    os._exit(0)  # whatever its threads are at: none may begin a job any more
+    os._exit(0)  # without waiting for threads: none may begin a job any more
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:
-    """Return once the data folder's disk has room for a worker's own rows, or `pause` says to stop.
+    """Waits until the disk has room for a worker's rows, or `pause` returns True.
 
-    A worker that ended for want of it would be started again and again, until its supervisor gave up on all.
-
-    Args:
-        data_dir: the data folder.
-        pause: waits for so many seconds; whether to stop.
+    A worker that exited instead would be restarted until its supervisor gave up on all.
     """
     while data_dir.is_dir() and shutil.disk_usage(data_dir).free < _ROWS_BYTES:
         logger.warning("the disk of the data folder is full; this worker waits for space")

@@ -1,1 +1,1 @@
-"""What every package shares beside the contract: cancellation, the dictionary of labels, progress."""
+"""Utilities shared by all packages: cancellation, label dictionary, progress and others."""

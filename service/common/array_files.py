@@ -1,4 +1,4 @@
-"""Arrays as safetensors files."""
+"""Writes arrays as safetensors files."""
 
 from __future__ import annotations
 
@@ -14,11 +14,10 @@ from safetensors.numpy import save_file
 
 
 def write_arrays(arrays: Mapping[str, NDArray[Any]], path: Path) -> None:
-    """Write contiguous arrays to `path`; the bytes depend on the arrays alone.
+    """Writes contiguous arrays to `path`; equal arrays give equal bytes.
 
     Raises:
-        OSError: the disk is full, or cannot be written. The library reports that as an error of its own, with the
-            system's number in its text.
+        OSError: the disk is full or not writable; translated from a `SafetensorError`, whose text has the errno.
     """
     try:
         save_file(dict(arrays), path)

@@ -1,5 +1,4 @@
-"""Atomic writes of files and directories: written under a hidden name beside their place, flushed to the disk, then
-renamed; what a crash leaves behind begins with a dot and is never read."""
+"""Writes files and directories atomically: hidden name beside the target, fsync, rename."""
 
 from __future__ import annotations
 
@@ -14,15 +13,11 @@ from pathlib import Path
 
 @contextmanager
 def atomic_file(target: Path, *, replace: bool = True) -> Iterator[Path]:
-    """A path beside `target` to write a file to; it becomes `target` if the block ends well, and vanishes if not.
-
-    Args:
-        target: its directory exists.
-        replace: whether a file that is there already is replaced.
+    """Yields a temporary path beside `target` that becomes it if the block succeeds.
 
     Raises:
-        FileExistsError: `target` is there and `replace` is false; it stays as it was.
-        OSError: the disk is full or cannot be written.
+        FileExistsError: `target` exists and `replace` is false.
+        OSError: the disk is full or not writable.
     """
     partial = _beside(target)
     try:
@@ -39,17 +34,13 @@ def atomic_file(target: Path, *, replace: bool = True) -> Iterator[Path]:
 
 @contextmanager
 def atomic_directory(target: Path, *, replace: bool = True) -> Iterator[Path]:
-    """A new directory beside `target`; it becomes `target` if the block ends well, and vanishes if not.
+    """Yields a temporary directory beside `target` that becomes it if the block succeeds.
 
-    A reader sees the old directory, for an instant none, or the whole new one.
-
-    Args:
-        target: parents that are missing are made.
-        replace: whether a directory that is there already is replaced.
+    A reader sees the old directory, for an instant none, or the complete new one. Missing parents are created.
 
     Raises:
-        FileExistsError: `target` is there, is not empty, and `replace` is false; it stays as it was.
-        OSError: the disk is full or cannot be written.
+        FileExistsError: `target` exists, is not empty, and `replace` is false.
+        OSError: the disk is full or not writable.
     """
     partial = _beside(target)
     partial.mkdir(parents=True)
@@ -62,11 +53,11 @@ def atomic_directory(target: Path, *, replace: bool = True) -> Iterator[Path]:
 
 
 def publish_directory(source: Path, target: Path, *, replace: bool = False) -> None:
-    """Flush a finished directory to the disk and rename it to `target`, on the same file system.
+    """Flushes a finished directory and renames it to `target`, on the same file system.
 
     Raises:
-        FileExistsError: `target` is there, is not empty, and `replace` is false; both stay as they were.
-        OSError: the disk is full or cannot be written.
+        FileExistsError: `target` exists, is not empty, and `replace` is false; both stay unchanged.
+        OSError: the disk is full or not writable.
     """
     sync_tree(source)
     try:
@@ -81,7 +72,7 @@ def publish_directory(source: Path, target: Path, *, replace: bool = False) -> N
 
 
 def sync_tree(directory: Path) -> None:
-    """Flush every file and directory below `directory`, and itself, to the disk (fsync)."""
+    """Flushes a directory, and everything below it, to the disk (fsync)."""
     for current, _, files in os.walk(directory):
         for name in files:
             _sync(Path(current) / name)
@@ -89,12 +80,11 @@ def sync_tree(directory: Path) -> None:
 
 
 def sync_directory(directory: Path) -> None:
-    """Flush a directory's entries to the disk: what was created in, renamed into or removed from it (fsync)."""
     _sync(directory)
 
 
 def link_or_copy(source: str | Path, target: str | Path) -> None:
-    """Make a file one of another place, too, which is on the same disk a link, else a copy; `target` is not there."""
+    """Hard-links `source` to the new path `target`; copies across file systems."""
     try:
         os.link(source, target)
     except OSError:  # another disk, or a file system without hard links
@@ -113,6 +103,7 @@ def _swap(source: Path, target: Path) -> None:
 
 
 def _beside(target: Path) -> Path:
+    # Readers skip names with a leading dot, so leftovers of a crash are never read.
     return target.with_name(f".{target.name.lstrip('.')}.{uuid.uuid4().hex}")
 
 

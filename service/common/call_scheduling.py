@@ -1,4 +1,4 @@
-"""Waiting of calls that cannot go on yet, without a thread where their runner can make them again."""
+"""Lets calls wait without occupying a thread if their runner can repeat them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 
 
 class CallAgainError(Exception):
-    """A request to repeat the call from its beginning, later; it has changed nothing so far."""
+    """Asks the runner to repeat the call later; nothing has been changed yet."""
 
     def __init__(self, after_s: float) -> None:
         super().__init__("the call is to be made again")
@@ -23,7 +23,7 @@ _runner: ContextVar[object | None] = ContextVar("_runner", default=None)
 
 @contextmanager
 def run_by(runner: object) -> Iterator[None]:
-    """A context in which `wait_elsewhere`, on this thread, has `runner` make the call again."""
+    """Sets the `runner` that repeats calls of `wait_elsewhere` on this thread."""
     token = _runner.set(runner)
     try:
         yield
@@ -32,13 +32,14 @@ def run_by(runner: object) -> Iterator[None]:
 
 
 def current_runner() -> object | None:
-    """Who runs the call on this thread, the same object whenever the call is made again; None outside of `run_by`."""
+    """Returns the runner of this thread's call, identical on each repetition, or None."""
     return _runner.get()
 
 
 def wait_elsewhere(seconds: float) -> None:
-    """Wait without a thread where the call's runner can make it again, otherwise on this one. Only for a call that has
-    changed nothing yet.
+    """Waits by having the runner repeat the call, otherwise by sleeping.
+
+    Only for calls that have changed nothing yet.
 
     Raises:
         CallAgainError: for the runner.

@@ -1,4 +1,4 @@
-"""Cancellation of calls that nobody waits for any more, by a flag that long work checks, down to the rasterizer."""
+"""Cooperative cancellation of calls, checked by long work down to the rasterizer."""
 
 from __future__ import annotations
 
@@ -14,11 +14,7 @@ _running: ContextVar[Cancellation | None] = ContextVar("_running", default=None)
 
 
 class Cancellation:
-    """The cancellation flag of one call, and its deadline; any thread may set it.
-
-    Args:
-        timeout_s: seconds from now that the call may take; None for no bound.
-    """
+    """Cancellation flag and deadline of a call, thread-safe; `timeout_s` counts from now."""
 
     def __init__(self, timeout_s: float | None = None) -> None:
         self._event = threading.Event()
@@ -26,16 +22,15 @@ class Cancellation:
         self._deadline = None if timeout_s is None else time.monotonic() + timeout_s
 
     def cancel(self) -> None:
-        """Stop the call at its next `check_cancelled`."""
+        """Stops the call at its next `check_cancelled`."""
         self._event.set()
 
     @property
     def cancelled(self) -> bool:
-        """Whether `cancel` was called."""
         return self._event.is_set()
 
     def check(self) -> None:
-        """Raise if the call is not to go on.
+        """Raises if the call must stop.
 
         Raises:
             CancelledError: `cancel` was called.
@@ -53,7 +48,7 @@ class Cancellation:
 
 @contextmanager
 def cancellable(cancellation: Cancellation) -> Iterator[None]:
-    """A context in which `check_cancelled`, on this thread, checks this flag."""
+    """Makes `check_cancelled` on this thread check this flag."""
     token = _running.set(cancellation)
     try:
         yield
@@ -62,7 +57,7 @@ def cancellable(cancellation: Cancellation) -> Iterator[None]:
 
 
 def check_cancelled() -> None:
-    """Raise if the call that runs here was cancelled; to be called between pieces of long work, at little cost.
+    """Raises if this thread's call was cancelled; cheap, for use between pieces of work.
 
     Raises:
         CancelledError: the caller disconnected, or its deadline has passed.

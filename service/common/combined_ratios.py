@@ -1,4 +1,4 @@
-"""Combination of several estimates of one ratio, as of a scale, into a surer one."""
+"""Combines independent estimates of one ratio, e.g. of a scale."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 NORMAL_95 = 1.959964
-"""Of a normal distribution 95 % is within so many standard deviations."""
+"""Standard deviations that hold 95 % of a normal distribution."""
 
 
 def combined_ratio(ratios: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
-    """The ratio that fits independent estimates best, and its relative standard deviation: ln r = V · Σ ln(r_i) / v_i,
-    its variance V = 1 / Σ 1/v_i, times χ² / (n - 1) where that is more than 1 (Birge 1932).
+    """Returns the best ratio of one or more estimates, and its relative standard deviation.
 
-    Args:
-        ratios: at least one, positive.
-        variances: v_i, relative, positive.
+    ln r = V · Σ ln(r_i) / v_i with variance V = 1 / Σ 1/v_i, times χ² / (n - 1) if that is above 1 (Birge 1932). The
+    variances v_i are relative.
     """
     logs, weights = np.log(ratios), 1 / np.asarray(variances, np.float64)
     log_ratio, variance = float(weights @ logs / weights.sum()), 1 / float(weights.sum())

@@ -1,4 +1,4 @@
-"""The scene's hash table of labels (FAST-Splat, section 4: the dictionary of identified objects)."""
+"""Label dictionary of a scene, a hash table (FAST-Splat, section 4)."""
 
 from __future__ import annotations
 
@@ -10,30 +10,24 @@ from functools import cached_property, lru_cache
 
 from fastsplat_contract.errors import InvalidInputError
 
-UNDETECTED = 0
-"""Label id of a pixel that no detection covers; dictionary entries count from 1."""
+UNDETECTED = 0  # label id of pixels without a detection; dictionary entries count from 1
 
-MAX_LABELS = 65535
-"""Label maps are uint16 images."""
+MAX_LABELS = 65535  # label maps are uint16 images
 
 
 @dataclass(frozen=True)
 class DictionaryEntry:
-    """One class of objects in the scene.
+    """A class of objects in the scene.
 
     Attributes:
-        label: the name shown to people.
-        aliases: other names that were merged into this entry.
-        pixels: how many pixels of all label maps carry it.
-        views: in how many label maps it occurs.
-        confidence: 0..1, how sure it is that what carries this label is one. 1 for names that came with the capture or
-            from a person; for detected ones see `fastsplat.service.perception.vocabulary.name_confidence`.
+        confidence: that objects with this label are of the class, 0..1. 1 for names from the capture or a person; for
+            detected ones see `fastsplat.service.perception.vocabulary.name_confidence`.
     """
 
     label: str
-    aliases: tuple[str, ...] = ()
-    pixels: int = 0
-    views: int = 0
+    aliases: tuple[str, ...] = ()  # names merged into this entry
+    pixels: int = 0  # in all label maps
+    views: int = 0  # label maps that contain it
     confidence: float = 1.0
 
 
@@ -42,7 +36,7 @@ class Dictionary:
     """Entries in id order: entry i has label id i + 1.
 
     Raises:
-        InvalidInputError: more than `MAX_LABELS` entries; two entries of one name; a confidence outside 0..1.
+        InvalidInputError: more than `MAX_LABELS` entries, duplicate names, or a confidence outside 0..1.
     """
 
     entries: tuple[DictionaryEntry, ...]
@@ -76,16 +70,15 @@ class Dictionary:
         return ids
 
     def id_of(self, name: str) -> int | None:
-        """Label id of `name` (case, plural and spelling variants count as the same), or None.
+        """Returns the label id of a name, ignoring case, plural and spelling variants, or None.
 
-        A name that is written out in the dictionary is found whatever its plural is taken to be: a scene outlives the
-        rules for plurals. Where two entries have one `label_key`, other forms of it belong to the first.
+        Exact names take precedence over `label_key`, so names survive changes of the plural rules. Of two entries with
+        one key, the first gets its other forms.
         """
         label_id = self._ids.get(_folded(name))
         return self._ids_by_key.get(label_key(name)) if label_id is None else label_id
 
     def label_of(self, label_id: int) -> str:
-        """Name of a label id; 0 is "undetected"."""
         return "undetected" if label_id == UNDETECTED else self.entries[label_id - 1].label
 
     def __len__(self) -> int:
@@ -93,7 +86,7 @@ class Dictionary:
 
 
 def dictionary_of(labels: Iterable[str]) -> Dictionary:
-    """A dictionary of bare names, in order; variants of an earlier name are dropped."""
+    """Builds a dictionary of bare names in order, dropping variants of earlier names."""
     by_key: dict[str, str] = {}
     for label in labels:
         by_key.setdefault(label_key(label), label)
@@ -101,10 +94,10 @@ def dictionary_of(labels: Iterable[str]) -> Dictionary:
 
 
 def label_key(name: str) -> str:
-    """The hash-table key of a name: Unicode-folded, case-folded, separators unified, last word in the singular.
+    """Normalizes a name: Unicode and case folding, unified separators, last word singular.
 
-    Two names with one key are the same class: "Coffee-Machines", "coffee machine" and "COFFEE_MACHINE". Plurals are
-    those of English; words of other alphabets pass through unchanged, so the key is never empty unless the name is.
+    "Coffee-Machines", "coffee machine" and "COFFEE_MACHINE" have one key. Plurals are English; words of other alphabets
+    stay unchanged. The key is empty only if the name is.
     """
     words = _folded(name).split(" ")
     if words[-1] == "glasses" and words[-2:-1] and words[-2] in _DRINKS:
@@ -131,7 +124,7 @@ _ONE_FORM = frozenset(
     species stairs subspecies sunglasses tennis testes testis theirs thermos tongs trellis trousers
     tweezers undies yes""".split()
 )
-"""Nouns without another number, and singulars in -s, that no ending tells."""
+"""Nouns with one form, and singulars in -s that no ending identifies."""
 
 _IN_E = frozenset(
     """abuse aloe annexe avalanche axe backache backhoe bellyache birdie bivalve blouse bookie brownie budgie
@@ -142,7 +135,7 @@ _IN_E = frozenset(
     recluse rookie rotisserie salve selfie sloe smoothie softie spouse stomachache sweetie throe tie toe
     toothache tranche twelve use valve veggie vie weave woe zombie""".split()
 )
-"""Nouns whose plural looks like that of a noun without the -e."""
+"""Nouns in -e whose plural looks like that of a noun without it."""
 
 _IRREGULAR = {
     "agenda": "agendum", "brethren": "brother", "candelabra": "candelabrum", "children": "child", "coptis": "copti",
@@ -176,18 +169,18 @@ _ENDINGS = tuple(
         ("s", ""),
     )
 )
-"""Endings of plurals, and of singulars in -s, with what stands in their place in the singular; the first one counts."""
+"""Plural endings, and singular endings in -s, with their singulars; the first match counts."""
 
 _MIN_LETTERS = 3
 
 
 @lru_cache(1 << 16)
 def _singular(word: str) -> str:
-    """The singular of a folded English noun; other words as they are. A singular is its own singular."""
+    """Returns the singular of a folded English noun; idempotent."""
     forms = [word]
     while (singular := _singular_once(forms[-1])) not in forms:
         forms.append(singular)
-    return min(forms[forms.index(singular) :])  # one word, unless the rules for made-up words lead in a circle
+    return min(forms[forms.index(singular) :])  # one word, unless the rules cycle on made-up words
 
 
 def _singular_once(word: str) -> str:

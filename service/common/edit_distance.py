@@ -1,11 +1,10 @@
-"""How much two texts differ."""
+"""Text edit distance."""
 
 from __future__ import annotations
 
 
 def text_difference(one: str, other: str, most: float = 1.0) -> float:
-    """The Levenshtein distance (1966) of two texts as a share of the longer one, 0..1; of texts that differ by more
-    than `most`, some number above it."""
+    """Levenshtein distance (1966) over the longer length, 0..1; inexact above `most`."""
     longer = max(len(one), len(other))
     if one == other or not longer:
         return 0.0

@@ -1,4 +1,4 @@
-"""File names chosen by clients: which are safe to write below a folder, which to ignore, and what they share."""
+"""Validates and lists file names supplied by clients."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SYSTEM_FILES = frozenset({"__MACOSX", "Thumbs.db", "desktop.ini"})
 
 
 def safe_parts(name: str) -> tuple[str, ...]:
-    """The parts of a relative file name that is safe to write below a folder; "." parts are dropped.
+    """Splits a relative file name that is safe to write below a folder, dropping ".".
 
     Raises:
         InvalidInputError: absolute, empty, longer than 255 bytes a part or deeper than 16 parts, or with "..", a
@@ -35,12 +35,12 @@ def safe_parts(name: str) -> tuple[str, ...]:
 
 
 def is_system_file(parts: tuple[str, ...]) -> bool:
-    """Whether a file is hidden or written by an operating system beside the user's own."""
+    """Tests for hidden files and files written by operating systems."""
     return any(part in _SYSTEM_FILES or part.startswith(".") for part in parts)
 
 
 def common_folder(paths: Iterable[str]) -> str:
-    """The deepest folder that holds all of some relative paths; "." if that is their root."""
+    """Returns the deepest common folder of relative paths; "." for their root."""
     folders = [PurePosixPath(path).parts[:-1] for path in paths]
     shared = []
     for column in zip(*folders, strict=False):
@@ -51,7 +51,7 @@ def common_folder(paths: Iterable[str]) -> str:
 
 
 def list_names(names: Sequence[str]) -> str:
-    """The first few names, and how many more there are, for a message."""
+    """Lists the first few names and the number of others, for a message."""
     listed = ", ".join(name[:_SHOWN_LETTERS] for name in names[:_SHOWN_NAMES])
     return f"{listed} and {len(names) - _SHOWN_NAMES} more" if len(names) > _SHOWN_NAMES else listed
 

@@ -1,4 +1,4 @@
-"""The logistic function of arrays."""
+"""Logistic function of arrays."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from numpy.typing import NDArray
 
 
 def logistic(x: NDArray[np.float32] | NDArray[np.float64]) -> NDArray[np.float64]:
-    """1 / (1 + exp(-x)), float64, without overflow. Not scipy's `expit`: the commands that import the query room would
-    load all of scipy first."""
+    """Computes 1 / (1 + exp(-x)) without overflow."""
+    # Not scipy's `expit`: commands that import `service.query` would load all of scipy.
     return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x.astype(np.float64))))

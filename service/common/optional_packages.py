@@ -1,4 +1,4 @@
-"""Optional dependencies of some formats and commands."""
+"""Optional dependencies of formats and commands."""
 
 from __future__ import annotations
 
@@ -11,16 +11,10 @@ from fastsplat_contract.errors import MissingPackageError
 
 @dataclass(frozen=True)
 class OptionalPackage:
-    """A package that comes with an extra of the distribution.
+    """A package installed by an extra of the distribution."""
 
-    Attributes:
-        name: as it is installed.
-        modules: as they are imported.
-        extra: the extra that brings it.
-    """
-
-    name: str
-    modules: frozenset[str]
+    name: str  # distribution name
+    modules: frozenset[str]  # import names
     extra: str
 
 
@@ -33,13 +27,13 @@ MCAP = OptionalPackage("foxglove-sdk", frozenset({"foxglove"}), "robots")
 def needed(
     package: OptionalPackage, what: str, field: str = "format", where: str = "where scenes are served"
 ) -> Iterator[None]:
-    """Within it, an import that fails for want of the package raises `MissingPackageError`.
+    """Turns a failed import of the package into `MissingPackageError`.
 
     Args:
-        package: what is imported.
-        what: needs it, as a sentence begins.
-        field: of the request that asks for it.
-        where: it is to be installed.
+        package: imported within.
+        what: subject of the error message.
+        field: request field that requires it.
+        where: place to install it, for the hint.
     """
     try:
         yield

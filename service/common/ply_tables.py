@@ -1,4 +1,4 @@
-"""PLY files as tables of scalar columns, read in pieces of bounded size (Turk 1994, the PLY polygon file format)."""
+"""Reads PLY files (Turk 1994) as tables of scalar columns, in bounded chunks."""
 
 from __future__ import annotations
 
@@ -22,63 +22,43 @@ _TYPES = {
     "double": "f8", "float64": "f8",
 }  # fmt: skip
 LITTLE, BIG, ASCII = "binary_little_endian", "binary_big_endian", "ascii"
-"""What a header may say of how its data are written."""
 
 Refuse = Callable[[str], InvalidInputError]
-"""The error for what is wrong with a file, in the words behind its name: "is not a PLY file"."""
+"""Builds the error for a defect in words that follow the file's name."""
 
 
 Table = NDArray[np.void]
-"""Rows of an element, a structured array with one field a property."""
+"""Rows of an element, a structured array with one field per property."""
 
 
 @dataclass(frozen=True)
 class Element:
-    """One element of a header.
+    """An element of a header."""
 
-    Attributes:
-        name: of the element, e.g. "vertex".
-        count: its rows.
-        layout: one field a property, in the file's order.
-        has_lists: whether a property is a list; such an element is not read, nor what lies behind it.
-    """
-
-    name: str
-    count: int
-    layout: np.dtype[np.void]
-    has_lists: bool = False
+    name: str  # e.g. "vertex"
+    count: int  # rows
+    layout: np.dtype[np.void]  # one field per property, in the file's order
+    has_lists: bool = False  # if so, neither this element nor those after it can be read
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What stands before the data of a PLY file.
+    """Header of a PLY file."""
 
-    Attributes:
-        encoding: of the data: `LITTLE`, `BIG` or `ASCII`.
-        elements: in the file's order.
-        size: bytes of the header; the data begin behind them.
-        refuse: the error for what is wrong behind it.
-    """
-
-    encoding: str
-    elements: tuple[Element, ...]
-    size: int
-    refuse: Refuse
+    encoding: str  # `LITTLE`, `BIG` or `ASCII`
+    elements: tuple[Element, ...]  # in the file's order
+    size: int  # in bytes; the data follow
+    refuse: Refuse  # error for defects in the data
 
     def element(self, name: str) -> Element | None:
-        """The element of that name, or None."""
         return next((element for element in self.elements if element.name == name), None)
 
 
 def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE, BIG, ASCII)) -> PlyHeader:
-    """The header in the first `MAX_HEADER_BYTES` bytes of a file.
-
-    Args:
-        head: these bytes.
-        encodings: those that are read of it.
+    """Parses the header in the first `MAX_HEADER_BYTES` bytes of a file.
 
     Raises:
-        InvalidInputError: none is there, or it cannot be read; it names the line.
+        InvalidInputError: missing or malformed, or not in one of `encodings`.
     """
     lines, size = _header_lines(head, refuse)
     if not lines or lines[0][:1] != ["format"] or len(lines[0]) != 3 or lines[0][1] not in encodings:
@@ -105,10 +85,10 @@ def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE,
 
 
 def read_element(path: Path, header: PlyHeader, element: Element) -> Iterator[tuple[slice, Table]]:
-    """The rows of one element in pieces, each with its place among them; call `check_size` before.
+    """Yields an element's rows in chunks with their positions; call `check_size` first.
 
     Raises:
-        InvalidInputError: the file is too short, or text is no number.
+        InvalidInputError: the file is too short, or text is not a number.
     """
     before = header.elements[: header.elements.index(element)]
     if header.encoding != ASCII:
@@ -122,10 +102,10 @@ def read_element(path: Path, header: PlyHeader, element: Element) -> Iterator[tu
 
 
 def check_size(path: Path, header: PlyHeader, element: Element) -> None:
-    """Raise unless the file's size vouches for all rows up to the element's last, before memory is taken for them.
+    """Checks that the file is large enough for the rows before memory is allocated.
 
     Raises:
-        InvalidInputError: a list stands in the element or before it, it has no properties, or the file is too short.
+        InvalidInputError: a list in the element or before it, no properties, or a file that is too short.
     """
     before = header.elements[: header.elements.index(element)]
     listed = next((own.name for own in (*before, element) if own.has_lists), None)
@@ -145,7 +125,7 @@ def check_size(path: Path, header: PlyHeader, element: Element) -> None:
 
 
 def _begin(header: PlyHeader, element: Element) -> int:
-    """Where the rows of an element begin in a binary file."""
+    """Offset of an element's rows in a binary file."""
     before = header.elements[: header.elements.index(element)]
     return header.size + sum(own.count * own.layout.itemsize for own in before)
 
@@ -154,7 +134,7 @@ def _binary_rows(path: Path, begin: int, element: Element) -> Iterator[tuple[sli
     for start in range(0, element.count, _PIECE_ROWS):
         rows = min(_PIECE_ROWS, element.count - start)
         offset = begin + start * element.layout.itemsize
-        # Read, not mapped: the pages of a mapped file would count as this process's memory until its end.
+        # Read, not mapped: pages of a mapped file would count as this process's memory until it ends.
         yield slice(start, start + rows), np.fromfile(path, element.layout, rows, offset=offset)
 
 
@@ -171,14 +151,14 @@ def _ascii_rows(header: PlyHeader, file: BinaryIO, element: Element) -> Iterator
         except ValueError as error:
             raise header.refuse(f"has text that is no number near row {start}: {str(error)[:80]}") from error
         table = np.empty(rows, element.layout)
-        with np.errstate(over="ignore", invalid="ignore"):  # what a float cannot hold becomes infinite, and is handled
+        with np.errstate(over="ignore", invalid="ignore"):  # float overflow becomes infinity, which callers handle
             for column, own in enumerate(names):
                 table[own] = _held(numbers[:, column], element.layout[own])
         yield slice(start, start + rows), table
 
 
 def _held(numbers: NDArray[np.float64], kind: np.dtype[np.generic]) -> NDArray[np.float64]:
-    """Numbers as a column of that type holds them: integers that are too large for it would be others."""
+    """Clips numbers to the range of an integer column; larger ones would wrap around."""
     if kind.kind == "f":
         return numbers
     bounds = np.iinfo(kind.str)
@@ -195,7 +175,7 @@ def _line(header: PlyHeader, file: BinaryIO) -> bytes:
 
 
 def _header_lines(head: bytes, refuse: Refuse) -> tuple[list[list[str]], int]:
-    """The words of every line behind "ply", comments left out, and the header's size in bytes."""
+    """Splits the header into words per line, without comments, and returns its size."""
     if not head.startswith((b"ply\n", b"ply\r\n")):
         raise refuse("is not a PLY file")
     size = 0

@@ -1,4 +1,4 @@
-"""Process lifetime tied to the parent's, and priorities of processes and threads. Imports nothing heavy."""
+"""Process lifetimes and priorities, without heavy imports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PARENT_VARIABLE = "FASTSPLAT_PARENT_PID"
-"""Environment variable that names the parent whose end is a child's end too."""
+"""Environment variable with the parent's process id; the child dies with that parent."""
 _PR_SET_PDEATHSIG = 1
 _NICEST = 19
 
@@ -23,8 +23,10 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def loading_modules() -> Iterator[None]:
-    """Collect no garbage meanwhile, and look for none among what there is afterwards: of modules none ever is, and
-    going through them takes a sixth of the seconds that they take to load."""
+    """Disables garbage collection while modules load, then freezes them.
+
+    Modules contain no garbage, and scanning them takes a sixth of their loading time.
+    """
     gc.disable()
     try:
         yield
@@ -34,12 +36,10 @@ def loading_modules() -> Iterator[None]:
 
 
 def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKILL) -> None:
-    """Have the kernel send this process `death_signal` once the thread that started it ends (prctl(2)). To be called
-    first in the child; exits at once with status 1 if the parent is gone already.
+    """Has the kernel send `death_signal` when the starting thread ends (prctl(2)).
 
-    Args:
-        parent_pid: process id of the parent, which the parent hands to the child; asking for it in the child would be
-            too late.
+    Call it first in the child; exits with status 1 if the parent is gone already. The parent passes its id, since
+    `getppid` in the child could be too late.
 
     Raises:
         OSError: the kernel refuses.
@@ -53,29 +53,25 @@ def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKI
 
 
 def die_with_named_parent(death_signal: signal.Signals = signal.SIGKILL) -> None:
-    """`die_with_parent` where `PARENT_VARIABLE` names one, which is then no more in the environment."""
+    """Applies `die_with_parent` if `PARENT_VARIABLE` is set, and unsets it."""
     if parent := os.environ.pop(PARENT_VARIABLE, ""):
         die_with_parent(int(parent), death_signal)
 
 
 def yield_to_others(niceness: int) -> None:
-    """Make this process so much nicer to others than it is, before it starts threads; and its session, where it leads
-    one (sched(7), autogroup).
+    """Raises this process's niceness by 0 to 19, before it starts threads.
 
-    Args:
-        niceness: 0 to 19.
+    A session leader also raises its autogroup's niceness (sched(7)).
     """
     if niceness:
         os.nice(niceness)
         if os.getsid(0) == os.getpid():
-            with suppress(OSError):  # a kernel without, or a sandbox that forbids it
+            with suppress(OSError):  # no autogroups, or forbidden by a sandbox
                 Path("/proc/self/autogroup").write_text(str(min(_NICEST, niceness)))
 
 
 def lower_priority(niceness: int) -> None:
-    """Make this thread, and all that it starts from now on, so much nicer than it is; does nothing but on Linux, where
-    niceness is a thread's.
-    """
+    """Raises the niceness of this thread and all it starts later; Linux only."""
     if sys.platform != "linux":
         return
     thread = threading.get_native_id()

@@ -1,4 +1,4 @@
-"""Progress events of long work."""
+"""Progress events of long-running work."""
 
 from __future__ import annotations
 
@@ -9,20 +9,16 @@ from typing import Any
 
 @dataclass(frozen=True)
 class ProgressEvent:
-    """The progress of one stage at one moment.
+    """Progress of one stage at one moment.
 
     Attributes:
-        stage: name of a stage, see `workers.job_kinds`.
-        fraction: share of this stage that is done, 0..1.
-        message: a short line for people, e.g. "matching image pairs 120/276".
-        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left; and
-            job_seconds_left, until the whole job is done).
-        files: what can be looked at from now on, by kind, see `OperationRecord.progress_files`.
+        metrics: loss, psnr, gaussians, iterations_per_second, seconds_left, and job_seconds_left for the whole job.
+        files: files that can be viewed from now on, by kind, see `OperationRecord.progress_files`.
     """
 
-    stage: str
-    fraction: float
-    message: str
+    stage: str  # see `workers.job_kinds`
+    fraction: float  # of this stage, 0..1
+    message: str  # short line for people, e.g. "matching image pairs 120/276"
     metrics: Mapping[str, float] = field(default_factory=dict)
     files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -32,4 +28,4 @@ Progress = Callable[[ProgressEvent], None]
 
 
 def silent(event: ProgressEvent) -> None:
-    """A `Progress` that ignores every event."""
+    """Ignores every event."""

@@ -1,4 +1,4 @@
-"""Radial lens distortion by two numbers."""
+"""Radial lens distortion with two parameters."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RadialLens:
-    """A lens as COLMAP's SIMPLE_RADIAL has it: what lies at (x, y), at depth 1, is shown f·(1 + k₁ r²)·(x, y) off the
-    picture's middle, r² = x² + y².
+    """Lens model of COLMAP's SIMPLE_RADIAL.
 
-    Attributes:
-        focal: f over the longer side of the picture, as the lens made it.
-        k1: k₁, without a unit.
+    (x, y) at depth 1 is projected f·(1 + k₁ r²)·(x, y) off the image center, r² = x² + y².
     """
 
-    focal: float
-    k1: float
+    focal: float  # f over the longer side of the image as captured
+    k1: float  # k₁, dimensionless
 
 
 def middle_lens(lenses: Sequence[RadialLens]) -> RadialLens | None:
-    """The one with the median focal length, a real one of them; None of none."""
+    """Returns the lens with the (lower) median focal length; None if there are none."""
     if not lenses:
         return None
     return sorted(lenses, key=lambda lens: (lens.focal, lens.k1))[(len(lenses) - 1) // 2]

@@ -1,4 +1,4 @@
-"""Base class of every group of settings, and the names of the environment variables that set them."""
+"""Base classes of settings and the environment variables that set them."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ OTHER_VARIABLES = frozenset(
         *("TEST_DATA", "TEST_SEED"),  # the tests
     )
 )
-"""Variables with our prefix that are no settings of the service."""
+"""Variables with `ENV_PREFIX` that are not settings of the service."""
 
 _SERVICE_LINK = re.compile(ENV_PREFIX + r"(\w+_)?(SERVICE_(HOST|PORT(_\w+)?)|PORT_\d+_(TCP|UDP)(_(PROTO|PORT|ADDR))?)")
 
 
 class Options(BaseModel):
-    """Base of what a stage takes as argument: frozen, without unknown fields, each with a docstring under it.
+    """Base of a stage's options: frozen, no unknown fields, field docstrings as descriptions.
 
-    Its fields are constants of the product: tests and benchmarks pass other values, the environment sets none.
+    Fields are constants of the product: the environment cannot set them, but tests and benchmarks pass other values.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class SettingGroup(Options):
-    """Base of one group of settings.
+    """Base of a group of settings.
 
-    `class JobSettings(JobOptions, SettingGroup, section="jobs")` is the field `jobs` of `Settings`, so that users set
-    its own fields as FASTSPLAT_JOBS__MAX_STARTS and so on. Those that it has of `JobOptions` are constants.
+    `class JobSettings(JobOptions, SettingGroup, section="jobs")` is the field `jobs` of `Settings`; users set its own
+    fields as FASTSPLAT_JOBS__MAX_STARTS etc. Fields inherited from `JobOptions` are constants.
     """
 
     section: ClassVar[str]
@@ -53,13 +53,10 @@ class SettingGroup(Options):
 
 
 def environment_variable(group: type[BaseModel], field: str) -> str:
-    """Name of the environment variable that sets a field, e.g. "FASTSPLAT_JOBS__MAX_STARTS".
-
-    Args:
-        group: a `SettingGroup` with a section, or the settings object of the whole service itself.
+    """Names the variable that sets a field, e.g. "FASTSPLAT_JOBS__MAX_STARTS".
 
     Raises:
-        AttributeError: it has no such setting.
+        AttributeError: the group has no such setting.
     """
     if field not in settings_of(group):
         raise AttributeError(f"{group.__name__} has no setting {field!r}")
@@ -67,7 +64,7 @@ def environment_variable(group: type[BaseModel], field: str) -> str:
 
 
 def settings_of(group: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields of a group that the environment may set: all but those of its `Options`, and but whole `Options`."""
+    """Returns a group's fields that the environment may set."""
     options = [each for each in group.__mro__[1:] if issubclass(each, Options) and not issubclass(each, SettingGroup)]
     constants = {name for each in options for name in each.model_fields}
     constants |= {name for name, field in group.model_fields.items() if _is_constant(field)}
@@ -80,20 +77,16 @@ def _is_constant(field: FieldInfo) -> bool:
 
 
 def group_of(field: FieldInfo) -> type[SettingGroup] | None:
-    """The group that a field of the settings object is, if it is one."""
+    """Returns the settings group that a field holds, or None."""
     group = field.annotation
     return group if isinstance(group, type) and issubclass(group, SettingGroup) else None
 
 
 def check_variables(variables: Mapping[str, str | None], settings: type[BaseModel]) -> None:
-    """Check that every variable of ours names a setting, or its group, or belongs to another part of the product.
-
-    Args:
-        variables: the environment, names in lower case.
-        settings: the settings object of the whole service.
+    """Checks that every variable with our prefix is known; names are lower-case.
 
     Raises:
-        InvalidInputError: one does not; its hint has the name that is nearest.
+        InvalidInputError: an unknown variable; the hint suggests the closest name.
     """
     known = {*_variables_of(settings), *OTHER_VARIABLES}
     for name, value in variables.items():
@@ -103,14 +96,10 @@ def check_variables(variables: Mapping[str, str | None], settings: type[BaseMode
 
 
 def check_groups(values: Mapping[str, Any], settings: type[BaseModel]) -> None:
-    """Check that groups which the environment gives as JSON objects have settings alone.
-
-    Args:
-        values: what was read from the environment.
-        settings: the settings object of the whole service.
+    """Checks that groups set as JSON objects contain only settings.
 
     Raises:
-        InvalidInputError: one has another field; its hint has the name that is nearest.
+        InvalidInputError: an unknown field; the hint suggests the closest name.
     """
     for name, field in settings_of(settings).items():
         group, given = group_of(field), values.get(name)
@@ -120,11 +109,7 @@ def check_groups(values: Mapping[str, Any], settings: type[BaseModel]) -> None:
 
 
 def settings_error(error: ValidationError, settings: type[BaseModel]) -> InvalidInputError:
-    """The first problem of settings from the environment as an error that names the variable, without its value.
-
-    Args:
-        settings: the settings object of the whole service.
-    """
+    """Converts the first validation error, naming the variable without its value."""
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]
     variable = _variable([str(part) for part in first["loc"]])
     if first["type"] == "extra_forbidden":
@@ -150,7 +135,7 @@ def _variables_of(settings: type[BaseModel]) -> Iterator[str]:
 
 
 def _is_service_link(variable: str, value: str) -> bool:
-    """Whether Kubernetes or Docker set a variable for a service or a container that is called fastsplat itself."""
+    """Recognizes variables that Kubernetes or Docker set for services called fastsplat."""
     return bool(_SERVICE_LINK.fullmatch(variable)) or value.startswith(("tcp://", "udp://"))
 
 

@@ -1,4 +1,4 @@
-"""Spherical harmonics of a color."""
+"""Limit of spherical harmonics."""
 
 MAX_SH_DEGREE = 3
-"""Kernels and file formats know no higher one."""
+"""Highest degree supported by the kernels and file formats."""

@@ -1,4 +1,4 @@
-"""Similarity transforms: applied to points and cameras, and fitted to pairs of points."""
+"""Similarity transforms: application to points and cameras, least-squares fits."""
 
 from __future__ import annotations
 
@@ -15,29 +15,22 @@ F64 = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Similarity:
-    """x' = scale · R x + t.
+    """Similarity transform x' = scale · R x + t."""
 
-    Attributes:
-        scale: positive.
-        rotation: float64 [3, 3].
-        translation: float64 [3].
-    """
-
-    scale: float
-    rotation: F64
-    translation: F64
+    scale: float  # positive
+    rotation: F64  # [3, 3]
+    translation: F64  # [3]
 
     def points(self, points: NDArray[np.floating[Any]]) -> F64:
-        """float64 [K, 3]: where points [K, 3] go."""
+        """Transforms points [K, 3]."""
         return np.asarray(self.scale * points.astype(np.float64) @ self.rotation.T + self.translation)
 
     def inverse(self) -> Similarity:
-        """The way back."""
         turn = self.rotation.T
         return Similarity(1 / self.scale, turn, -(turn @ self.translation) / self.scale)
 
     def after(self, first: Similarity) -> Similarity:
-        """The similarity that does `first`, then this one."""
+        """Composes: applies `first`, then this one."""
         return Similarity(
             self.scale * first.scale,
             self.rotation @ first.rotation,
@@ -45,7 +38,7 @@ class Similarity:
         )
 
     def camera(self, posed: PosedCamera) -> PosedCamera:
-        """A camera that sees the same in the other frame."""
+        """Moves a camera into the other frame."""
         pose = posed.world_from_camera.copy()
         pose[:3, 3] = self.points(pose[None, :3, 3])[0]
         pose[:3, :3] = self.rotation @ pose[:3, :3]
@@ -53,12 +46,9 @@ class Similarity:
 
 
 def fit_similarity(source: F64, target: F64, *, scaled: bool = True) -> Similarity:
-    """The similarity that takes points to others with least squares of what is left (Umeyama, "Least-squares estimation
-    of transformation parameters between two point patterns", PAMI 1991). It never mirrors.
+    """Fits a similarity without reflection to points [N, 3], N ≥ 3, not collinear.
 
-    Args:
-        source, target: float64 [N, 3], N ≥ 3, not on one line.
-        scaled: whether the scale is fitted as well; else it is 1.
+    Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI 1991.
     """
     middle, there = source.mean(axis=0), target.mean(axis=0)
     left, values, right = np.linalg.svd((target - there).T @ (source - middle))
@@ -69,13 +59,13 @@ def fit_similarity(source: F64, target: F64, *, scaled: bool = True) -> Similari
 
 
 def nearest_rotation(matrix: F64) -> F64:
-    """float64 [3, 3]: the orthogonal matrix nearest to one that nearly is: files round to a few digits."""
+    """Returns the nearest orthogonal matrix, e.g. to a rotation rounded in a file."""
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
 
 
 def scaled_camera(posed: PosedCamera, factor: float) -> PosedCamera:
-    """A camera in units of which one of its own has `factor`."""
+    """Multiplies a camera's position by `factor`."""
     pose = posed.world_from_camera.copy()
     pose[:3, 3] *= factor
     return replace(posed, world_from_camera=pose)

@@ -1,4 +1,4 @@
-"""Zip archives in memory."""
+"""In-memory zip archives."""
 
 from __future__ import annotations
 
@@ -6,17 +6,11 @@ import zipfile
 from collections.abc import Mapping
 from io import BytesIO
 
-_DATE = (1980, 1, 1, 0, 0, 0)
-"""The earliest that a zip knows: the same files are the same bytes."""
+_DATE = (1980, 1, 1, 0, 0, 0)  # earliest zip date; constant for reproducible bytes
 
 
 def zipped(files: Mapping[str, bytes], *, compressed: bool = True) -> bytes:
-    """A zip of the files by their names, in their order; the same bytes for the same files.
-
-    Args:
-        files: the content of each.
-        compressed: deflate them; files that are compressed already are better stored as they are.
-    """
+    """Zips files in order, reproducibly; store already compressed files uncompressed."""
     method = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     file = BytesIO()
     with zipfile.ZipFile(file, "w") as archive:

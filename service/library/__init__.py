@@ -1,1 +1,1 @@
-"""Scenes in a notebook or a script, without a server."""
+"""Scenes in notebooks and scripts, without a server."""

@@ -1,7 +1,7 @@
-"""One scene in a folder, asked in this process: the calls and types of the service, without its servers.
+"""Queries one scene in a folder within this process, using the service's types.
 
-The folder is the data folder of a service: `fastsplat view` shows it in the browser, and `fastsplat serve` with
-FASTSPLAT_DATA_DIR set to it serves it to others. Several processes may have it open.
+The folder is a service's data folder: `fastsplat view` shows it in the browser, `fastsplat serve` with
+FASTSPLAT_DATA_DIR serves it. Several processes may open it.
 """
 
 from __future__ import annotations
@@ -32,28 +32,22 @@ from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
 from fastsplat_contract.thing_messages import SceneThing
 
 Viewpoint = str | PosedCamera
-"""The name of one of the scene's own cameras, or a free viewpoint."""
+"""Name of one of the scene's cameras, or a free viewpoint."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with a sentence; a notebook shows both.
+    """A picture with a caption, displayed by notebooks."""
 
-    Attributes:
-        png: a PNG file.
-        sentence: what it shows.
-    """
-
-    png: bytes
-    sentence: str
+    png: bytes  # a PNG file
+    sentence: str  # the caption
 
     def array(self) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3], RGB."""
+        """Decodes the picture to RGB, uint8 [H, W, 3]."""
         with Image.open(io.BytesIO(self.png)) as image:
             return np.asarray(image.convert("RGB"))
 
     def save(self, path: str | Path) -> None:
-        """Write the PNG file."""
         Path(path).write_bytes(self.png)
 
     def _repr_png_(self) -> bytes:
@@ -64,9 +58,9 @@ class Picture:
 
 
 class LocalScene:
-    """A trained scene of a folder. A context manager; threads may share it.
+    """A trained scene in a folder; a thread-safe context manager.
 
-    All calls raise the `FastSplatError`s of the service, see `fastsplat_contract.errors`.
+    Methods raise the service's `FastSplatError`s, see `fastsplat_contract.errors`.
     """
 
     def __init__(self, service: SceneService, scene_id: str) -> None:
@@ -81,31 +75,31 @@ class LocalScene:
         self.close()
 
     def close(self) -> None:
-        """Let go of the folder; that of `open_sample` is removed."""
+        """Releases the folder; that of `open_sample` is deleted."""
         self._service.close()
         while self._closing:
             self._closing.pop()()
 
     def on_close(self, action: Callable[[], object]) -> None:
-        """Call `action` when the scene is closed, once."""
+        """Calls `action` once, when the scene is closed."""
         self._closing.append(action)
 
     @property
     def info(self) -> Scene:
-        """Its cameras, dictionary, quality, scale and what is up, as of now."""
+        """Current cameras, dictionary, quality, scale and vertical."""
         return self._service.get_scene(self.id)
 
     @property
     def views(self) -> tuple[str, ...]:
-        """Names of the scene's own cameras."""
+        """Names of the scene's cameras."""
         return tuple(posed.name for posed in self.info.cameras)
 
     def ask(self, text: str, *, viewpoints: Sequence[Viewpoint] = (), **choices: Any) -> Answer:
-        """What answers a text, with things as objects and, for each viewpoint, a 2D mask.
+        """Finds the objects that match a text, and their masks in the viewpoints.
 
         Args:
             text: in plain words.
-            viewpoints: where to draw masks, free ones first in the answer.
+            viewpoints: views to mask; free ones come first in the answer.
             choices: version, negatives, templates, coverage, max_matches, as in `QueryRequest`.
         """
         cameras = tuple(each for each in viewpoints if not isinstance(each, str))
@@ -117,16 +111,16 @@ class LocalScene:
         return answer
 
     def mask(self, text: str, viewpoint: Viewpoint) -> NDArray[np.bool_]:
-        """bool [H, W]: where a view shows what answers a text."""
+        """Masks the pixels of a view that match a text, bool [H, W]."""
         return self.ask(text, viewpoints=(viewpoint,)).masks[0].array()
 
     def mask3d(self, text: str) -> NDArray[np.bool_]:
-        """bool [G]: which Gaussians answer a text, by row of the current version."""
+        """Masks the current version's Gaussians that match a text, bool [G]."""
         (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), outputs=frozenset({"mask3d"}))).answers
         return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
 
     def things(self) -> tuple[SceneThing, ...]:
-        """Every thing, with or without a name, by id."""
+        """Lists all things, named or not, by id."""
         things: list[SceneThing] = []
         token = ""
         while True:
@@ -136,21 +130,21 @@ class LocalScene:
                 return tuple(things)
 
     def measure(self, *places: Place | int) -> Measurement:
-        """Where one place is, how large one thing is (by its id), or how far two are from each other."""
+        """Measures a position, a thing's size (by id), or the distance of two places."""
         located = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
         return self._service.answers.measure(MeasureRequest(self.id, located))
 
     def name(self, thing: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()) -> SceneVersion:
-        """Give a thing a name, as a new version of the scene; see `Edit` for its aliases and kinds."""
+        """Names a thing in a new version; see `Edit` for aliases and kinds."""
         edit = Edit("name", things=(thing,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self._service.versions.edit(self.id, [edit])
 
     def image(self, viewpoint: Viewpoint) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3]: the scene from one of its cameras or from a free viewpoint."""
+        """Renders the scene from a viewpoint, RGB uint8 [H, W, 3]."""
         return Picture(self._png("rgb", viewpoint), "").array()
 
     def show(self, text: str = "", viewpoint: Viewpoint = "") -> Picture:
-        """A picture of the scene; of what answers `text`, from the camera that shows it best unless one is named."""
+        """Renders all things, or the matches of `text` from the best camera unless given."""
         cameras = self.info.cameras
         if not text:
             chosen = viewpoint or cameras[len(cameras) // 2].name
@@ -163,13 +157,10 @@ class LocalScene:
         return Picture(self._png("overlay", chosen, text), answer.sentence)
 
     def viewer(self, height: int = 560) -> Viewer:
-        """The scene in 3D, which a notebook shows in a cell; see `Viewer`.
-
-        Args:
-            height: of the cell, CSS pixels.
+        """Returns an interactive 3D viewer for a notebook cell of `height` CSS pixels.
 
         Raises:
-            NotFoundError: the web page is not built in this installation; pictures (`show`) work without.
+            NotFoundError: the web page is not built in this installation; `show` works without.
         """
         return Viewer(self._service.exports.file(ExportRequest(self.id, "html")), height)
 
@@ -183,11 +174,11 @@ class LocalScene:
 
 
 def open_scene(folder: str | Path) -> LocalScene:
-    """The trained scene of a folder.
+    """Opens the trained scene in a folder.
 
     Raises:
-        NotFoundError: no scene is in the folder.
-        NotReadyError: its training has not ended, or has failed.
+        NotFoundError: the folder has no scene.
+        NotReadyError: training has not finished, or has failed.
     """
     place = Path(folder)
     if not (place / SQLITE_NAME).is_file():
@@ -204,12 +195,12 @@ def open_scene(folder: str | Path) -> LocalScene:
 
 
 def newest_scene(service: SceneService) -> SceneSummary | None:
-    """The scene of a folder; None for none yet."""
+    """Returns the folder's newest scene, or None."""
     return next(iter(service.list_scenes(page_size=1).scenes), None)
 
 
 def folder_settings(folder: Path) -> Settings:
-    """The settings of the environment with everything that is stored in one folder, whatever server they are for."""
+    """Loads the environment's settings, with all storage in `folder` instead of a server."""
     settings = load_settings()
     models = settings.models if "models" in settings.model_fields_set else find_models(folder)
     return settings.model_copy(

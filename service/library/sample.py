@@ -1,4 +1,4 @@
-"""The sample scene of the package, `service.store.sample_scene`, for a while: in a folder, or as a `LocalScene`."""
+"""Opens temporary copies of the bundled sample scene."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastsplat.service.store.sample_scene import unpack_sample
 
 @contextmanager
 def sample_folder() -> Iterator[Path]:
-    """The data folder of a service with the sample scene, of temporary files: gone with all edits when the block ends.
+    """Yields a temporary data folder with the sample scene, deleted afterwards.
 
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.
@@ -26,7 +26,7 @@ def sample_folder() -> Iterator[Path]:
 
 
 def open_sample() -> LocalScene:
-    """The sample scene: a table with things on it, in meters. Edits are gone when it is closed.
+    """Opens the sample scene, a table with things on it, in meters; edits are temporary.
 
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.

@@ -1,4 +1,4 @@
-"""Photos to a scene in a folder: the job of the service, by one worker of its own."""
+"""Trains a scene into a folder, running the service's job in its own worker process."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _POLL_S = 0.3
 _STOP_S = 40.0
 _LOG = "worker.log"
 _ELSEWHERE = ("FASTSPLAT_DATABASE_URL", "FASTSPLAT_DATABASE_PASSWORD_FILE", "FASTSPLAT_ARTEFACTS__")
-"""Settings of an environment that has a server: what is trained here stays in its folder."""
+"""Server settings that the worker must not inherit: training stays in its folder."""
 
 
 def train(
@@ -36,27 +36,26 @@ def train(
     strict: bool = False,
     progress: Callable[[Operation], None] | None = None,
 ) -> LocalScene:
-    """Train a scene, and open it.
+    """Trains a scene and opens it.
 
     Args:
         capture: a folder of photos (with poses, masks or label maps, see the documentation of captures), a zip, or a
             video.
-        out: the folder that it is trained into; by default the capture's name with "-scene", beside the working
-            directory's other files. What a training that did not end left there is removed.
-        name: the scene's, for people; by default the capture's.
-        labels: names to look for; by default the configured detectors decide.
-        seconds: time budget of all that comes after structure from motion; by default the preset's.
+        out: output folder; default "<capture>-scene" in the working directory. Unfinished training in it is deleted.
+        name: display name; default the capture's.
+        labels: names to look for; default those of the configured detectors.
+        seconds: time budget for everything after structure from motion; default the preset's.
         preset: draft, balanced or best.
-        max_gaussians: hard budget.
-        strict: refuse the capture where a photo cannot be used; else it is left out, and the operation names it.
-        progress: called with the operation whenever it has changed; by default a line a stage is printed.
+        max_gaussians: hard limit.
+        strict: reject the capture if a photo is unusable; otherwise the photo is left out and the operation lists it.
+        progress: called on every change of the operation; default prints each tenth of a stage.
 
     Raises:
         ConflictError: the folder has a trained scene.
-        NotFoundError: there is no such capture.
-        NotReadyError: the job failed; says why.
-        ResourceError: the worker ended; the end of its log is in the message.
-        FastSplatError: what the service has against the photos, typed.
+        NotFoundError: the capture does not exist.
+        NotReadyError: the job failed; gives the reason.
+        ResourceError: the worker exited; the message has the end of its log.
+        FastSplatError: the service rejected the photos.
     """
     source = Path(capture)
     if not source.exists():
@@ -72,7 +71,7 @@ def train(
                 operation = _followed(service, operation, process, folder, progress or _ByStage())
         except BaseException:
             if not service.get_operation(operation.id).done:
-                service.cancel_operation(operation.id)  # whoever interrupts does not want it to go on later
+                service.cancel_operation(operation.id)  # an interrupted job must not resume later
             raise
         if operation.state != "SUCCEEDED":
             error = operation.error
@@ -111,7 +110,7 @@ def _post(service: SceneService, source: Path, name: str, options: SceneOptions)
 
 @contextmanager
 def _worker(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """A worker of the folder while the block runs; it ends with this process, however that ends."""
+    """Runs a worker for the folder; it ends with the block or with this process."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith(_ELSEWHERE)}
     environment |= {"FASTSPLAT_DATA_DIR": str(folder.resolve()), PARENT_VARIABLE: str(os.getpid())}
     with (folder / _LOG).open("ab") as log:
@@ -152,7 +151,7 @@ def _followed(
 
 
 class _ByStage:
-    """Prints what was left out, and each tenth of a stage."""
+    """Prints left-out photos, and each tenth of a stage."""
 
     def __init__(self) -> None:
         self._last = ""

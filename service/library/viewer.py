@@ -1,4 +1,4 @@
-"""The viewer of single files in a notebook's cell."""
+"""3D viewer for notebook cells."""
 
 from __future__ import annotations
 
@@ -9,22 +9,17 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class Viewer:
-    """A scene in 3D: orbit, move, zoom, and its own names answered. A notebook shows it in the cell.
+    """An interactive 3D scene that notebooks display: orbit, move, zoom, find its names."""
 
-    Attributes:
-        page: the HTML file of `ExportRequest(..., "html")`, which loads nothing from anywhere; needs WebGL 2.
-        height: of the cell, CSS pixels.
-    """
-
-    page: bytes
-    height: int = 560
+    page: bytes  # self-contained HTML of `ExportRequest(..., "html")`; needs WebGL 2
+    height: int = 560  # of the cell, CSS pixels
 
     def save(self, path: str | Path) -> None:
-        """Write the HTML file, which opens from disk."""
+        """Writes the HTML file, which opens from disk."""
         Path(path).write_bytes(self.page)
 
     def _repr_html_(self) -> str:
-        # An origin of its own: nothing in the frame can reach the notebook around it. Its question is a form.
+        # The sandbox gives it its own origin, so it cannot reach the notebook; the search box needs forms.
         page = html.escape(self.page.decode(), quote=True)
         return (
             f'<iframe srcdoc="{page}" sandbox="allow-scripts allow-forms" title="the scene in 3D" width="100%" '

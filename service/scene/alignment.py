@@ -1,4 +1,4 @@
-"""The frame of a version: how its coordinates follow from those of the trained one, by scale and alignment."""
+"""Transforms a scene version's frame by scale and alignment to a map."""
 
 from __future__ import annotations
 
@@ -13,31 +13,23 @@ from fastsplat.service.common.similarity import Similarity
 
 @dataclass(frozen=True)
 class Alignment:
-    """How a scene lies in the frame of a map: x_map = R · (s · x_trained) + t, s by the scene's scaling.
+    """Pose of a scene in a map frame.
 
-    Attributes:
-        frame: the map frame's name; may be empty.
-        rotation: R, three rows of three.
-        translation: t, units of this version.
-        pairs: of points that it comes from; 0 where the motion itself was given.
-        residuals: of each pair, units of this version.
-        rms: root mean square of those that are no outliers; None without pairs.
-        outliers: numbers of the pairs, from 0, that fit the others badly and did not count.
-        scaled: whether the scene's scaling comes from pairs of points.
+    x_map = R · (s · x_trained) + t with the scaling's factor s; lengths are in this version's units.
     """
 
-    frame: str
-    rotation: tuple[tuple[float, float, float], ...]
-    translation: tuple[float, float, float]
-    pairs: int = 0
-    residuals: tuple[float, ...] = ()
-    rms: float | None = None
-    outliers: tuple[int, ...] = ()
-    scaled: bool = False
+    frame: str  # name of the map frame; may be empty
+    rotation: tuple[tuple[float, float, float], ...]  # R, row-major
+    translation: tuple[float, float, float]  # t
+    pairs: int = 0  # number of point pairs it was fitted to; 0 if the motion itself was given
+    residuals: tuple[float, ...] = ()  # one per pair
+    rms: float | None = None  # root mean square residual of the inliers; None without pairs
+    outliers: tuple[int, ...] = ()  # indices of the pairs that the fit ignored
+    scaled: bool = False  # whether the scene's scaling comes from pairs of points
 
 
 def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None) -> Similarity:
-    """From the frame of the trained version into that of a version with this scaling and alignment."""
+    """Maps the trained version's frame to that of a scaled and aligned version."""
     scale = 1.0 if meters_per_unit is None else meters_per_unit
     if alignment is None:
         return Similarity(scale, np.eye(3), np.zeros(3))
@@ -45,7 +37,7 @@ def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None)
 
 
 def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:
-    """An alignment as plain values."""
+    """Converts an alignment to JSON values."""
     if alignment is None:
         return None
     return {
@@ -58,7 +50,7 @@ def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:
 
 
 def alignment_from_json(row: Mapping[str, Any] | None) -> Alignment | None:
-    """What `alignment_to_json` wrote."""
+    """Reads the output of `alignment_to_json`."""
     if row is None:
         return None
     first, second, third = (tuple(line) for line in row["rotation"])

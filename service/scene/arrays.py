@@ -1,4 +1,4 @@
-"""The arrays of a scene as safetensors files that are read by mapping them into memory."""
+"""Stores a scene's arrays as memory-mapped safetensors files."""
 
 from __future__ import annotations
 
@@ -17,15 +17,14 @@ from fastsplat_contract.errors import SceneFileError
 
 _CHUNK_BYTES = 16 << 20
 _CODES: Mapping[str, np.dtype[np.generic]] = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
-"""The dtypes of a scene by their names in safetensors."""
 
 Array = NDArray[np.generic]
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
-"""Name to dtype, as safetensors calls it, and shape of every array of the file."""
+"""Safetensors dtype name and shape of each array of a file, by array name."""
 
 
 def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int) -> Shapes:
-    """The arrays of the file, given G, K = (degree + 1)², D, N and E; all float32."""
+    """Returns the scene file's arrays for G, K = (degree + 1)², D, N, E."""
     shapes: dict[str, tuple[int, ...]] = {
         "means": (gaussians, 3),
         "quats": (gaussians, 4),
@@ -39,17 +38,17 @@ def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int
 
 
 def evidence_shapes(gaussians: int, entries: int) -> Shapes:
-    """The arrays of the evidence's file, given G and M."""
+    """Returns the arrays of an evidence file with G Gaussians and M entries."""
     return {"starts": ("I64", (gaussians + 1,)), "labels": ("U16", (entries,)), "counts": ("I64", (entries,))}
 
 
 def head_shapes(classes: int, code: int) -> dict[str, tuple[str, tuple[int, ...]]]:
-    """An affine map, given C and D."""
+    """Returns the arrays of an affine map from D code dimensions to C classes."""
     return {"head.weight": ("F32", (classes, code)), "head.bias": ("F32", (classes,))}
 
 
 def check_evidence(evidence: Evidence, labels: int) -> str:
-    """What is wrong with the entries of a scene with `labels` labels, or ""."""
+    """Describes the first error in evidence over `labels` labels; "" if it is valid."""
     if (np.diff(evidence.starts) < 0).any():
         return "its rows do not ascend"
     if len(evidence.labels) == 0:
@@ -60,7 +59,7 @@ def check_evidence(evidence: Evidence, labels: int) -> str:
 
 
 def check_membership(membership: Evidence, ids: Sequence[int]) -> str:
-    """What is wrong with the entries of things with these ids, or ""."""
+    """Describes the first error in a membership of these things; "" if it is valid."""
     if (np.diff(membership.starts) < 0).any():
         return "its rows do not ascend"
     strangers = np.setdiff1d(membership.labels, [0, *ids])
@@ -79,19 +78,15 @@ def _check_entries(evidence: Evidence) -> str:
 
 
 def save_arrays(arrays: Mapping[str, Array], path: Path) -> None:
-    """Write arrays to `path`; the bytes depend on the arrays alone.
-
-    Raises:
-        OSError: the disk is full, or cannot be written.
-    """
+    """Writes arrays to `path`; equal arrays give equal bytes."""
     write_arrays({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
 
 
 def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:
-    """Read-only views into the mapped file, one for each of `shapes`.
+    """Maps a file's arrays read-only, without loading them.
 
     Raises:
-        SceneFileError: not a whole safetensors file, or other names, dtypes or shapes than `shapes`.
+        SceneFileError: not a complete safetensors file, or names, dtypes or shapes differ from `shapes`.
     """
     try:
         with safe_open(path, framework="np") as file:  # the library's strict parser: offsets, overlaps, length
@@ -119,7 +114,7 @@ def map_arrays(path: Path, shapes: Shapes) -> dict[str, Array]:
 
 
 def first_non_finite(arrays: Mapping[str, F32]) -> str:
-    """Name of the first array that holds NaN or infinity, or ""."""
+    """Names the first array that holds NaN or infinity; "" if none does."""
     for name, array in arrays.items():
         if not all(np.isfinite(chunk.view(np.float32)).all() for chunk in _chunks(array)):
             return name
@@ -127,8 +122,10 @@ def first_non_finite(arrays: Mapping[str, F32]) -> str:
 
 
 def digest_arrays(arrays: Mapping[str, Array]) -> str:
-    """sha256, in hex, over name, shape and little-endian values of every array: equal digests mean that row i of one
-    scene is row i of the other, to the bit."""
+    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values.
+
+    Scenes with equal digests have bit-identical arrays in the same row order.
+    """
     digest = hashlib.sha256()
     for name in sorted(arrays):
         digest.update(f"{name} {list(arrays[name].shape)}\n".encode())
@@ -138,7 +135,7 @@ def digest_arrays(arrays: Mapping[str, Array]) -> str:
 
 
 def _chunks(array: Array) -> Iterator[Array]:
-    """Flat pieces of bounded size, so that a million Gaussians need no copy of themselves."""
+    """Yields flat pieces of bounded size, so that large arrays are not copied whole."""
     flat = np.ascontiguousarray(array).reshape(-1)
     step = _CHUNK_BYTES // flat.itemsize
     for start in range(0, len(flat), step):

@@ -1,8 +1,7 @@
-"""How good a scene is, judged by what was measured when it was made: one rule for every face that says it.
+"""Grades a scene's quality from figures measured while it was trained.
 
-Where the bounds come from: 26 steps on a busy machine once gave 13.7 dB and a blur; real photos whose exposure changes
-stay at 18 to 24 dB after some 500 steps although their geometry is right; the sample and the table top pass 28 dB in a
-draft.
+Origin of the thresholds: 26 steps on a busy machine gave 13.7 dB and a blur; photos with changing exposure stay at 18
+to 24 dB after about 500 steps although the geometry is right; the sample and the table top pass 28 dB in a draft.
 """
 
 from __future__ import annotations
@@ -24,16 +23,15 @@ _POOR_PHOTOS, _FAIR_PHOTOS = 6, 15
 _POOR_SPREAD_DEG, _FAIR_SPREAD_DEG = 8.0, 25.0
 _FAIR_ERROR_PX = 1.5
 _OVERRUN = 1.25
-_FACING = 0.8
-"""Share of cameras before which the common point must lie for their spread around it to mean anything."""
+_FACING = 0.8  # share of cameras that must face the common point
 _MOST_CAMERAS = 200
 
 
 def assess(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Assessment | None:
-    """How good a scene is, and what keeps it from being better, the worst first.
+    """Grades a scene and lists findings that lower its quality, worst first.
 
     Returns:
-        None where nothing was measured, as of a splat that came without photos.
+        None if nothing was measured, e.g. for an imported splat without photos.
     """
     if quality.get("source") == "splat" or "images" not in quality:
         return None
@@ -43,7 +41,7 @@ def assess(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Assess
 
 def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Iterator[Finding]:
     images, registered = _number(quality, "images"), _number(quality, "registered")
-    # Where photos differ in exposure, that of a photo set apart cannot be known.
+    # The exposure of held-out photos is unknown where exposure varies: compare color-corrected PSNR.
     name = "psnr_cc" if "photometric" in quality else "psnr"
     steps, psnr = _number(quality, "iterations"), _number(quality, name)
     if registered is not None and (grade := _below(registered, _POOR_PHOTOS, _FAIR_PHOTOS)):
@@ -91,7 +89,7 @@ def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Ite
             f"The cameras' poses fit the photos to {error:.1f} pixels.",
             "Leave out blurred photos, and do not mix cameras or zoom.",
         )
-    # A time that nobody asked for is no promise: it gives way to the steps of a good scene.
+    # A default time budget is no promise: training may exceed it to reach the minimum steps.
     asked = _number(quality, "time_budget_s") if "time_asked_s" in quality else None
     took = _number(quality, "train_seconds")
     if asked and took is not None and took > _OVERRUN * asked:
@@ -104,13 +102,7 @@ def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Ite
 
 
 def viewing_spread_deg(cameras: Sequence[PosedCamera]) -> float | None:
-    """The largest angle, degrees, at which two cameras see the point that all look at.
-
-    That point is the one nearest to all optical axes in the sense of least squares.
-
-    Returns:
-        None for fewer than two cameras, or where they look at no common point, as from the middle of a room outwards.
-    """
+    """Returns the largest angle between cameras' directions to their `common_point`, None without one."""
     point = common_point(cameras)
     if point is None:
         return None
@@ -121,10 +113,10 @@ def viewing_spread_deg(cameras: Sequence[PosedCamera]) -> float | None:
 
 
 def common_point(cameras: Sequence[PosedCamera]) -> NDArray[np.float64] | None:
-    """float64 [3]: the point nearest to all optical axes in the sense of least squares.
+    """Returns the point nearest to all optical axes by least squares, float64 [3].
 
     Returns:
-        None for fewer than two cameras, or where they look at no common point, as from the middle of a room outwards.
+        None for fewer than two cameras, or without a common point, e.g. photos taken outwards from a room's middle.
     """
     if len(cameras) < 2:
         return None

@@ -1,4 +1,4 @@
-"""Oriented boxes about the scene's vertical."""
+"""Oriented boxes aligned with the scene's vertical."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from fastsplat_contract.poses import Box, Pose, Vector3, quaternion_of, vector3
 F64 = NDArray[np.float64]
 
 BOX_TRIM = 0.015
-"""Share of a thing's weight that a box leaves out at either end of each axis."""
+"""Share of the weight that a box cuts off at either end of each axis."""
 
 
 def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
-    """The box of points [K, 3], K ≥ 1: its z axis is `up`, or the direction of least spread where there is none; its
-    base is the rectangle of least area, its x axis the longer side. Of the points 1.5 % by weight are left out at
-    either end of each axis of spread.
+    """Fits a box to weighted points [K, 3], K ≥ 1.
+
+    The z axis is `up`, else the direction of least spread. The base is the rectangle of least area, its longer side x.
+    1.5 % of the weight is trimmed at either end of each axis of spread.
     """
     center = np.average(points, axis=0, weights=weights)
     offsets = points - center
@@ -48,15 +49,17 @@ def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
 
 
 def _rectangle(flat: F64) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Centre, edge lengths and angle in degrees of the rectangle of least area around points [K, 2]; scaled for
-    OpenCV, which counts in float32 and takes lengths below 1e-7 for nothing."""
+    """Returns center, sides and angle (degrees) of the minimum-area rectangle of points [K, 2].
+
+    Scales the points first: OpenCV computes in float32 and treats lengths below 1e-7 as zero.
+    """
     scale = max(float(np.abs(flat).max()), np.finfo(np.float64).tiny) / 1000.0
     (x, y), (width, depth), degrees = cv2.minAreaRect((flat / scale).astype(np.float32))
     return (x * scale, y * scale), (width * scale, depth * scale), float(degrees)
 
 
 def trimmed_ends(values: F64, weights: F64) -> tuple[float, float]:
-    """The least and the largest of values [K], K ≥ 1, without 1.5 % by weight at either end."""
+    """Returns the range of values [K], K ≥ 1, trimmed by `BOX_TRIM` of the weight."""
     order = values.argsort(kind="stable")
     reached = weights[order].cumsum()
     low, high = np.searchsorted(reached, [BOX_TRIM * reached[-1], (1 - BOX_TRIM) * reached[-1]])

@@ -1,4 +1,4 @@
-"""When the photos of a scene's capture were taken."""
+"""Capture times of a scene's photos."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastsplat.service.scene.types import TAKEN_AT
 
 
 def newest_photo_at(quality: Mapping[str, Any]) -> datetime | None:
-    """When the newest photo of a scene with this quality was taken; None where its photos do not say it."""
+    """Returns the capture time of the newest photo; None if unknown."""
     taken = quality.get(TAKEN_AT)
     times = [float(each) for each in taken.values()] if isinstance(taken, Mapping) else []
     return datetime.fromtimestamp(max(times), UTC) if times else None

@@ -1,4 +1,4 @@
-"""What edits have made a scene show that its photos do not: it stands in `Scene.quality`."""
+"""Records in `Scene.quality` which edits made a scene deviate from its photos."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 
 def changed_views(quality: Mapping[str, Any]) -> tuple[str, ...]:
-    """The actions by which a version came to show what its photos do not, each once."""
+    """Lists the actions that made a version deviate from its photos, each once."""
     changes = quality.get("changed_by")
     return tuple(str(each) for each in changes) if isinstance(changes, (list, tuple)) else ()
 
 
 def with_change(scene: Scene, action: str) -> Scene:
-    """The scene, in which `action` is noted as one of these."""
+    """Records `action` in the scene's quality."""
     changes = changed_views(scene.quality)
     return scene if action in changes else replace(scene, quality={**scene.quality, "changed_by": [*changes, action]})

@@ -1,4 +1,4 @@
-"""A large scene in fewer Gaussians, for a camera that moves and for what needs to know only where surfaces are."""
+"""Reduces large scenes to fewer Gaussians for previews and surface queries."""
 
 from __future__ import annotations
 
@@ -11,24 +11,20 @@ from fastsplat.service.scene.scene_rows import scene_of_rows
 from fastsplat.service.scene.types import F32, Gaussians, Scene
 
 COARSE_GAUSSIANS = 60_000
-"""About so many Gaussians a coarse scene has."""
+"""Approximate number of Gaussians in a coarse scene."""
 
-_WORTH = 1.5  # times as many, from which a scene is large
-_SOLID = 0.99  # the largest opacity that a Gaussian gets by standing for others
+_WORTH = 1.5  # scenes with more than this multiple of the target are reduced
+_SOLID = 0.99  # upper bound of raised opacities
 _ROUNDS = 60
 _SEED = 0
 
 
 def coarse_scene(scene: Scene, most: int = COARSE_GAUSSIANS) -> Scene | None:
-    """A scene in fewer Gaussians, each standing for those that were left out, of one color from all sides.
+    """Samples about `most` Gaussians that stand for the rest, with constant color.
 
-    The more a Gaussian covers (opacity by the geometric mean of its two longer axes), the surer it stays; those that
-    cover most stay as they are. Another one stays with a probability in proportion, and covers for the rest of its
-    kind: more opaque, and where that does not do, larger. The page's `draft.ts` does the same of what it has loaded.
-    The same scene gives the same Gaussians.
-
-    Returns:
-        None for a scene that is small anyway.
+    A Gaussian's weight is its opacity times the geometric mean of its two longer axes. The heaviest are kept unchanged;
+    others are kept with probability proportional to weight and made more opaque, then larger, to make up for those
+    dropped. Deterministic. The page's `draft.ts` does the same. Returns None if the scene is small already.
     """
     gaussians = scene.gaussians
     if len(gaussians) <= _WORTH * most:
@@ -37,7 +33,7 @@ def coarse_scene(scene: Scene, most: int = COARSE_GAUSSIANS) -> Scene | None:
     log_scales = np.sort(gaussians.log_scales, axis=1).astype(np.float64)
     covers = opacities * np.exp(log_scales[:, 1:].sum(axis=1) / 2)
     shares = np.minimum(1, _rate(covers, most) * covers)
-    # Systematic sampling: of rows that follow each other, which are near in space, as many stay as their shares sum to.
+    # Systematic sampling: each run of rows, which are near in space, keeps as many as its shares sum to.
     offset = np.random.default_rng(_SEED).random()
     rows = np.flatnonzero(np.diff(np.floor(np.cumsum(shares) + offset), prepend=0.0) > 0)
     kept = scene_of_rows(scene, rows)
@@ -45,7 +41,7 @@ def coarse_scene(scene: Scene, most: int = COARSE_GAUSSIANS) -> Scene | None:
 
 
 def _rate(covers: NDArray[np.float64], most: int) -> float:
-    """By which covers are multiplied to be shares, at most 1 each, that sum up to `most`."""
+    """Returns the factor at which min(1, factor · covers) sums to `most`."""
     low, high = 0.0, most / max(1e-30, float(covers[covers > 0].min(initial=np.inf)))
     for _ in range(_ROUNDS):
         middle = (low + high) / 2
@@ -57,7 +53,6 @@ def _rate(covers: NDArray[np.float64], most: int) -> float:
 
 
 def _standing(gaussians: Gaussians, opacities: NDArray[np.float64], stands: NDArray[np.float64]) -> Gaussians:
-    """The Gaussians, each for `stands` [K] of its kind."""
     denser = np.maximum(opacities, np.minimum(_SOLID, 1 - (1 - opacities) ** stands))
     wider = np.maximum(0, 0.5 * np.log(stands * opacities / denser))
     more = stands > 1

@@ -1,4 +1,4 @@
-"""Many numbers, or rows of them, as indices into few: the codebooks and palettes of compressed files."""
+"""Vector quantization for compressed files: codebooks of scalars, palettes of rows."""
 
 from __future__ import annotations
 
@@ -16,19 +16,16 @@ CODES = 256
 
 _BINS = 4096
 _ROUNDS = 8
-_SAMPLES_PER_ENTRY = 64
-"""Rows that the coarse clusters are computed from; more make them no better."""
+_SAMPLES_PER_ENTRY = 64  # rows per coarse cluster; more do not improve them
 
-_DISTANCES = 1 << 22
-"""That are held at once, float32."""
+_DISTANCES = 1 << 22  # held in memory at once, float32
 
 
 def codebook(values: F32) -> tuple[F32, NDArray[np.uint8]]:
-    """float32 [256], ascending, and uint8 indices of the shape of `values`. No value is further than 1/256 of their
-    range from its entry; entries are denser where there are more values.
+    """Quantizes values to 256 ascending entries, float32, and uint8 indices.
 
-    Entries are quantiles of a mixture: half the cube root of the values' density, which is what has the least squared
-    error (Panter and Dite 1951), and half a uniform density, which bounds the error of each.
+    Entries are quantiles of a mixture: half the cube root of the density, which minimizes squared error (Panter and
+    Dite 1951), half uniform, which keeps every value within 1/256 of the range from its entry.
     """
     if not values.size:
         return np.zeros(CODES, np.float32), np.zeros(values.shape, np.uint8)
@@ -44,15 +41,13 @@ def codebook(values: F32) -> tuple[F32, NDArray[np.uint8]]:
 
 
 def palette(rows: F32, size: int) -> tuple[F32, NDArray[np.intp]]:
-    """Entries float32 [P, C], P at most `size`, and for each of the rows [G, C] the index [G] of the one that stands
-    for it. Every row is its own entry where that is few enough; otherwise entries are means of like rows, and the same
-    rows have the same entries.
+    """Quantizes rows [G, C] to at most `size` entries, float32 [P, C], and indices [G].
 
-    Rows are clustered coarsely, then the rows of each cluster by themselves, k-means (Lloyd 1982) both times: a million
-    rows and 65,536 entries cost what 512 clusters of them do.
+    Two-level k-means (Lloyd 1982): coarse clusters, then each on its own, so a million rows and 65,536 entries cost no
+    more than 512 clusters of them. Deterministic. Few rows are their own entries.
 
     Raises:
-        CancelledError: see `service.common.cancellation`.
+        CancelledError: the call was cancelled.
     """
     if len(rows) <= size:
         return rows, np.arange(len(rows))
@@ -70,7 +65,7 @@ def palette(rows: F32, size: int) -> tuple[F32, NDArray[np.intp]]:
         members = order[end - count : end]
         if not count:
             continue
-        # Rounding down the shares leaves room: at least one each, and no more than `size` together.
+        # Shares are rounded down, so that at least one each stays within `size` in total.
         share = max(1, count * (size - coarse) // len(rows))
         centers = _clustered(rows[members], share, rng)
         labels[members] = used + _nearest(rows[members], centers)
@@ -80,7 +75,7 @@ def palette(rows: F32, size: int) -> tuple[F32, NDArray[np.intp]]:
 
 
 def _clustered(rows: F32, count: int, rng: np.random.Generator) -> F32:
-    """Centers float32 [count, C] of clusters of the rows; those of empty clusters stay where they began."""
+    """K-means centers, float32 [count, C]; empty clusters keep their initial centers."""
     centers = rows[rng.choice(len(rows), min(count, len(rows)), replace=False)]
     for _ in range(_ROUNDS):
         nearest = _nearest(rows, centers)

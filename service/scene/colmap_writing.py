@@ -1,4 +1,4 @@
-"""Cameras and points as COLMAP's binary model."""
+"""Writes cameras and points as COLMAP models."""
 
 from __future__ import annotations
 
@@ -16,13 +16,9 @@ _PINHOLE = 1
 
 
 def colmap_model(cameras: Sequence[PosedCamera], points: F32, colors: NDArray[np.uint8]) -> dict[str, bytes]:
-    """COLMAP's binary model by file name: cameras.bin, images.bin, points3D.bin. Names of images may have blanks.
-    Points have no tracks, and errors of 0.
+    """Builds COLMAP's binary model: cameras.bin, images.bin, points3D.bin.
 
-    Args:
-        cameras: of the scene; one PINHOLE camera for each distinct lens.
-        points: float32 [P, 3], world frame.
-        colors: uint8 [P, 3].
+    Image names may contain spaces. Points have no tracks and an error of 0. Each distinct lens is one PINHOLE camera.
     """
     lens_rows = [
         struct.pack("<iiQQ4d", number, _PINHOLE, lens.width, lens.height, lens.fx, lens.fy, lens.cx, lens.cy)
@@ -44,10 +40,9 @@ def colmap_model(cameras: Sequence[PosedCamera], points: F32, colors: NDArray[np
 
 
 def colmap_text_model(cameras: Sequence[PosedCamera]) -> dict[str, bytes]:
-    """COLMAP's text model by file name: cameras.txt, images.txt, points3D.txt, which is empty.
+    """Builds COLMAP's text model: cameras.txt, images.txt and an empty points3D.txt.
 
-    Args:
-        cameras: of the scene, whose names have no blanks; one PINHOLE camera for each distinct lens.
+    Each distinct lens is one PINHOLE camera. Camera names must not contain spaces.
     """
     lens_lines = [
         f"{number} PINHOLE {lens.width} {lens.height} {lens.fx!r} {lens.fy!r} {lens.cx!r} {lens.cy!r}\n"
@@ -64,12 +59,11 @@ def colmap_text_model(cameras: Sequence[PosedCamera]) -> dict[str, bytes]:
 
 
 def _lenses(cameras: Sequence[PosedCamera]) -> dict[Camera, int]:
-    """The number of each distinct lens."""
     return {lens: number for number, lens in enumerate(dict.fromkeys(posed.camera for posed in cameras), 1)}
 
 
 def _images(cameras: Sequence[PosedCamera]) -> Iterator[tuple[int, tuple[float, ...], int, str]]:
-    """Of each camera its number, its camera-from-world as w x y z and translation, its lens's number and its name."""
+    """Yields each image's number, camera-from-world (w x y z, translation), lens number and name."""
     lenses = _lenses(cameras)
     for number, posed in enumerate(cameras, 1):
         viewmat = posed.camera_from_world()

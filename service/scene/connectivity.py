@@ -20,18 +20,17 @@ _SPACINGS = 2.0
 _CELL = 0.5
 _CELLS = 1 << 20
 _CHUNK = 1 << 16
-_SLACK = 1.001
-"""Rotations of 32-bit quaternions stretch by less."""
+_SLACK = 1.001  # float32 quaternions stretch by less
 
 
 def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.int32]:
-    """int32 [K], the component of each of the Gaussians `members` [K], 0 ≤ component.
+    """Labels connected components of the Gaussians `members` [K]; int32 [K], from 0.
 
-    Those within a cell of half the usual standard deviation are one; the widest stands for them, so that a dense clump
-    has neighbors other than its own. Each of these is compared with its eight nearest: two touch where their centers
-    are no further apart than the sum of their standard deviations along the line between them, or than twice the usual
-    distance to the nearest neighbor. Standard deviations count up to four times the usual largest one, so that no
-    giant bridges two objects. Work and memory are linear in K but for sorting and the tree.
+    Gaussians within a cell of half the usual standard deviation are merged and represented by the widest, so that a
+    dense clump has neighbors outside itself. Each representative is compared with its eight nearest: two touch if their
+    centers are no further apart than the sum of their standard deviations along the line between them, or than twice
+    the usual nearest-neighbor distance. Standard deviations are capped at four times the usual largest one, so that no
+    giant bridges two objects. Work and memory are linear in K except for sorting and the tree.
     """
     if not len(members):
         return np.zeros(0, dtype=np.int32)
@@ -45,7 +44,7 @@ def components(gaussians: Gaussians, members: NDArray[np.int64]) -> NDArray[np.i
 
 
 def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Which occupied cell each of the points [K, 3] is in, and the widest point of each cell."""
+    """Returns the occupied cell of each point [K, 3] and each cell's widest point."""
     offsets = means - means.min(axis=0)
     size = max(size, float(offsets.max()) / _CELLS, np.finfo(np.float64).tiny)
     x, y, z = (offsets / size).astype(np.int64).T
@@ -58,11 +57,9 @@ def _cells(means: F64, widths: F64, size: float) -> tuple[NDArray[np.int64], NDA
 
 
 def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.int32]:
-    """int32 [K] components of K Gaussians at different places.
+    """Labels components of K Gaussians at distinct places, int32 [K].
 
-    Most pairs need no look at the Gaussians' shapes: those nearer than twice the usual spacing touch, those farther
-    apart than their largest standard deviations reach do not, and of the others only pairs of what is not joined yet
-    can change anything.
+    Tests shapes only of pairs that are not joined yet and neither surely touch nor are surely apart.
     """
     count = len(means)
     if count < 2:
@@ -86,8 +83,7 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
 
 
 def _neighbor_pairs(means: F64) -> tuple[NDArray[np.int32], NDArray[np.int32], F64]:
-    """Each of K points [K, 3] with its eight nearest others, the nearest first: both numbers, ascending by the point's
-    own, and the distance."""
+    """Indices (ascending) and distances of points [K, 3] and their eight nearest neighbors."""
     count, tree = len(means), cKDTree(means)
     own, others, distances = [], [], []
     for start in range(0, count, _CHUNK):
@@ -102,24 +98,24 @@ def _neighbor_pairs(means: F64) -> tuple[NDArray[np.int32], NDArray[np.int32], F
 
 
 def _usual_spacing(count: int, left: NDArray[np.int32], distance: F64) -> float:
-    """Median distance to the nearest neighbor, of at most 4,096 of the points, from their pairs."""
+    """Returns the median nearest-neighbor distance over at most 4,096 points."""
     sample = np.arange(0, count, max(1, count // 4096), dtype=np.int32)
     return float(np.median(distance[np.searchsorted(left, sample)]))
 
 
 def _united(count: int, left: NDArray[np.integer], right: NDArray[np.integer]) -> NDArray[np.int32]:
-    """int32 [count]: components of a graph with these edges, numbered by their lowest nodes."""
+    """Labels components of a graph, int32 [count], numbered by their lowest nodes."""
     graph = coo_array((np.ones(len(left), dtype=np.bool_), (left, right)), shape=(count, count))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int32)
 
 
 def _deviation(scales: F64, turns: F64, towards: F64) -> F64:
-    """[P]: √(uᵀ Σ u) along unit vectors u [P, 3]."""
+    """Returns √(uᵀ Σ u) [P] along unit vectors u [P, 3]."""
     return np.asarray(np.linalg.norm(np.einsum("pij,pi->pj", turns, towards) * scales, axis=1))
 
 
 def _rotations(quats: NDArray[np.float32]) -> F64:
-    """[K, 3, 3], world-from-Gaussian; a quaternion of length 0 counts as no rotation."""
+    """Converts quaternions to world-from-Gaussian rotations [K, 3, 3]; zero quaternions to identity."""
     usable = quats.astype(np.float64)[:, [1, 2, 3, 0]]
     usable[~(np.linalg.norm(usable, axis=1) > 0)] = (0.0, 0.0, 0.0, 1.0)
     return np.asarray(Rotation.from_quat(usable).as_matrix())

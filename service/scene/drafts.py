@@ -1,6 +1,6 @@
-"""Drafts: versions of a scene that can be asked while its job still makes it.
+"""Drafts: scene versions that can be queried while their job is still running.
 
-What one is made of stands in its quality, so that all answers from it, and from what it was edited to, can say so.
+A draft is marked in its quality, so that answers from it and from its edits can say so.
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ from fastsplat_contract.job_watching import Provisional
 _DRAFT = "draft"
 
 DRAFTS = (Provisional("points", 0.0), Provisional("training", 0.25))
-"""Those that a job publishes, in order."""
+"""Drafts that a job publishes, in order."""
 
 
 def draft_of(scene: Scene, provisional: Provisional) -> Scene:
-    """The scene as a draft."""
     return replace(scene, quality={**scene.quality, _DRAFT: provisional._asdict()})
 
 
 def provisional_of(quality: Mapping[str, Any]) -> Provisional | None:
-    """What the draft with this quality is made of; None of a finished scene."""
+    """Returns the draft's mark; None for a finished scene."""
     draft = quality.get(_DRAFT)
     return Provisional(**draft) if isinstance(draft, Mapping) else None

@@ -1,4 +1,4 @@
-"""The frame of a scene: that of a map, and its unit."""
+"""World frame and unit of a scene."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from fastsplat.service.scene.types import Scene
 
 
 def frame_of(scene: Scene) -> Similarity:
-    """From the frame of the trained version into that of this one."""
+    """Maps the trained version's frame to this version's."""
     return frame_similarity(None if scene.scaling is None else scene.scaling.meters_per_unit, scene.alignment)
 
 
 def frame_id(scene: Scene) -> str:
-    """The name of the world frame of this version: the map's, `map` for one without a name, `world` without a map."""
+    """Names the world frame: the map's ("map" if unnamed), or "world" without a map."""
     return "world" if scene.alignment is None else scene.alignment.frame or "map"
 
 
 def scaled(scene: Scene, scaling: Scaling) -> Scene:
-    """The scene with its Gaussians and cameras in meters by a scaling of its trained version; which thing a Gaussian
-    belongs to, and what it looks like, stays."""
+    """Scales Gaussians and cameras to meters by a scaling of the trained version."""
     before = 1.0 if scene.scaling is None else scene.scaling.meters_per_unit
     factor = scaling.meters_per_unit / before
     gaussians = scene.gaussians
@@ -42,7 +41,6 @@ def scaled(scene: Scene, scaling: Scaling) -> Scene:
 
 
 def _scaled_alignment(alignment: Alignment | None, factor: float) -> Alignment | None:
-    """In the new units; lengths that pairs of points left over are not measured anew."""
     if alignment is None:
         return None
     x, y, z = alignment.translation

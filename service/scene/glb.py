@@ -22,7 +22,7 @@ _COMPONENTS = {"<f4": 5126, "|u1": 5121, "<u2": 5123, "<u4": 5125}
 _TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 LARGEST = (1 << 32) - 1
-"""Bytes of a file: the format counts them in 32 bits."""
+"""Maximum file size in bytes: the format has 32-bit sizes."""
 
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 _NEAREST = 0.01
@@ -30,42 +30,25 @@ _NEAREST = 0.01
 
 @dataclass(frozen=True)
 class NamedRows:
-    """A node of a file.
-
-    Attributes:
-        name: for people.
-        extras: what programs are told of it, JSON-ready.
-        rows: int64 [K], K ≥ 1: its Gaussians, vertices or faces.
-    """
+    """A node of a file."""
 
     name: str
-    extras: dict[str, Any]
-    rows: NDArray[np.int64]
+    extras: dict[str, Any]  # metadata for programs, JSON-ready
+    rows: NDArray[np.int64]  # [K], K ≥ 1: Gaussians, vertices or faces
 
 
 @dataclass(frozen=True)
 class GlbScene:
-    """What a file says beside its shapes.
-
-    Attributes:
-        name: of the scene.
-        extras: of the scene, JSON-ready.
-        up: float64 [3], the unit vector up of the world frame, which the file's root turns to +y; None if unknown.
-        cameras: of the scene.
-    """
+    """Scene metadata of a file."""
 
     name: str
-    extras: dict[str, Any]
-    up: NDArray[np.float64] | None
+    extras: dict[str, Any]  # JSON-ready
+    up: NDArray[np.float64] | None  # [3], unit vector in the world frame that the root turns to +y; None if unknown
     cameras: Sequence[PosedCamera]
 
 
 class GlbBuilder:
-    """Collects a glTF document and its buffer.
-
-    Attributes:
-        document: the glTF object so far, without what `file` adds (buffers, bufferViews, accessors).
-    """
+    """Collects a glTF document and its buffer; `file` adds accessors, bufferViews and buffers."""
 
     def __init__(self, generator: str) -> None:
         self.document: dict[str, Any] = {"asset": {"version": "2.0", "generator": generator}}
@@ -75,7 +58,6 @@ class GlbBuilder:
         self._size = 0
 
     def add(self, kind: str, entry: dict[str, Any]) -> int:
-        """The index of an entry appended to one of the document's lists ("nodes", "meshes", ...)."""
         entries: list[dict[str, Any]] = self.document.setdefault(kind, [])
         entries.append(entry)
         return len(entries) - 1
@@ -83,14 +65,14 @@ class GlbBuilder:
     def accessor(
         self, values: NDArray[Any], *, normalized: bool = False, bounds: bool = False, target: int | None = ARRAY_BUFFER
     ) -> int:
-        """The index of an accessor of an array [K], or [K, 1..4], of float32, uint8, uint16 or uint32; rows of vertex
-        attributes are padded to multiples of four bytes, as glTF asks.
+        """Appends an accessor of K ≥ 1 scalars or rows; returns its index.
+
+        Rows of vertex attributes are padded to multiples of four bytes, as glTF requires.
 
         Args:
-            values: K ≥ 1 elements.
+            values: float32, uint8, uint16 or uint32, [K] or [K, 1..4].
             normalized: integers stand for 0..1.
-            bounds: the smallest and largest values are written too, which positions must have.
-            target: what the buffer view is for.
+            bounds: writes minima and maxima, which positions must have.
         """
         rows = values.reshape(len(values), -1)
         width = rows.shape[1] * rows.itemsize
@@ -121,10 +103,10 @@ class GlbBuilder:
         return len(self._accessors) - 1
 
     def file(self) -> bytes:
-        """The GLB.
+        """Serializes the GLB.
 
         Raises:
-            LimitExceededError: larger than the format can say.
+            LimitExceededError: the file would be larger than `LARGEST`.
         """
         document = dict(self.document)
         if self._accessors:
@@ -149,10 +131,10 @@ class GlbBuilder:
 
 
 def finished(builder: GlbBuilder, nodes: list[int], about: GlbScene) -> bytes:
-    """The file of a document whose shapes are complete: their nodes and the cameras under one root, which is upright.
+    """Serializes a document, with nodes and cameras under one upright root.
 
     Raises:
-        LimitExceededError: larger than a GLB can be.
+        LimitExceededError: the file would be larger than `LARGEST`.
     """
     root: dict[str, Any] = {"name": about.name or "scene", "extras": about.extras}
     if children := nodes + add_camera_nodes(builder, about.cameras):
@@ -164,7 +146,7 @@ def finished(builder: GlbBuilder, nodes: list[int], about: GlbScene) -> bytes:
 
 
 def upright(up: NDArray[np.float64] | None) -> list[float] | None:
-    """The quaternion x y z w of the least rotation that turns a unit vector up to glTF's, +y; None without one."""
+    """Returns the quaternion x y z w of the least rotation from `up` to +y."""
     if up is None:
         return None
     x, y, z = up.tolist()
@@ -176,8 +158,7 @@ def upright(up: NDArray[np.float64] | None) -> list[float] | None:
 
 
 def add_camera_nodes(builder: GlbBuilder, cameras: Sequence[PosedCamera]) -> list[int]:
-    """The nodes of a scene's cameras, each with its exact intrinsics in `extras`; a glTF camera itself looks through
-    the middle of its picture and has square pixels."""
+    """Adds camera nodes with exact intrinsics in `extras`, which glTF cameras cannot express."""
     nodes = []
     for number, posed in enumerate(cameras):
         lens = posed.camera
@@ -206,7 +187,7 @@ def add_camera_nodes(builder: GlbBuilder, cameras: Sequence[PosedCamera]) -> lis
 
 
 def linear(srgb: NDArray[np.floating]) -> NDArray[np.uint16]:
-    """uint16, 0 to 65535 for 0 to 1: sRGB values 0..1 decoded (IEC 61966-2-1), as glTF has vertex colors."""
+    """Decodes sRGB 0..1 (IEC 61966-2-1) to linear uint16, as glTF stores vertex colors."""
     clipped = np.clip(srgb, 0.0, 1.0)
     decoded = np.where(clipped <= 0.04045, clipped / 12.92, ((clipped + 0.055) / 1.055) ** 2.4)
     return np.asarray(np.rint(decoded * 65_535), np.uint16)

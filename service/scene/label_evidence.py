@@ -1,4 +1,4 @@
-"""Arithmetic of label evidence: merging, and the Dirichlet posterior it leads to."""
+"""Merges label evidence and computes its Dirichlet posterior."""
 
 from __future__ import annotations
 
@@ -12,47 +12,32 @@ from fastsplat.service.scene.types import F32, Evidence
 from fastsplat_contract.errors import InvalidInputError
 
 UNIT = 4096
-"""Counts of one whole pixel."""
+"""Counts per pixel."""
 
 PRIOR_PIXELS = 1.0
-"""α0: what is believed before any view was seen, spread evenly over all classes, in pixels of blend weight."""
+"""α0: prior weight of all classes together, in pixels of blend weight."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """The mean of Dirichlet(α0 + A) of each Gaussian, as far as it differs from one class to the next.
+    """Mean of Dirichlet(α0 + A) of each Gaussian over C classes, stored sparsely."""
 
-    Attributes:
-        starts, labels: the rows of the evidence.
-        probability: float32 [M]: (A[g, n] + α0/C) / (Σ A[g] + α0), C the number of classes.
-        rest: float32 [G]: the probability of each class that the row does not name.
-        classes: int32 [G]: the most probable class, ties to the lower id; 0 for a Gaussian never seen.
-        confidence: float32 [G], 0..1: the probability of that class; 0 for a Gaussian never seen.
-    """
-
-    starts: NDArray[np.int64]
-    labels: NDArray[np.uint16]
-    probability: F32
-    rest: F32
-    classes: NDArray[np.int32]
-    confidence: F32
+    starts: NDArray[np.int64]  # as in the evidence
+    labels: NDArray[np.uint16]  # as in the evidence
+    probability: F32  # [M]: (A[g, n] + α0/C) / (Σ A[g] + α0)
+    rest: F32  # [G]: probability of each class that the row does not list
+    classes: NDArray[np.int32]  # [G]: most probable class, ties to the lower id; 0 for a Gaussian never seen
+    confidence: F32  # [G]: its probability; 0 for a Gaussian never seen
 
 
 def no_evidence(count: int) -> Evidence:
-    """Of `count` Gaussians that no view has seen."""
     return Evidence(np.zeros(count + 1, np.int64), np.zeros(0, np.uint16), np.zeros(0, np.int64))
 
 
 def evidence_of(
     rows: NDArray[np.integer], labels: NDArray[np.integer], counts: NDArray[np.int64], count: int
 ) -> Evidence:
-    """From entries in any order; entries of one Gaussian and label are added, zeros are left out.
-
-    Args:
-        rows: int [K], Gaussian ids below `count`.
-        labels: int [K], 0..65535.
-        counts: int64 [K], units of 1/4096 pixel.
-    """
+    """Builds evidence from unordered entries [K]; sums duplicates and drops zeros."""
     keys = rows.astype(np.int64) << 16 | labels.astype(np.int64)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
@@ -64,10 +49,10 @@ def evidence_of(
 
 
 def merged(parts: Iterable[Evidence]) -> Evidence:
-    """The sum of evidence of the same Gaussians: of several views, or of several groups of views.
+    """Adds evidence of the same Gaussians from several views.
 
     Raises:
-        InvalidInputError: no parts, or of different numbers of Gaussians.
+        InvalidInputError: no parts, or different numbers of Gaussians.
     """
     all_parts = list(parts)
     if not all_parts or len({len(part) for part in all_parts}) > 1:
@@ -80,7 +65,7 @@ def merged(parts: Iterable[Evidence]) -> Evidence:
 
 
 def rows_of(evidence: Evidence, rows: NDArray[np.integer]) -> Evidence:
-    """The evidence of the Gaussians `rows`, in that order; a row may be named twice."""
+    """Selects the evidence of the Gaussians `rows`, in that order; repetitions are allowed."""
     sizes = np.diff(evidence.starts)[rows]
     starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
     within = np.arange(starts[-1]) - np.repeat(starts[:-1], sizes)
@@ -89,32 +74,26 @@ def rows_of(evidence: Evidence, rows: NDArray[np.integer]) -> Evidence:
 
 
 def without_rows(evidence: Evidence, gone: NDArray[np.bool_]) -> Evidence:
-    """The same evidence without that of these Gaussians, bool [G]."""
+    """Clears the evidence of the Gaussians in the mask `gone` [G]."""
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     stays = ~gone[rows]
     return evidence_of(rows[stays], evidence.labels[stays], evidence.counts[stays], len(evidence))
 
 
 def seen_pixels(evidence: Evidence) -> F32:
-    """float32 [G]: pixels of blend weight, of any class, that each Gaussian has."""
+    """Returns each Gaussian's pixels of blend weight over all classes, float32 [G]."""
     return np.asarray(_row_sums(evidence.counts, evidence.starts) / UNIT, np.float32)
 
 
 def posterior(evidence: Evidence, classes: int, *, prior: float = PRIOR_PIXELS) -> Posterior:
-    """Dirichlet posterior of each Gaussian's class.
-
-    Args:
-        evidence: of G Gaussians.
-        classes: C = N + 1.
-        prior: α0 of all classes together, pixels; above 0.
-    """
+    """Computes the Dirichlet posterior over C = N + 1 classes, `prior` in pixels."""
     pixels = evidence.counts / UNIT
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     total = _row_sums(pixels, evidence.starts) + prior
     probability = (pixels + prior / classes) / total[rows]
     winner = np.zeros(len(evidence), np.int32)
     confidence = np.zeros(len(evidence))
-    # Ascending by probability, descending by label: what is written last into a row is its winner.
+    # Ascending by probability, descending by label: the last write into a row wins.
     order = np.lexsort((-evidence.labels.astype(np.int32), probability))
     winner[rows[order]] = evidence.labels[order]
     confidence[rows[order]] = probability[order]

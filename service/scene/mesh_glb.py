@@ -1,4 +1,4 @@
-"""Labelled triangle meshes as glTF: a node for every thing, colors of vertices without light."""
+"""Exports labelled triangle meshes as glTF with a node per thing and unlit colors."""
 
 from __future__ import annotations
 
@@ -15,30 +15,22 @@ _UNLIT = "KHR_materials_unlit"
 
 
 def mesh_glb(
-    points: F32,
-    normals: F32,
-    colors: NDArray[np.uint8],
-    labels: NDArray[np.uint16],
-    confidence: F32,
-    faces: NDArray[np.int64],
-    groups: Sequence[NamedRows],
+    points: F32,  # [V, 3], scene units
+    normals: F32,  # [V, 3], unit length or zero
+    colors: NDArray[np.uint8],  # [V, 3], sRGB
+    labels: NDArray[np.uint16],  # [V]
+    confidence: F32,  # [V]
+    faces: NDArray[np.int64],  # [F, 3], counter-clockwise seen from outside
+    groups: Sequence[NamedRows],  # rows are faces
     about: GlbScene,
 ) -> bytes:
-    """A GLB with a node for each group of faces. Vertices have `POSITION`, `NORMAL`, `COLOR_0`, `_LABEL` (dictionary
-    id) and `_CONFIDENCE` (0..1); the material is unlit, because the colors hold the light of the photos.
+    """Builds a GLB with a node per group of faces.
 
-    Args:
-        points: float32 [V, 3], scene units.
-        normals: float32 [V, 3], unit length or zero.
-        colors: uint8 [V, 3], sRGB.
-        labels: uint16 [V].
-        confidence: float32 [V].
-        faces: int64 [F, 3], counter-clockwise seen from outside.
-        groups: which faces each node has.
-        about: the rest.
+    Vertices have `POSITION`, `NORMAL`, `COLOR_0`, `_LABEL` (dictionary id) and `_CONFIDENCE` (0..1). The material is
+    unlit because the colors hold the light of the photos.
 
     Raises:
-        LimitExceededError: larger than a GLB can be.
+        LimitExceededError: the file would be larger than a GLB can be.
     """
     builder = GlbBuilder("FAST-Splat scene service")
     nodes = []

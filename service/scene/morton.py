@@ -1,4 +1,4 @@
-"""Z-order of points: rows that are near in space become near in memory and in files."""
+"""Z-order of points: sorts rows so that neighbors in space are neighbors in memory."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _BITS = 21  # 3 × 21 = 63 bits fit an unsigned 64-bit key
 
 
 def morton_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
-    """Row order that sorts `points` [G, 3] along the Z-curve of their bounding box; equal keys keep their order.
+    """Returns the stable row order of `points` [G, 3] along their bounding box's Z-curve.
 
-    The box is cut into 2²¹ cells a side, x being the most significant of each triple of bits.
+    The box has 2²¹ cells a side; x is the most significant bit of each triple.
     """
     assert points.ndim == 2 and points.shape[1] == 3
     if len(points) == 0:
@@ -24,7 +24,7 @@ def morton_order(points: NDArray[np.floating]) -> NDArray[np.int64]:
 
 
 def _spread(value: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Puts two zero bits before each of the low 21 bits."""
+    """Inserts two zero bits before each of the low 21 bits."""
     for shift, mask in (
         (32, 0x1F00000000FFFF),
         (16, 0x1F0000FF0000FF),

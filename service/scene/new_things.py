@@ -1,4 +1,4 @@
-"""One more thing, made of Gaussians that belonged to others or to none."""
+"""Creates a thing from Gaussians that belonged to other things or to none."""
 
 from __future__ import annotations
 
@@ -12,25 +12,18 @@ from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_ro
 from fastsplat.service.scene.types import Parts, Scene, Thing
 from fastsplat_contract.errors import LimitExceededError
 
-_SURE_PX = 16
-"""Membership of a Gaussian of which no view had said anything, pixels."""
+_SURE_PX = 16  # membership of a Gaussian without evidence, pixels
 
 
 def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]:
-    """The scene in which the Gaussians `rows` belong to one more thing, without a name, and that thing's id.
+    """Assigns the Gaussians `rows` to a new unnamed thing; returns the scene and its id.
 
-    In the membership of each of them the new thing takes the place of the thing, or of no thing, that it most probably
-    belonged to, with the least that can be counted on top, so that it wins where two were equally probable; everything
-    else of the membership stays as it is. The new thing has no parts, and parts of others lose its Gaussians; it is in
-    the groups of which all its Gaussians were. A thing that lost all its Gaussians stays in the table, and is present
-    no more.
-
-    Args:
-        scene: with things.
-        rows: int [K], at least one.
+    In each Gaussian's membership the new thing replaces its most probable owner, with one count more so that it wins
+    ties. Parts of others lose these Gaussians. The new thing joins the groups that all its Gaussians were in. A thing
+    left without Gaussians stays in the table, but is no longer present.
 
     Raises:
-        LimitExceededError: there is no further id.
+        LimitExceededError: no id is left.
     """
     things = scene.things
     assert things is not None and len(rows)
@@ -64,5 +57,4 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
 
 
 def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:
-    """The parts, of which these Gaussians, bool [G], are none any more: what they belonged to is another thing's."""
     return replace(parts, membership=without_rows(parts.membership, gone))

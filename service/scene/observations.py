@@ -1,5 +1,7 @@
-"""Observations of a scene as its folder keeps them: in the frame of the trained version, so that they stay true when
-the scene is scaled or put into a map."""
+"""Stores a scene's observations in the trained version's frame.
+
+This keeps them valid when the scene is scaled or aligned to a map.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,7 @@ from fastsplat_contract.poses import Box, Pose, Vector3, quaternion_of, vector3
 
 
 def in_frame(observation: Observation, frame: Similarity) -> Observation:
-    """The same observation in another frame; sentences stay as they are.
-
-    Args:
-        observation: cameras and boxes in one frame.
-        frame: from that one into the other.
-    """
+    """Transforms an observation's cameras and boxes; sentences stay unchanged."""
 
     def placed(box: Box | None) -> Box | None:
         if box is None:
@@ -41,14 +38,14 @@ def in_frame(observation: Observation, frame: Similarity) -> Observation:
 
 
 def observations_to_json(observations: Sequence[Observation]) -> list[dict[str, Any]]:
-    """Observations as plain values."""
+    """Converts observations to JSON values."""
     return [to_plain(each) for each in observations]
 
 
 def observations_from_json(rows: Sequence[Mapping[str, Any]]) -> tuple[Observation, ...]:
-    """What `observations_to_json` wrote.
+    """Reads the output of `observations_to_json`.
 
     Raises:
-        InvalidInputError: it wrote something else.
+        InvalidInputError: malformed rows.
     """
     return tuple(from_json(Observation, json.dumps(row)) for row in rows)

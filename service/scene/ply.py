@@ -1,4 +1,4 @@
-"""Gaussians as the PLY file that 3D Gaussian splatting viewers open (the layout of Kerbl et al. 2023's exporter)."""
+"""Reads and writes 3DGS PLY files (the layout of Kerbl et al. 2023's exporter)."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _CHUNK_ROWS = 1 << 16
 _COUNT_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
-"""Coefficients of a color by the number of f_rest properties."""
+"""SH coefficients per channel by number of f_rest properties."""
 
 
 def write_ply(gaussians: Gaussians, path: Path, rows: NDArray[np.bool_] | NDArray[np.integer] | None = None) -> None:
-    """Write a binary little-endian PLY, float32: x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*.
+    """Writes a binary little-endian float32 PLY in the 3DGS layout.
 
-    Normals are zero; f_rest is channel-major (all red coefficients, then green, then blue); opacity is the logit,
-    scale the natural logarithm, rot is w x y z: values as trained, so the round trip is exact to the bit.
+    Normals are zero; f_rest is channel-major (all red, then green, then blue); opacity is the logit, scale the natural
+    logarithm, rot is w x y z. Values are written as trained, so the round trip is bit-exact.
 
     Args:
         gaussians: all Gaussians of a scene.
-        path: replaced as a whole, never half written.
-        rows: bool [G] mask or ids of the Gaussians to write; they keep the scene's row order. None writes all.
+        path: replaced atomically.
+        rows: bool [G] mask or ids to write, in the scene's row order; None writes all.
 
     Raises:
-        InvalidInputError: `rows` has the wrong length or names a Gaussian that is not there.
+        InvalidInputError: `rows` has the wrong length or unknown ids.
     """
     ids = _rows(rows, len(gaussians))
     names = _property_names(gaussians.sh.shape[1])
@@ -50,25 +50,20 @@ def write_ply(gaussians: Gaussians, path: Path, rows: NDArray[np.bool_] | NDArra
 
 
 def ply_header(rows: int, properties: Iterable[tuple[str, str]], comments: Iterable[str] = ()) -> bytes:
-    """The header of a binary little-endian PLY of one element, vertex, up to its first row.
-
-    Args:
-        rows: how many vertices follow.
-        properties: type and name of each, in their order.
-        comments: lines of ASCII.
-    """
+    """Builds the header of a binary little-endian PLY with only vertices."""
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {comment}" for comment in comments)]
     lines += [f"element vertex {rows}", *(f"property {kind} {name}" for kind, name in properties), "end_header", ""]
     return "\n".join(lines).encode("ascii")
 
 
 def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:
-    """Gaussians of a 3DGS PLY; properties may come in any order, unknown ones of a scalar type are skipped.
+    """Reads a 3DGS PLY; the Gaussians have no codes.
 
-    They have no codes. Nothing is allocated before the file's size has vouched for its row count.
+    Properties may have any order; unknown scalar ones are skipped. Memory is allocated only after the file's size has
+    confirmed its row count.
 
     Raises:
-        InvalidInputError: not a whole binary little-endian 3DGS PLY, or numbers that are not finite.
+        InvalidInputError: not a complete binary little-endian 3DGS PLY, or non-finite numbers.
         LimitExceededError: more than `max_gaussians` rows.
     """
     refuse = partial(_bad, path)
@@ -116,7 +111,6 @@ def _property_names(sh_count: int) -> list[str]:
 
 
 def _table(gaussians: Gaussians, rows: NDArray[np.intp]) -> F32:
-    """float32 [R, P], the columns in the order of `_property_names`."""
     count = len(rows)
     sh = gaussians.sh[rows]
     columns = [
@@ -145,7 +139,7 @@ def _rows(rows: NDArray[np.bool_] | NDArray[np.integer] | None, count: int) -> N
 
 
 def _check_properties(path: Path, layout: np.dtype[np.void]) -> int:
-    """K, once every property a Gaussian needs is there as float."""
+    """Checks the properties of a Gaussian; returns K."""
     names = layout.names or ()
     rest = sum(name.startswith("f_rest_") for name in names)
     if rest not in _COUNT_OF_REST:

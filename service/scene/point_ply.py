@@ -1,4 +1,4 @@
-"""Labelled points as a PLY file that point cloud programs open."""
+"""Exports labelled points as a PLY for point cloud programs."""
 
 from __future__ import annotations
 
@@ -23,25 +23,19 @@ _TYPES = {"f4": "float", "u1": "uchar", "u2": "ushort"}
 
 
 def point_ply(
-    points: F32,
-    normals: F32,
-    colors: NDArray[np.uint8],
-    labels: NDArray[np.uint16],
-    things: NDArray[np.uint16],
-    confidence: F32,
+    points: F32,  # [P, 3], scene units
+    normals: F32,  # [P, 3], unit length
+    colors: NDArray[np.uint8],  # [P, 3], sRGB
+    labels: NDArray[np.uint16],  # [P], 0 for none
+    things: NDArray[np.uint16],  # [P], 0 for none
+    confidence: F32,  # [P], 0..1
     comments: Mapping[str, str | float | Mapping[int, str]],
 ) -> bytes:
-    """A binary little-endian PLY of P vertices: x y z nx ny nz red green blue label thing confidence.
+    """Builds a binary little-endian PLY with the properties of `_ROW`.
 
     Args:
-        points: float32 [P, 3], scene units.
-        normals: float32 [P, 3], unit length.
-        colors: uint8 [P, 3], sRGB.
-        labels: uint16 [P], 0 for none.
-        things: uint16 [P], 0 for none.
-        confidence: float32 [P], 0..1.
-        comments: lines of the header, by their first word. Texts, and names by id, are written as JSON strings in
-            ASCII, so that no name can end its line: `comment thing 7 "banana"`.
+        comments: header lines by their first word. Texts, and names by id, are written as ASCII JSON strings, so that
+            no name can end its line: `comment thing 7 "banana"`.
     """
     rows = np.empty(len(points), _ROW)
     for names, columns in (
@@ -63,5 +57,5 @@ def point_ply(
 
 
 def point_rows(content: bytes) -> NDArray[np.void]:
-    """The vertices of a file of `point_ply`, with its properties as fields."""
+    """Reads the vertices of a file of `point_ply` as structured rows."""
     return np.frombuffer(content, _ROW, offset=content.index(b"end_header\n") + len(b"end_header\n"))

@@ -1,4 +1,4 @@
-"""What is written on things: bounded in number and length, on one line each."""
+"""Normalizes and bounds text read on things."""
 
 from __future__ import annotations
 
@@ -7,28 +7,27 @@ from collections.abc import Iterable, Mapping
 
 from fastsplat_contract.thing_reads import ThingRead
 
-MOST_READS = 24
-"""Of one thing."""
-MAX_READ_CHARS = 200
-"""Of one read."""
+MOST_READS = 24  # per thing
+MAX_READ_CHARS = 200  # per read
 
 
 def one_line(text: str) -> str:
-    """A text as a read has it: composed letters, white space as single spaces, and no other character that is not
-    seen: none that controls a terminal or turns the direction of writing."""
+    """Normalizes text to one line: NFC, single spaces, no control or format characters."""
     seen = (each for each in text if each.isspace() or unicodedata.category(each)[0] != "C")
     return " ".join(unicodedata.normalize("NFC", "".join(seen)).split())
 
 
 def tags_of(reads: Iterable[ThingRead]) -> Mapping[str, float]:
-    """The printed tags among reads: how probable each is, by its number."""
+    """Returns the probability of each printed tag by its number."""
     tags = [read for read in reads if read.kind == "tag"]
     return {read.text: read.probability for read in sorted(tags, key=lambda one: one.probability)}
 
 
 def bounded_reads(reads: Iterable[ThingRead]) -> tuple[ThingRead, ...]:
-    """At most `MOST_READS`, the likeliest first, each text once; texts of more than `MAX_READ_CHARS` are left out,
-    since half of a code means something else."""
+    """Keeps the `MOST_READS` likeliest distinct reads.
+
+    Texts longer than `MAX_READ_CHARS` are dropped, not cut: half a code means something else.
+    """
     kept: dict[tuple[str, str], ThingRead] = {}
     for read in sorted(reads, key=lambda one: -one.probability):
         line = one_line(read.text)

@@ -1,4 +1,4 @@
-"""The scale of a scene by lengths that people know: how it follows from them, and how a scene is scaled by it."""
+"""Estimates a scene's metric scale from known lengths."""
 
 from __future__ import annotations
 
@@ -11,55 +11,39 @@ from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
 from fastsplat_contract.scenes import ScaleSource
 
 _LEAST_DEVIATION = 1e-3
-"""Relative, of a length between two places: nobody picks a place better."""
+"""Minimum relative deviation of a length between two picked places."""
 
 
 @dataclass(frozen=True)
 class ScaledLength:
-    """One known length.
+    """A known length with standard deviations."""
 
-    Attributes:
-        units: the same length in units of the scene as it was trained.
-        deviation: standard deviation of `units`.
-        meters: as it was measured in the world.
-        meters_deviation: standard deviation of `meters`.
-    """
-
-    units: float
-    deviation: float
-    meters: float
-    meters_deviation: float
+    units: float  # in units of the trained scene
+    deviation: float  # of `units`
+    meters: float  # as measured in the world
+    meters_deviation: float  # of `meters`
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """How the lengths of a version follow from those of the trained one.
+    """Scale of a version relative to the trained one."""
 
-    Attributes:
-        meters_per_unit: of the trained version; arrays and cameras of this one are multiplied by it.
-        low, high: its 95 % interval.
-        lengths: that it comes from.
-    """
-
-    meters_per_unit: float
-    low: float
-    high: float
+    meters_per_unit: float  # factor applied to the trained version's arrays and cameras
+    low: float  # of the 95 % interval
+    high: float  # of the 95 % interval
     lengths: tuple[ScaledLength, ...]
 
     @property
     def deviation(self) -> float:
-        """Relative standard deviation of every length in meters that comes from the scale alone."""
+        """Relative standard deviation of metric lengths due to the scale alone."""
         return math.log(self.high / self.low) / (2 * NORMAL_95)
 
 
 def combined(lengths: Sequence[ScaledLength]) -> Scaling:
-    """The scale that fits several known lengths best.
+    """Fits the scale to one or more positive known lengths.
 
     `combined_ratio` of meters_i / units_i, with the variances (σ_units / units)², at least 0.001², + (σ_meters /
     meters)². The interval is s · exp(±1.96 σ).
-
-    Args:
-        lengths: at least one, all positive.
     """
     variances = [
         max((each.deviation / each.units) ** 2, _LEAST_DEVIATION**2) + (each.meters_deviation / each.meters) ** 2
@@ -71,13 +55,10 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
 
 
 def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
-    """How sure the meters are that the capture itself measured, by tags or a phone; None where it measured none.
+    """Returns the uncertainty of meters measured by the capture itself; None without any.
 
-    The trained version is in these meters already: the scaling is 1, and has one length, so that known lengths are
-    combined with it.
-
-    Args:
-        quality: as in `Scene.quality`; `scale_error_95` is half of the 95 % interval as a share.
+    The trained version is already in meters: the scaling is 1, with one length, so that known lengths combine with it.
+    `scale_error_95` of the quality is half of the 95 % interval as a share.
     """
     error = quality.get("scale_error_95")
     if not isinstance(error, float) or not error > 0:
@@ -86,19 +67,21 @@ def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
 
 
 def capture_scale_source(quality: Mapping[str, Any]) -> ScaleSource:
-    """What the capture's meters were measured by, of several the surest ("tags+arkit": tags); scenes whose `quality`
-    does not say it had tags."""
+    """Returns the surest source of the capture's meters ("tags+arkit": tags).
+
+    Scenes that record none used tags.
+    """
     stated = str(quality.get("scale_source", "tags")).partition("+")[0]
     return next((source for source in get_args(ScaleSource) if source == stated), "tags")
 
 
 def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:
-    """A scaling as plain numbers."""
+    """Converts a scaling to JSON values."""
     return None if scaling is None else {**asdict(scaling), "lengths": [asdict(each) for each in scaling.lengths]}
 
 
 def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
-    """What `scaling_to_json` wrote."""
+    """Reads the output of `scaling_to_json`."""
     if row is None:
         return None
     return Scaling(

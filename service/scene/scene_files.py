@@ -1,5 +1,8 @@
-"""A scene as a folder: `scene.json`, `gaussians.safetensors`, `cameras.json` and, if there are any,
-`evidence.safetensors`, `things.safetensors` and `parts.safetensors`; written once, never changed."""
+"""Reads and writes scene folders, which are immutable once written.
+
+Files: `scene.json`, `gaussians.safetensors`, `cameras.json`, and optionally `evidence.safetensors`,
+`things.safetensors` and `parts.safetensors`.
+"""
 
 from __future__ import annotations
 
@@ -43,12 +46,12 @@ _MAX_JSON_BYTES = 256 << 20
 
 
 def write_scene(scene: Scene, folder: Path) -> None:
-    """Write `scene` as the new folder `folder`, whole or not at all: beside it first, fsync, then rename.
+    """Writes `scene` to the new folder `folder` atomically.
 
     Raises:
         ConflictError: `folder` exists; a scene version is never overwritten.
-        InvalidInputError: an array is not float32 or not finite, evidence that contradicts itself or the dictionary,
-            or training/quality is not JSON.
+        InvalidInputError: an array is not float32 or not finite, evidence or membership is inconsistent, or
+            training/quality is not JSON.
     """
     if folder.exists():
         raise _exists(folder)
@@ -106,12 +109,10 @@ def write_scene(scene: Scene, folder: Path) -> None:
 
 
 def read_scene(folder: Path) -> Scene:
-    """The scene of a folder; its arrays are read-only and mapped, not loaded.
-
-    Every byte is checked once against the digests that were written with it.
+    """Reads a scene folder, checks its digests, and maps its arrays read-only.
 
     Raises:
-        NotFoundError: no such folder, or it was removed just now.
+        NotFoundError: the folder does not exist, or was removed just now.
         SceneSchemaError: written under another schema.
         SceneFileError: any other damage; the message names the file.
     """

@@ -1,4 +1,4 @@
-"""`scene.json` and `cameras.json`: their contents, and the checks when they are read back."""
+"""Encodes and validates `scene.json` and `cameras.json`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fastsplat_contract.observation_messages import Observation
 from fastsplat_contract.scenes import Scale
 
 SCHEMA = 1
-"""Version of the folder's layout, the only one that is written and read."""
+"""Version of the folder layout; no other is read or written."""
 
 _FORMAT = "fastsplat-scene"
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
@@ -32,24 +32,7 @@ _RESTORE = "Restore the scene's folder from a backup, or train it again."
 
 @dataclass(frozen=True)
 class Manifest:
-    """The part of a scene that is not arrays or cameras.
-
-    Attributes:
-        dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
-        gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
-        arrays_sha256: digest of the arrays and so of the row order.
-        evidence_entries: M of the evidence; None for a scene without.
-        evidence_sha256: digest of the evidence, "" without.
-        things: the table of things; None for a scene without.
-        things_entries: M of the things' membership.
-        things_sha256: digest of the membership and of the head, "" without.
-        things_classes: C of the things' head; None for things without codes.
-        next_thing_id: see `Things.next_id`.
-        parts: the table of parts; None for things without.
-        parts_entries, parts_sha256: of the parts' membership, as of the things'.
-        groups: of the things.
-        scaling, alignment, observations: as in `Scene`.
-    """
+    """Contents of `scene.json`; fields named as in `Scene` have the same meaning."""
 
     dictionary: Dictionary
     text_encoder: tuple[str, str]
@@ -57,19 +40,19 @@ class Manifest:
     scale: Scale
     training: Mapping[str, Any]
     quality: Mapping[str, Any]
-    gaussians: int
-    sh: int
-    code: int
-    embedding: int
-    arrays_sha256: str
-    evidence_entries: int | None = None
+    gaussians: int  # G
+    sh: int  # K
+    code: int  # D
+    embedding: int  # E
+    arrays_sha256: str  # digest, also of the row order
+    evidence_entries: int | None = None  # M; None without evidence
     evidence_sha256: str = ""
-    things: tuple[Thing, ...] | None = None
-    things_entries: int = 0
-    things_sha256: str = ""
-    things_classes: int | None = None
+    things: tuple[Thing, ...] | None = None  # table; None for a scene without
+    things_entries: int = 0  # M of the membership
+    things_sha256: str = ""  # of membership and head
+    things_classes: int | None = None  # C of the head; None for things without codes
     next_thing_id: int = 0
-    parts: tuple[Thing, ...] | None = None
+    parts: tuple[Thing, ...] | None = None  # table; None for things without
     parts_entries: int = 0
     parts_sha256: str = ""
     groups: tuple[ThingGroup, ...] = ()
@@ -79,13 +62,13 @@ class Manifest:
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
-    """`scene.json`, sealed by a digest of itself and of `cameras.json`.
+    """Encodes `scene.json`, with digests of itself and of `cameras.json`.
 
-    Numbers of training and quality that are not finite are left out, because no training is worth losing over a figure;
-    their names then stand in quality as `left_out`.
+    Non-finite numbers of training and quality are dropped rather than failing the scene; quality lists them as
+    `left_out`.
 
     Raises:
-        InvalidInputError: training or quality holds what JSON cannot (an object, ...).
+        InvalidInputError: training or quality holds values that are not JSON.
     """
     left_out: list[str] = []
     training = _finite(manifest.training, "training", left_out)
@@ -145,10 +128,10 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
 
 
 def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
-    """The manifest of `scene.json`, checked against its own digest and that of `cameras.json`.
+    """Decodes `scene.json` and checks its digest and that of `cameras.json`.
 
     Raises:
-        SceneSchemaError: another format or schema version.
+        SceneSchemaError: another schema version.
         SceneFileError: any other damage.
     """
     body = _parse(data, "scene.json")
@@ -202,7 +185,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
 
 
 def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
-    """`cameras.json`: a list of name, intrinsics in pixels and world_from_camera (row-major, scene units)."""
+    """Encodes `cameras.json`: name, intrinsics in pixels, world_from_camera (row-major, scene units)."""
     rows = [
         {
             "name": posed.name,
@@ -215,7 +198,7 @@ def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
 
 
 def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
-    """The cameras of `cameras.json`.
+    """Decodes `cameras.json`.
 
     Raises:
         SceneFileError: malformed, or a pose that is not rigid.
@@ -332,8 +315,10 @@ class _CameraRow(StrictRow):
 
 
 def _finite(value: Any, name: str, left_out: list[str]) -> Any:
-    """A copy with numpy's numbers as Python's, where numbers that are not finite are left out
-    of mappings (None in sequences); their dotted names are added to `left_out`."""
+    """Copies JSON values with Python numbers, without non-finite ones (None in sequences).
+
+    Appends the dotted names of dropped numbers to `left_out`.
+    """
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -348,7 +333,7 @@ def _finite(value: Any, name: str, left_out: list[str]) -> Any:
 
 
 def _seal(body: Mapping[str, Any]) -> str:
-    """sha256 of the body's canonical JSON, so that reformatting is harmless and any change of content is not."""
+    """SHA-256 of the canonical JSON, which reformatting does not change."""
     return hashlib.sha256(json.dumps(body, sort_keys=True, allow_nan=False).encode()).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Some Gaussians of a scene, with all that is said of them."""
+"""Selects and appends Gaussians of a scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fastsplat.service.scene.types import Gaussians, Scene
 
 
 def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
-    """The Gaussians `rows`: int [K], in that order, where a row may be named twice; or bool [G]."""
+    """Selects Gaussians by mask [G] or by ids [K], which may repeat."""
     return Gaussians(
         means=gaussians.means[rows],
         quats=gaussians.quats[rows],
@@ -25,12 +25,12 @@ def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[
 
 
 def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
-    """Gaussians and, behind them, others with as many harmonics as the first have, and codes of zeros."""
+    """Appends Gaussians, with harmonics padded or cut to fit, and zero codes."""
     count, harmonics = len(part), gaussians.sh.shape[1]
     sh = np.zeros((count, harmonics, 3), np.float32)
     shared = min(harmonics, part.sh.shape[1])
     sh[:, :shared] = part.sh[:, :shared]
-    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # the first's W does not know the others' codes
+    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # W was not trained on the codes of `part`
     return Gaussians(
         means=np.concatenate([gaussians.means, part.means]),
         quats=np.concatenate([gaussians.quats, part.quats]),
@@ -42,7 +42,7 @@ def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
 
 
 def scene_of_rows(scene: Scene, rows: NDArray[np.integer]) -> Scene:
-    """The scene of the Gaussians `rows`, int [K], in that order; a row may be named twice."""
+    """Selects the scene's Gaussians `rows`, int [K], in that order; repetitions are allowed."""
     return replace(
         scene,
         gaussians=gaussians_of_rows(scene.gaussians, rows),

@@ -1,8 +1,8 @@
-"""Gaussians as PlayCanvas' SOG, version 2: a zip of lossless WebP pictures with a pixel for each Gaussian, and
-`meta.json`, which says what their bytes mean. A fifteenth to a twentieth of the PLY.
+"""Writes Gaussians as PlayCanvas' SOG, version 2: lossless WebP images in a zip.
 
-The layout is the published specification's; where it leaves something open, this is what its reference program
-(`@playcanvas/splat-transform`) reads: axes as in 3DGS files, quaternions as w x y z, scales as logarithms.
+Each image has a pixel per Gaussian; `meta.json` describes the bytes. Files are 1/20 to 1/15 of the PLY. Follows the
+published specification, and where that is open its reference program (`@playcanvas/splat-transform`): axes as in 3DGS
+files, quaternions as w x y z, scales as logarithms.
 """
 
 from __future__ import annotations
@@ -25,33 +25,34 @@ from fastsplat.service.scene.types import F32, Gaussians
 from fastsplat_contract.errors import LimitExceededError
 
 MOST_GAUSSIANS = 16_380**2
-"""A side of a WebP picture has at most 16,383 pixels; sides are multiples of 4."""
+"""WebP allows 16,383 pixels a side; sides here are multiples of 4."""
 
 _LEAST_ENTRIES, _MOST_ENTRIES = 1 << 10, 1 << 16
 _GAUSSIANS_PER_ENTRY = 8
-"""Of the palette of higher harmonics. On the sample (39,389 Gaussians, degree 1) the file has 597 KB with 16, 620 KB
-with 8, 663 KB with 4 and 820 KB with 1; its pictures are 49.7, 50.4, 51.1 and 52.1 dB PSNR from the scene's own."""
+"""Gaussians per palette entry of higher harmonics.
+
+On the sample (39,389 Gaussians, degree 1) files have 597 KB with 16, 620 KB with 8, 663 KB with 4 and 820 KB with 1;
+renderings are 49.7, 50.4, 51.1 and 52.1 dB PSNR from the scene's own.
+"""
 
 _ENTRIES_A_ROW = 64
 _STEPS = 65_535
-_EFFORT = 50
-"""Of the encoder, 0 to 100."""
+_EFFORT = 50  # encoder effort, 0 to 100
 
 U8 = NDArray[np.uint8]
 
 
 def sog_bytes(gaussians: Gaussians) -> bytes:
-    """The file of all Gaussians, in Morton order of their means; the same bytes for the same Gaussians.
+    """Encodes Gaussians in Morton order of their means, deterministically and without codes.
 
-    What comes back differs from what went in by at most: half a step of 1/65,535 of the range of sign(x)·ln(1 + |x|)
-    along each axis of the means, 1/510 of opacities, 1/256 of the range of all log scales, and of all constant
-    coefficients, 1/360 of the three smaller components of unit quaternions. Of up to 1,024 Gaussians each higher
-    coefficient is within 1/256 of the range of them all; of more, rows of coefficients that are alike are replaced by
-    their mean, see `palette`, and the mean is within that. Codes are left out.
+    Maximum errors: means half of 1/65,535 of the range of sign(x)·ln(1 + |x|) along each axis; opacities 1/510; log
+    scales and constant coefficients 1/256 of their overall range; the three smaller components of unit quaternions
+    1/360. Higher coefficients of up to 1,024 Gaussians 1/256 of their range; of more, `palette` replaces similar rows
+    by their mean, which is within that.
 
     Raises:
         LimitExceededError: more than `MOST_GAUSSIANS`.
-        CancelledError: see `service.common.cancellation`.
+        CancelledError: the call was cancelled.
     """
     count = len(gaussians)
     if count > MOST_GAUSSIANS:
@@ -92,12 +93,12 @@ def sog_bytes(gaussians: Gaussians) -> bytes:
 
 
 def palette_entries(count: int) -> int:
-    """How many rows of higher harmonics a file of so many Gaussians has at most."""
+    """Returns the maximum number of palette rows for `count` Gaussians."""
     return min(max(count // _GAUSSIANS_PER_ENTRY, _LEAST_ENTRIES), _MOST_ENTRIES)
 
 
 def _positions(means: F32) -> tuple[list[float], list[float], NDArray[np.intp]]:
-    """Least and largest logarithm along each axis, and the steps [G, 3] of 1/65,535 between them."""
+    """Returns minimum and maximum log position per axis, and steps [G, 3] of 1/65,535 between."""
     logs = np.sign(means) * np.log1p(np.abs(means.astype(np.float64)))
     if not len(logs):
         return [0.0] * 3, [0.0] * 3, np.zeros((0, 3), np.intp)
@@ -107,8 +108,10 @@ def _positions(means: F32) -> tuple[list[float], list[float], NDArray[np.intp]]:
 
 
 def _smallest_three(quats: F32) -> NDArray[np.floating]:
-    """[G, 4] of 0..255: the three smaller components of unit quaternions in their order w x y z, and 252 + the place of
-    the largest, which is positive."""
+    """Encodes quaternions [G, 4] as the three smaller components and the largest's index.
+
+    Values are 0..255: the smaller components in the order w x y z, then 252 + the index of the largest, made positive.
+    """
     wxyz = quats.astype(np.float64)
     wxyz /= np.maximum(np.linalg.norm(wxyz, axis=1, keepdims=True), 1e-30)
     largest = np.abs(wxyz).argmax(axis=1)[:, None]
@@ -119,7 +122,7 @@ def _smallest_three(quats: F32) -> NDArray[np.floating]:
 
 
 def _picture(pixels: NDArray[np.integer] | NDArray[np.floating]) -> U8:
-    """uint8 [H, W, C] of the pixels [G, C], nearly square, sides multiples of 4, zeros behind the last."""
+    """Arranges pixels [G, C] as a nearly square image with sides multiples of 4."""
     count, channels = pixels.shape
     width = 4 * max(1, math.ceil(math.sqrt(count) / 4))
     height = 4 * max(1, math.ceil(count / width / 4))
@@ -129,7 +132,7 @@ def _picture(pixels: NDArray[np.integer] | NDArray[np.floating]) -> U8:
 
 
 def _centroids(entries: U8) -> U8:
-    """uint8 [⌈P / 64⌉, 64 K, 3] of the entries [P, K, 3]: 64 of them in a row, K pixels each."""
+    """Arranges entries [P, K, 3] as image rows of 64 entries, K pixels each."""
     count, pixels, _ = entries.shape
     height = math.ceil(count / _ENTRIES_A_ROW)
     picture = np.zeros((height * _ENTRIES_A_ROW, pixels, 3), np.uint8)
@@ -140,11 +143,11 @@ def _centroids(entries: U8) -> U8:
 def _webp(picture: U8) -> bytes:
     check_cancelled()
     file = BytesIO()
-    # exact: colors of pixels whose alpha is 0 stay
+    # exact: keeps the colors of pixels whose alpha is 0
     Image.fromarray(picture).save(file, "WEBP", lossless=True, exact=True, quality=_EFFORT)
     return file.getvalue()
 
 
 def _numbers(values: F32) -> list[float]:
-    """Each in the fewest digits that are the same single-precision number."""
+    """Converts to the shortest decimals that round-trip in single precision."""
     return [float(str(value)) for value in values]

@@ -1,8 +1,8 @@
-"""Gaussians as Niantic's SPZ: fixed-point columns, less than a quarter of the PLY, in one gzip stream (version 3) or in
-a zstd stream each (version 4).
+"""Writes Gaussians as Niantic's SPZ: fixed-point columns, compressed.
 
-The layout is the one published with the reference library; its axes are right, up, back, those of 3DGS files right,
-down, front, so that y and z change their signs. `service.capture.uploads.splat_files.spz` reads it.
+Version 3 is one gzip stream, version 4 a zstd stream per column; files are less than a quarter of the PLY. The layout
+is that of the reference library. Its axes are right, up, back, those of 3DGS files right, down, front, so y and z
+change sign. Read by `service.capture.uploads.splat_files.spz`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.scene.types import F32, Gaussians
 
 MOST_FRACTIONAL_BITS = 16
-"""Of the 24 bits of a coordinate: a step of 2⁻¹⁶ scene units, where the scene fits into ±128 of them."""
+"""Fractional bits of a 24-bit coordinate for scenes within ±128 units."""
 
 _LEAST_FRACTIONAL_BITS = 8
 _LARGEST = (1 << 23) - 1
@@ -28,22 +28,17 @@ _HEADER_REST = struct.Struct("<I12x")
 _LEVEL = 6
 _ZSTD_LEVEL = 12
 _COLOR_SCALE = 0.15
-_POWERS_OF_YZ = (1, 1, 0, 1, 2, 2, 1, 2, 3, 2, 3, 3, 2, 3, 2)
-"""How often y and z are factors of each harmonic from degree 1 on: y, z, x; xy, yz, z², xz, x² − y²; …"""
+_POWERS_OF_YZ = (1, 1, 0, 1, 2, 2, 1, 2, 3, 2, 3, 3, 2, 3, 2)  # of y, z, x; xy, yz, z², xz, x² − y²; …
 
 U8 = NDArray[np.uint8]
 
 
 def spz_bytes(gaussians: Gaussians, version: Literal[3, 4] = 3) -> bytes:
-    """The file of all Gaussians, in their order; the same bytes for the same Gaussians.
+    """Encodes up to 2³² − 1 Gaussians, deterministically and without codes.
 
-    What comes back differs from what went in by at most half a step: positions 2^−(bits + 1) scene units with
-    `fractional_bits`, opacities 1/510, log scales 1/32, constant coefficients 1/76, higher ones 1/256, the three
-    smaller components of unit quaternions 1/1445. Beyond what the format holds the nearest value stands: log scales
-    −10 to 5.9, constant coefficients ±3.3, higher ones ±1, positions ±2^(23 − bits). Codes are left out.
-
-    Args:
-        gaussians: with at most 2³² − 1 rows.
+    Maximum errors: positions 2^−(bits + 1) scene units with `fractional_bits`, opacities 1/510, log scales 1/32,
+    constant coefficients 1/76, higher ones 1/256, the three smaller components of unit quaternions 1/1445. Values are
+    clipped to log scales −10 to 5.9, constant coefficients ±3.3, higher ones ±1, positions ±2^(23 − bits).
     """
     count, bits = len(gaussians), fractional_bits(gaussians.means)
     parts = list[bytes]()
@@ -67,8 +62,7 @@ def spz_bytes(gaussians: Gaussians, version: Literal[3, 4] = 3) -> bytes:
 
 
 def fractional_bits(means: F32) -> int:
-    """How many of the 24 bits of a coordinate of [G, 3] are behind the point: 16, fewer where the furthest needs them
-    in front, and at least 8."""
+    """Returns the fractional bits, 8 to 16, with which means [G, 3] fit 24 bits."""
     furthest = float(np.abs(means).max(initial=0.0))
     for bits in range(MOST_FRACTIONAL_BITS, _LEAST_FRACTIONAL_BITS, -1):
         if furthest * (1 << bits) <= _LARGEST:
@@ -77,7 +71,7 @@ def fractional_bits(means: F32) -> int:
 
 
 def _positions(means: F32, bits: int) -> U8:
-    """uint8 [G, 9]: three 24-bit two's complement numbers, least significant byte first."""
+    """Encodes three 24-bit little-endian two's complement numbers, uint8 [G, 9]."""
     steps = np.rint(means.astype(np.float64) * np.array([1, -1, -1]) * (1 << bits))
     fixed = np.clip(steps, -_LARGEST, _LARGEST).astype("<i4")
     return np.ascontiguousarray(fixed.reshape(-1, 1).view(np.uint8)[:, :3])
@@ -89,8 +83,10 @@ def _harmonics(sh: F32) -> U8:
 
 
 def _smallest_three(quats: F32) -> NDArray[np.uint32]:
-    """uint32 [G]: the place of the largest component (of x y z w) in two bits, then the others in their order, each a
-    sign and nine bits."""
+    """Encodes quaternions x y z w as the largest's index (two bits) and the others.
+
+    Each of the others takes a sign and nine bits.
+    """
     flip = np.array([-1.0, -1.0, 1.0])  # y, z, w of a rotation seen after a half turn about x
     xyzw = np.concatenate([quats[:, 1:2], quats[:, 2:4] * flip[:2], quats[:, :1] * flip[2]], axis=1).astype(np.float64)
     xyzw /= np.maximum(np.linalg.norm(xyzw, axis=1, keepdims=True), 1e-30)

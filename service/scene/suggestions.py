@@ -1,4 +1,4 @@
-"""Names that things may have and that nobody has settled, with who says so."""
+"""Suggested names of things that nobody has confirmed."""
 
 from __future__ import annotations
 
@@ -6,38 +6,29 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 MOST_SUGGESTED = 5
-"""Names that one source may suggest for one thing."""
+"""Suggested names per source and thing."""
 
 
 class Suggestion(NamedTuple):
-    """A name that a thing may have.
+    """A suggested name."""
 
-    Attributes:
-        name: one line.
-        probability: 0..1, as its source says.
-        source: who says so; "" is what the scene's own models and likenesses say.
-        model: of the source; "" where it named none.
-        aliases: other words for the name.
-    """
-
-    name: str
-    probability: float
-    source: str = ""
-    model: str = ""
-    aliases: tuple[str, ...] = ()
+    name: str  # one line
+    probability: float  # 0..1, as stated by the source
+    source: str = ""  # "" for the scene's own models and look-alikes
+    model: str = ""  # of the source; "" if not stated
+    aliases: tuple[str, ...] = ()  # synonyms of the name
 
 
 class SaidName(NamedTuple):
-    """What a source said of a thing that a person named: how probable one of its names was, and whether it was the
-    person's."""
+    """A source's suggestion for a thing that a person named."""
 
     source: str
     probability: float
-    right: bool
+    right: bool  # one of its names was the person's
 
 
 def ranked_suggestions(suggestions: Iterable[Suggestion]) -> tuple[Suggestion, ...]:
-    """The most probable ones of each source, the most probable first."""
+    """Keeps the `MOST_SUGGESTED` most probable suggestions per source, most probable first."""
     kept: list[Suggestion] = []
     for each in sorted(suggestions, key=lambda one: -one.probability):
         if sum(other.source == each.source for other in kept) < MOST_SUGGESTED:

@@ -1,4 +1,4 @@
-"""Codes of things: which thing each class of the affine map stands for, as names are given, things merged and cut."""
+"""Maps classes of the things' semantic codes to the current things."""
 
 from __future__ import annotations
 
@@ -10,43 +10,36 @@ from numpy.typing import NDArray
 from fastsplat.service.scene.types import F32, SemanticHead
 
 _CHUNK_LOGITS = 4 << 20
-_CANDIDATES = 1_024
-"""Random directions of which a new class takes the one farthest from all others."""
+_CANDIDATES = 1_024  # random directions from which a new class takes the most distant
 _SEED = 11
 
 
 @dataclass(frozen=True)
 class ThingCodes:
-    """What a composited code says of things.
+    """Codes that classify composited pixels by thing."""
 
-    Attributes:
-        codes: float32 [G, D].
-        head: one logit per class, C of them; class 0 is no thing.
-        ids: int32 [C], the id of the thing that each class stands for, 0 for none.
-    """
-
-    codes: F32
-    head: SemanticHead
-    ids: NDArray[np.int32]
+    codes: F32  # [G, D]
+    head: SemanticHead  # C classes; class 0 is no thing
+    ids: NDArray[np.int32]  # [C]: thing id of each class, 0 for none
 
 
 def codes_of_things(codes: F32, head: SemanticHead, owner: NDArray[np.int32]) -> ThingCodes:
-    """The codes as they were trained, and what they stand for now.
+    """Assigns each class to a thing, and adds classes for new things.
 
-    A class stands for the thing that most of its Gaussians belong to: merging and discarding things change no code. A
-    thing that no class stands for, because it was cut out, added or copied since, gets a class of its own, as far from
-    the others as a random search finds, and its Gaussians that code.
+    A class stands for the thing that owns most of its Gaussians, so merging and discarding change no code. Things
+    without a class, because they were cut out, added or copied since, get a new one far from the others (random
+    search), and their Gaussians its code.
 
     Args:
-        codes: float32 [G, D], D at least 1.
-        head: that they were trained with; [C, D].
-        owner: int32 [G], the id of the thing that each Gaussian belongs to now, 0 for none.
+        codes: float32 [G, D], D ≥ 1.
+        head: [C, D], trained with the codes.
+        owner: int32 [G], current thing id of each Gaussian, 0 for none.
     """
     classes, _ = classes_of_codes(codes, head)
     ids = np.zeros(len(head.bias), np.int32)
-    coded = codes.any(axis=1)  # what came from another scene has no code of this one
+    coded = codes.any(axis=1)  # Gaussians from other scenes have no code
     pairs, counts = np.unique((classes.astype(np.int64) << 16 | owner)[coded], return_counts=True)
-    pairs = pairs[np.argsort(counts, kind="stable")]  # the largest count is written last
+    pairs = pairs[np.argsort(counts, kind="stable")]  # the largest count is written last and wins
     ids[pairs >> 16] = pairs & 0xFFFF
     ids[0] = 0
     new = np.setdiff1d(owner, np.append(ids, 0))
@@ -64,11 +57,10 @@ def codes_of_things(codes: F32, head: SemanticHead, owner: NDArray[np.int32]) ->
 
 
 def classes_of_codes(codes: F32, head: SemanticHead) -> tuple[NDArray[np.int32], F32]:
-    """The class with the largest softmax(W·code + b) of each code [G, D], int32 [G], ties to the lower; and its
-    probability, float32 [G].
+    """Returns the class of each code [G, D], ties to the lower, and its probability.
 
-    With a single class (a scene without labels) nothing was learnt by the codes, and the probability is 0. Works
-    through bounded pieces: a million Gaussians and a thousand classes need 16 MiB beside the result.
+    Works in bounded chunks: a million Gaussians and a thousand classes need 16 MiB beside the result. With a single
+    class (a scene without labels) the probability is 0.
     """
     classes = np.zeros(len(codes), dtype=np.int32)
     confidence = np.zeros(len(codes), dtype=np.float32)
@@ -87,8 +79,10 @@ def classes_of_codes(codes: F32, head: SemanticHead) -> tuple[NDArray[np.int32],
 
 
 def _separate_directions(weight: F32, count: int) -> F32:
-    """float32 [count, D], unit vectors: one after the other the candidate whose largest cosine with the rows of
-    `weight`, and with those before it, is smallest."""
+    """Picks unit vectors, float32 [count, D], far from the rows of `weight` and each other.
+
+    Greedy: takes the candidate whose largest cosine is smallest.
+    """
     rng = np.random.default_rng(_SEED)
     candidates = rng.normal(size=(_CANDIDATES, weight.shape[1]))
     candidates /= np.linalg.norm(candidates, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Things as rows of `scene.json`, and the checks when they are read back."""
+"""Encodes and validates things as rows of `scene.json`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Words = Annotated[tuple[str, ...], Field(strict=False)]
 _Pair = Annotated[tuple[str, _Share], Field(strict=False)]
 _Told = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
 _Suggestion = _Pair | _Told
-"""Who says so is left out of what the scene's own models suggest."""
+"""The source is omitted for suggestions of the scene's own models."""
 
 _Line = Annotated[str, Field(min_length=1, max_length=MAX_READ_CHARS)]
 _Read = Annotated[tuple[ReadKind, _Line, _Share, Annotated[int, Field(ge=1)]], Field(strict=False)]
@@ -34,13 +34,13 @@ _Base64 = Annotated[str, AfterValidator(_is_base64)]
 
 
 class StrictRow(BaseModel):
-    """Base of what is read from JSON: no unknown fields, no conversions."""
+    """Base of JSON rows: no unknown fields, no type coercion."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 class ThingRow(StrictRow):
-    """One thing, or one part of a thing."""
+    """A thing, or a part of one."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
     name: str
@@ -65,7 +65,7 @@ class ThingRow(StrictRow):
 
 
 class GroupRow(StrictRow):
-    """One group of things."""
+    """A group of things."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
     members: Annotated[tuple[int, ...], Field(strict=False, min_length=2)]
@@ -79,7 +79,7 @@ class _Parts(StrictRow):
 
 
 class ThingsRow(StrictRow):
-    """The things of a scene with their parts, and what is known of the files of their membership."""
+    """Things of a scene with their parts and groups."""
 
     table: list[ThingRow]
     next_id: Annotated[int, Field(ge=0, le=65536)]
@@ -121,7 +121,7 @@ class ThingsRow(StrictRow):
 
 
 def thing_row(thing: Thing) -> dict[str, Any]:
-    """A thing as JSON; bytes as base64. They, numbers of cameras and reads are left out where there are none."""
+    """Encodes a thing as JSON with base64 bytes; omits most empty fields."""
     row = asdict(replace(thing, looks=None))
     del row["looks"]
     if thing.looks is not None:
@@ -137,7 +137,7 @@ def thing_row(thing: Thing) -> dict[str, Any]:
 
 
 def thing_of_row(row: ThingRow) -> Thing:
-    """The thing that `thing_row` wrote."""
+    """Decodes the output of `thing_row`."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     suggestions = tuple(Suggestion(*each) for each in row.suggestions)
     reads = tuple(ThingRead(*each) for each in row.reads)
@@ -146,5 +146,5 @@ def thing_of_row(row: ThingRow) -> Thing:
 
 
 def group_of_row(row: GroupRow) -> ThingGroup:
-    """The group of a row, which is what `asdict` writes."""
+    """Decodes a group from its `asdict` form."""
     return ThingGroup(row.id, row.members, row.consensus)

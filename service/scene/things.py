@@ -1,6 +1,6 @@
-"""Things: every physical object and surface of a scene, with or without a name.
+"""Queries and edits the things of a scene.
 
-Gaussians belong to things, and names belong to things: naming one is a row in a table, so it is instant and exact.
+Gaussians belong to things, and names too, so naming a thing changes one table row: instant and exact.
 """
 
 from __future__ import annotations
@@ -19,41 +19,40 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.unseen_characters import check_seen
 
 MAX_NAME_CHARS = 200
-"""Of a thing's name."""
 
 MAX_THING_ID = 65535
-"""Membership has 16 bits for it."""
+"""Membership stores ids in 16 bits."""
 
 
 def thing_rows(things: Things) -> NDArray[np.int32]:
-    """int32 [G]: id of the thing that each Gaussian most probably belongs to, 0 for none."""
+    """Returns each Gaussian's most probable thing id, int32 [G], 0 for none."""
     return posterior(things.membership, len(things.table) + 1).classes
 
 
 def part_rows(things: Things) -> NDArray[np.int32]:
-    """int32 [G]: id of the part that each Gaussian most probably belongs to, 0 for none."""
+    """Returns each Gaussian's most probable part id, int32 [G], 0 for none."""
     if things.parts is None:
         return np.zeros(len(things.membership), np.int32)
     return posterior(things.parts.membership, len(things.parts.table) + 1).classes
 
 
 def thing_count(things: Things) -> int:
-    """How many things, with or without a name, have Gaussians; floors, walls and other surfaces do not count."""
+    """Counts things that own Gaussians, except surfaces such as floors and walls."""
     here = set(np.unique(thing_rows(things)).tolist())
     return sum(thing.id in here and not thing.surface for thing in things.table)
 
 
 def next_thing_id(things: Things) -> int:
-    """The id of the next thing that is added; see `Things.next_id`."""
+    """Returns the id for the next thing to be added."""
     used = [*(thing.id for thing in things.everything), *(group.id for group in things.groups)]
     return max(things.next_id, max(used, default=0) + 1)
 
 
 def thing_of(things: Things, thing_id: int) -> Thing:
-    """The thing with this id.
+    """Returns the thing with this id.
 
     Raises:
-        NotFoundError: there is none.
+        NotFoundError: no thing has it.
     """
     for thing in things.table:
         if thing.id == thing_id:
@@ -64,8 +63,9 @@ def thing_of(things: Things, thing_id: int) -> Thing:
 
 
 def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
-    """The scene in which several things are one, under the id and the name of the first; it has the parts and the reads
-    of all, and is in the groups of all that are left with two members.
+    """Merges things under the id and name of the first.
+
+    It gets the parts and reads of all, and their places in groups that keep two members.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -82,8 +82,9 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
 
 
 def discard_thing(scene: Scene, thing_id: int) -> Scene:
-    """The scene without this thing and its parts, or without this part: the Gaussians of a thing stay and belong to
-    none, those of a part to its thing alone. A group that is left with one member goes as well.
+    """Removes a thing and its parts, or a part.
+
+    A thing's Gaussians stay without an owner, a part's stay with its thing. A group left with one member goes as well.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -99,8 +100,7 @@ def discard_thing(scene: Scene, thing_id: int) -> Scene:
 
 
 def things_of_rows(things: Things | None, rows: NDArray[np.integer]) -> Things | None:
-    """The things of the Gaussians `rows`, in that order; a row may be named twice. Ids stay, also of things that have
-    lost all their Gaussians."""
+    """Selects the membership of `rows` in that order, repetitions allowed; keeps all ids."""
     if things is None:
         return None
     parts = things.parts
@@ -110,15 +110,14 @@ def things_of_rows(things: Things | None, rows: NDArray[np.integer]) -> Things |
 
 
 def with_rows_of_no_part(parts: Parts, gaussians: int) -> Parts:
-    """The parts in a scene of `gaussians` Gaussians, of which the last, those that the parts do not know, are of no
-    part."""
+    """Extends the membership to `gaussians` rows; the new ones have no part."""
     starts = parts.membership.starts
     more = np.full(gaussians - len(parts.membership), starts[-1])
     return replace(parts, membership=replace(parts.membership, starts=np.append(starts, more)))
 
 
 def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
-    """Without the things `before`: their Gaussians, parts and places in groups are those of `after`; 0 for none."""
+    """Hands the Gaussians, parts and groups of `before` to `after`; 0 for none."""
     table = tuple(thing for thing in things.table if thing.id not in before)
     parts = things.parts
     if parts is not None:
@@ -132,8 +131,7 @@ def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
 
 
 def _regrouped(groups: Sequence[ThingGroup], before: Sequence[int], after: int) -> tuple[ThingGroup, ...]:
-    """The groups in which `after`, or nothing for 0, stands for the things `before`; those that keep two members, and
-    of groups that have the same members now the first."""
+    """Replaces `before` by `after` (0: nothing) in groups; drops duplicates and singletons."""
     kept: dict[tuple[int, ...], ThingGroup] = {}
     for group in groups:
         members = tuple(sorted({after if each in before else each for each in group.members} - {0}))
@@ -164,11 +162,11 @@ def _things_of(scene: Scene) -> Things:
 
 
 def checked_name(name: str, field: str) -> str:
-    """A name without the white space at its ends.
+    """Strips and validates a name.
 
     Raises:
         InvalidInputError: about `field`: longer than `MAX_NAME_CHARS`, without a letter, digit or symbol of any script,
-            or of more than one line.
+            or not on one line.
     """
     text = name.strip()
     if not any(unicodedata.category(character)[0] in "LNS" for character in text):

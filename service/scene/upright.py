@@ -1,4 +1,4 @@
-"""Which way is up in a version of a scene, by the best that is known, and how sure that is."""
+"""Vertical direction of a scene version and its uncertainty."""
 
 from __future__ import annotations
 
@@ -18,25 +18,21 @@ from fastsplat_contract.scenes import SceneVertical, VerticalSource
 F64 = NDArray[np.float64]
 
 _MOST_DEVIATION_DEG = 10.0
-"""1 sigma beyond which a vertical is a guess: it lies between that of level cameras and the mean of what cameras that
-look down have for up."""
+"""Largest usable 1 sigma: above that of level cameras, below that of down-looking ones."""
 
 
 def vertical_figures(source: VerticalSource, deviation_deg: float) -> dict[str, Any]:
-    """What a scene's quality says of the vertical of its capture, which is +z of the trained version."""
+    """Quality entries for the capture's vertical, which is +z of the trained version."""
     return {"vertical_source": source, "vertical_deviation_deg": deviation_deg}
 
 
 def vertical_of(
     quality: Mapping[str, Any], alignment: Alignment | None, cameras: Sequence[PosedCamera]
 ) -> SceneVertical | None:
-    """The vertical in the frame of a version: the recorded one of its capture, turned as the version was aligned since;
-    without one, what its cameras tell (see `vertical_of_poses`); None where they do not tell.
+    """Returns the vertical in the version's frame; None if unknown.
 
-    Args:
-        quality: as in `Scene.quality`, see `vertical_figures`.
-        alignment: of the version.
-        cameras: in the frame of the version.
+    Uses the capture's recorded vertical (`vertical_figures`), rotated by the alignment, else the poses
+    (`vertical_of_poses`).
     """
     stated, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
     source: VerticalSource | None = next((each for each in get_args(VerticalSource) if each == stated), None)
@@ -51,7 +47,7 @@ def vertical_of(
 
 
 def up_of(vertical: SceneVertical | None) -> F64 | None:
-    """float64 [3], the unit vector up; None where it is not known to within 10 degrees (1 sigma)."""
+    """Returns the unit up vector, float64 [3]; None above 10 degrees (1 sigma)."""
     if vertical is None or vertical.deviation_deg > _MOST_DEVIATION_DEG:
         return None
     return np.array(vertical.up, dtype=np.float64)

@@ -1,1 +1,1 @@
-"""Training of scenes, and what draws them: rasterizer, losses, label blending."""
+"""Trains and renders scenes: rasterizer, losses, label blending."""

@@ -1,4 +1,4 @@
-"""Maps of labels and of things in one view: blended codes under the affine map, or blended posterior probabilities."""
+"""Renders label and thing maps from blended codes or posteriors."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fastsplat_contract.errors import InvalidInputError
 
 
 class LabelBlend(Protocol):
-    """Draws label maps of a scene."""
+    """Renders label maps of a scene."""
 
     def render(
         self,
@@ -36,11 +36,14 @@ class LabelBlend(Protocol):
         relevancy: F32 | None,
         backend: Backend,
     ) -> LabelMap:
-        """Labels and, with [N + 1] `relevancy`, its expectation times alpha; `splats.features` come back as `image`."""
+        """Renders labels, and with [N + 1] `relevancy` its expectation times alpha.
+
+        `splats.features` are returned as `image`.
+        """
 
 
 def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = None) -> LabelBlend:
-    """By the scene's things, its evidence or its codes, see `semantics_of`; `before`: of the same Gaussians."""
+    """Selects the blend by `semantics_of`; `before` is an earlier one of the same Gaussians."""
     semantics = semantics_of(scene)
     if isinstance(semantics, ThingSemantics):
         return ThingBlend(semantics, device, before if isinstance(before, ThingBlend) else None)
@@ -53,8 +56,9 @@ def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = 
 def thing_map(
     scene: Scene, posed: PosedCamera, *, alpha_min: float = 0.5, backend: Backend = "cpu"
 ) -> NDArray[np.int32]:
-    """int32 [H, W]: id of the most probable thing of each pixel, 0 for none and where the scene is less opaque than
-    `alpha_min`; see `things_blend`.
+    """Renders the most probable thing id of each pixel, int32 [H, W], by `things_blend`.
+
+    0 means no thing, or alpha below `alpha_min`.
 
     Raises:
         InvalidInputError: a scene without things.
@@ -76,11 +80,7 @@ def thing_map(
 
 
 class CodeBlend:
-    """argmax and softmax of W·code + b of the composited code, not divided by alpha: what the training loss saw.
-
-    Args:
-        codes: float32 [G, D].
-    """
+    """Classifies composited codes, not divided by alpha, as the training loss does."""
 
     def __init__(self, codes: F32, head: SemanticHead, device: torch.device) -> None:
         self._codes = torch.tensor(np.asarray(codes), device=device)
@@ -97,7 +97,6 @@ class CodeBlend:
         relevancy: F32 | None,
         backend: Backend,
     ) -> LabelMap:
-        """See `LabelBlend`."""
         labels = label_map(
             replace(splats, features=torch.cat([splats.features, self._codes], dim=1)),
             viewmat,
@@ -114,11 +113,9 @@ class CodeBlend:
 
 
 class EvidenceBlend:
-    """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part, by `ShareMaps`.
-    Gaussians that no labeled view has seen do not count; ties go to the lower id.
+    """Classifies by argmax_n Σ_g w_g A[g, n] / (Σ A[g] + α0).
 
-    Args:
-        classes: N + 1.
+    The blended posterior without its uniform part, so Gaussians without evidence do not count; ties go to the lower id.
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
@@ -139,7 +136,6 @@ class EvidenceBlend:
         relevancy: F32 | None,
         backend: Backend,
     ) -> LabelMap:
-        """See `LabelBlend`."""
         labels = self._maps.draw(splats, viewmat, camera, alpha_min=alpha_min, backend=backend)
         leading = splats.features
         if relevancy is not None:
@@ -154,12 +150,7 @@ class EvidenceBlend:
 
 
 def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend:
-    """Draws the ids of things: by the composited code where codes were trained on them, else by blended membership.
-
-    Args:
-        things: of G Gaussians.
-        codes: float32 [G, D].
-    """
+    """Selects the blend for thing ids: composited codes if trained, else membership."""
     if things.head is None:
         return EvidenceBlend(things.membership, max((thing.id for thing in things.table), default=0) + 1, device)
     coded = codes_of_things(codes, things.head, thing_rows(things))
@@ -167,11 +158,7 @@ def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend
 
 
 class _Renamed:
-    """What another drawing draws, under other ids.
-
-    Args:
-        ids: of each class of the other; its relevancy is by these.
-    """
+    """Maps the classes of another blend to `ids`, which also index relevancy."""
 
     def __init__(self, blend: LabelBlend, ids: NDArray[np.integer]) -> None:
         self._blend, self._ids = blend, ids
@@ -186,20 +173,15 @@ class _Renamed:
         relevancy: F32 | None,
         backend: Backend,
     ) -> LabelMap:
-        """See `LabelBlend`."""
         own = None if relevancy is None else relevancy[self._ids]
         drawn = self._blend.render(splats, viewmat, camera, alpha_min=alpha_min, relevancy=own, backend=backend)
         return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
 
 
 class ThingBlend(_Renamed):
-    """The name of the thing of each pixel: a label's mask is the union of the masks of the things that bear it.
+    """Labels pixels by the name of their thing.
 
-    Args:
-        before: of the same Gaussians; its drawing of things is used again where they have the same members.
-
-    Attributes:
-        members: see `Things.membership`.
+    A label's mask is the union of its things' masks. Reuses the blend of `before` if the membership is the same object.
     """
 
     def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:

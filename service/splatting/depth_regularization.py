@@ -1,8 +1,8 @@
-"""Terms of the loss for surfaces that can be measured by: what a pixel blends lies at one depth, points of the capture
-lie on the surface, and what has no texture is plane.
+"""Geometry losses: one depth per pixel, anchoring to capture points, planar textureless areas.
 
-Color alone leaves depth open: thin Gaussians explain a glossy table by what it mirrors. All terms need the rasterizer's
-gradients by its alpha, its depth and one more feature only.
+Color alone leaves depth ambiguous: thin Gaussians explain a glossy table by its reflections. The losses only need the
+rasterizer's gradients of alpha, depth and one more feature. Parameters are composited images [H, W]: alpha = Σ w, depth
+= Σ w z, squared = Σ w z²; target is the photo [H, W, 3], 0..1; valid is bool [H, W], None means all.
 """
 
 from __future__ import annotations
@@ -18,46 +18,35 @@ from fastsplat.service.splatting.training_views import Frame, TrainingView
 from fastsplat_contract.errors import InvalidInputError
 
 MAX_ANCHORS = 20_000
-"""Points of a capture that are used; projecting them is then a small part of a step."""
-_ALPHA_MIN = 0.1
-"""Pixels less covered than this have no depth here."""
+"""Maximum points used, so that projecting them is a small part of a step."""
+_ALPHA_MIN = 0.1  # pixels with less alpha have no depth
 _SAME_SURFACE = 0.3
-"""A depth that differs from a point's by a larger share of it is of something else, in front of the point or behind."""
+"""Relative depth difference beyond which a point is not on the pixel's surface."""
 _SAME_COLOR = 0.1
-"""A pixel whose color differs from a point's by more in a channel, 0..1, does not show the point."""
+"""Channel difference, 0..1, beyond which a pixel does not show a point."""
 _EDGE_SCALE = 20.0
 _STEP_SHARE = 0.015
 
 
 @dataclass(frozen=True)
 class AnchorPoints:
-    """Points of the capture that lie on surfaces.
+    """Capture points that lie on surfaces."""
 
-    Attributes:
-        points: float32 [P, 3], world frame.
-        colors: float32 [P, 3], 0..1.
-    """
-
-    points: Tensor
-    colors: Tensor
+    points: Tensor  # [P, 3], world frame
+    colors: Tensor  # [P, 3], 0..1
 
 
 @dataclass(frozen=True)
 class DepthAnchors:
-    """Points that a frame shows.
+    """Points visible in a frame."""
 
-    Attributes:
-        rows, columns: int64 [A], their pixels.
-        depths: float32 [A], their camera z, scene units.
-    """
-
-    rows: Tensor
-    columns: Tensor
-    depths: Tensor
+    rows: Tensor  # int64 [A]
+    columns: Tensor  # int64 [A]
+    depths: Tensor  # [A], camera z, scene units
 
 
 def squared_depths(means: Tensor, viewmat: Tensor) -> Tensor:
-    """[G, 1]: camera z squared of every Gaussian, to be composited as a feature; differentiable in the means."""
+    """Returns squared camera z [G, 1] to composite as a feature, differentiable in the means."""
     z = means @ viewmat[2, :3] + viewmat[2, 3]
     return (z * z)[:, None]
 
@@ -70,15 +59,10 @@ def depth_terms(
     valid: Tensor | None,
     settings: TrainingSettings,
 ) -> dict[str, Tensor]:
-    """The weighted terms of this module, by name; those of weight 0 are left out. `depth_spread` and `depth_roughness`
-    are one term, "depth_surface": one pass computes both with their gradients where all is float32 on the CPU.
+    """Computes the weighted depth losses of nonzero weight, by name.
 
-    Args:
-        rendering: alpha and depth of a frame.
-        squared: [H, W], `squared_depths` composited.
-        target: [H, W, 3], its image, 0..1.
-        valid: bool [H, W], pixels of it that have content; None where all do.
-        settings: weights, and `depth_every`, by which each is multiplied because it enters only so often.
+    "depth_surface" combines `depth_spread` and `depth_roughness`, fused in one pass for float32 on the CPU. Weights are
+    multiplied by `depth_every`, the interval at which these losses are applied.
     """
     alpha, depth, every = rendering.alpha, rendering.depth, settings.depth_every
     terms = {}
@@ -99,7 +83,7 @@ def surface_loss(
     spread_weight: float,
     smoothness_weight: float,
 ) -> Tensor:
-    """The weighted sum of `depth_spread` and `depth_roughness`, see there; `InvalidInputError` without a pixel."""
+    """Weighted sum of `depth_spread` and `depth_roughness`; rejects empty images."""
     if not alpha.numel():
         raise InvalidInputError(f"alpha {tuple(alpha.shape)} has no pixel", field="alpha")
     parts = (alpha, depth, squared, target)
@@ -117,30 +101,22 @@ def surface_loss(
 
 
 def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
-    """Mean over pixels of Σ_ij w_i w_j ((z_i − z_j) / z̄)² / 2, z̄ the expected depth, without a gradient of it: the
-    distortion loss of Mip-NeRF 360 (Barron et al. 2022) and 2DGS (Huang et al. 2024), in shares of the depth.
+    """Mean over pixels of Σ_ij w_i w_j ((z_i − z_j) / z̄)² / 2.
 
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
-        squared: [H, W], Σ w z².
+    Distortion loss of Mip-NeRF 360 (Barron et al. 2022) and 2DGS (Huang et al. 2024), relative to the expected depth
+    z̄, which gets no gradient.
     """
     covered = alpha.detach() > _ALPHA_MIN
-    depth, squared = depth.where(covered, 0.0), squared.where(covered, 0.0)  # the gradient of one left out is 0 × NaN
+    depth, squared = depth.where(covered, 0.0), squared.where(covered, 0.0)  # otherwise masked pixels give 0 × NaN
     expected = torch.where(covered, depth / alpha.clamp_min(_ALPHA_MIN), 1.0).detach()
     return ((alpha * squared - depth * depth).clamp_min(0.0) / (expected * expected)).where(covered, 0.0).mean()
 
 
 def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
-    """How far inverse depth is from affine in pixels' coordinates, as it is on planes: the mean over pixels and both
-    axes of e^(−20 |difference of colors|) |q(p − s) − 2 q(p) + q(p + s)| / q(p), s = 1.5 % of the longer side, each
-    at most 1.
+    """Penalizes inverse depth that is not affine in pixel coordinates, as on planes.
 
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
-        target: [H, W, 3], the photo, 0..1; where its colors differ, a surface may end.
-        valid: bool [H, W], pixels that count; None where all do.
+    Mean over pixels and both axes of e^(−20 |color difference|) |q(p − s) − 2 q(p) + q(p + s)| / q(p), at most 1 each,
+    s = 1.5 % of the longer side. Color edges may end a surface.
     """
     covered = (alpha.detach() > _ALPHA_MIN) & (depth.detach() > 0)
     if valid is not None:
@@ -158,24 +134,21 @@ def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor 
         for start in (step, 2 * step):
             known = known & torch.narrow(covered, axis, start, size)
         edge = torch.maximum((colors[1] - colors[0]).abs(), (colors[2] - colors[1]).abs()).amax(dim=2)
-        edge = torch.where(known, edge, 0.0)  # before the exponential: the gradient of one left out is 0 × NaN
+        edge = torch.where(known, edge, 0.0)  # before the exponential: otherwise masked pixels give 0 × NaN
         bend = (before - 2 * here + after).abs() / torch.where(known, here.detach(), 1.0)
         total = total + torch.where(known, torch.exp(-_EDGE_SCALE * edge) * bend.clamp(max=1.0), 0.0).mean()
     return total / 2
 
 
 def _bend_step(image: Tensor) -> int:
-    """Pixels between the three points of a bend."""
+    """Distance in pixels between the three points of a bend."""
     return max(1, round(_STEP_SHARE * max(image.shape)))
 
 
 def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
-    """Mean over the anchors of |expected depth / anchor's depth − 1|, where it is below 0.3 (beyond, the pixel shows
-    something else, which counts 0); 0 without anchors.
+    """Mean over anchors of |expected depth / anchor depth − 1|; 0 without anchors.
 
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
+    Errors from 0.3 up count 0: the pixel shows another surface.
     """
     if not len(anchors.depths):
         return depth.new_zeros(())
@@ -187,8 +160,10 @@ def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
 
 
 def depth_anchors(anchor_points: AnchorPoints, view: TrainingView, frame: Frame) -> DepthAnchors:
-    """The points that the frame shows: in front of the camera, on a valid pixel of their color (what hides a point
-    rarely has it)."""
+    """Selects points that project into the frame onto a valid pixel of their color.
+
+    The color test replaces an occlusion test: an occluder rarely has the same color.
+    """
     camera = frame.camera
     local = anchor_points.points @ view.viewmat[:3, :3].T + view.viewmat[:3, 3]
     z = local[:, 2].clamp_min(1e-6)

@@ -1,4 +1,4 @@
-"""Gaussians of a scene before its training is over."""
+"""Exports a scene before its training ends."""
 
 from __future__ import annotations
 
@@ -20,12 +20,7 @@ from fastsplat.service.splatting.view_evidence import views_evidence
 def splats_under_way(
     parameters: Mapping[str, Tensor], labelling: Labelling, views: Sequence[TrainingView], settings: TrainingSettings
 ) -> TrainedSplats:
-    """A scene of parameters as they are, without what a finished run measures, corrects and leaves out.
-
-    Args:
-        parameters: see `SplatState`.
-        labelling: see `Labelling.learnt`.
-        views: on the backend's device, with label maps if there are labels.
+    """Exports current parameters, without a finished run's measurements, refit and pruning.
 
     Raises:
         TrainingDivergedError: a parameter is not finite.

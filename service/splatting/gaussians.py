@@ -1,4 +1,4 @@
-"""Gaussians between trainer, scene and rasterizer. Activation, as in 3DGS, stands here alone."""
+"""Converts Gaussians between trainer, scene and rasterizer, including activation as in 3DGS."""
 
 from __future__ import annotations
 
@@ -16,25 +16,24 @@ from fastsplat_contract.errors import TrainingDivergedError
 
 
 def activate_scales(log_scales: Tensor) -> Tensor:
-    """Standard deviations in scene units, exp(log_scales); differentiable."""
+    """Computes standard deviations in scene units, exp(log_scales); differentiable."""
     return torch.exp(log_scales)
 
 
 def activate_opacities(logit_opacities: Tensor) -> Tensor:
-    """Opacities 0..1, the logistic function of their logits; differentiable."""
+    """Computes opacities 0..1, the logistic function; differentiable."""
     return torch.sigmoid(logit_opacities)
 
 
 def splats_of(
     gaussians: Gaussians | Mapping[str, Tensor], features: Tensor | None = None, device: torch.device | None = None
 ) -> Splats:
-    """G activated Gaussians as the rasterizer takes them.
+    """Activates G Gaussians for the rasterizer.
 
     Args:
-        gaussians: a scene's, of which float32 copies are made; or parameters under the same names, to whose tensors
-            gradients flow.
-        features: [G, C] to composite; by default none, [G, 0].
-        device: where to put a scene's copies; the CPU by default. Parameters stay where they are.
+        gaussians: a scene's, copied as float32 to `device` (default CPU); or parameters, which stay in place and get
+            gradients.
+        features: [G, C] to composite; by default [G, 0].
     """
     if isinstance(gaussians, Gaussians):
         names = ("means", "quats", "log_scales", "logit_opacities")
@@ -53,7 +52,7 @@ def splats_of(
 
 
 def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
-    """The color part of a finished scene under the names of `SplatState.parameters`, without a copy."""
+    """Returns a scene's color and geometry named as in `SplatState.parameters`; means share memory."""
     return {
         "means": torch.from_numpy(gaussians.means),
         "quats": torch.from_numpy(gaussians.quats),
@@ -65,13 +64,13 @@ def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
 
 
 def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:
-    """All Gaussians of a run under way, in its own order."""
+    """Exports all Gaussians in training order."""
     arrays = _arrays(parameters)
     return _take(arrays, np.arange(len(arrays["means"])))
 
 
 def final_gaussians(parameters: Mapping[str, Tensor], cull_opacity: float) -> tuple[Gaussians, SemanticHead]:
-    """Gaussians with an opacity above `cull_opacity` in Morton order, and the head.
+    """Exports the head, and Gaussians above `cull_opacity` in Morton order.
 
     Raises:
         TrainingDivergedError: a parameter is not finite.

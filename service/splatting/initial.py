@@ -1,4 +1,4 @@
-"""The Gaussians that a run starts with: on the capture's points, or at random places where the cameras look."""
+"""Initializes Gaussians at the capture's points, or at random points in view."""
 
 from __future__ import annotations
 
@@ -25,22 +25,19 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class StartPoints:
-    """Positions and colors to start from.
+    """Initial positions and colors."""
 
-    Attributes:
-        points: float32 [P, 3], world frame.
-        colors: float32 [P, 3], 0..1.
-        random: how many of them were placed at random, because the capture has too few points.
-    """
-
-    points: F32
-    colors: F32
-    random: int
+    points: F32  # [P, 3], world frame
+    colors: F32  # [P, 3], 0..1
+    random: int  # how many were placed at random, for lack of capture points
 
 
 def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
-    """The unit of position steps: 1.1 times the largest distance of a camera from their center (3DGS), but at least 0.3
-    times the median distance to the points, because one camera, or a tripod, has no spread."""
+    """Returns the unit of position steps.
+
+    1.1 times the largest distance of a camera from their center (3DGS), but at least 0.3 times the median distance to
+    the points, because a single camera or a tripod has no spread.
+    """
     positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
     center = positions.mean(axis=0)
     spread = 1.1 * float(np.linalg.norm(positions - center, axis=1).max())
@@ -51,8 +48,10 @@ def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
 def start_points(
     points: F32, colors: NDArray[np.uint8], views: tuple[TrainingView, ...], budget: int, seed: int
 ) -> StartPoints:
-    """At most `budget` colored points to start from; fewer than 100 get 5,000 more at random in the cameras' common
-    field of view, colored by the pixel they were cast from.
+    """Returns at most `budget` initial points.
+
+    Fewer than 100 get 5,000 more, random in the cameras' common field of view, with the color of the pixel they were
+    cast from.
 
     Raises:
         InvalidInputError: a coordinate is NaN, infinite or beyond 1e18.
@@ -79,8 +78,7 @@ def start_points(
 
 
 def start_gaussians(start: StartPoints, extent: float, max_sh_degree: int) -> dict[str, Tensor]:
-    """Parameters (see `SplatState`, without codes) of faint round Gaussians as wide as the distance to 3 neighbors
-    (3DGS)."""
+    """Creates faint isotropic Gaussians as wide as the distance to 3 neighbors (3DGS)."""
     count = len(start.points)
     neighbors = min(3, count - 1)
     if neighbors > 0:
@@ -100,15 +98,15 @@ def start_gaussians(start: StartPoints, extent: float, max_sh_degree: int) -> di
 
 
 def _squared_distances(points: F32, neighbors: int) -> NDArray[np.float64]:
-    """[P, neighbors]: squared distances to the nearest other points, exact, ascending."""
-    # OpenCV is loaded anyway; scipy's tree would bring 26 MiB of modules into the trainer.
+    """Exact squared distances to the nearest other points, ascending, [P, neighbors]."""
+    # OpenCV is loaded anyway; scipy's tree would add 26 MiB of modules to the trainer.
     tree = cv2.flann.Index(points, {"algorithm": _SINGLE_TREE, "leaf_max_size": 10})
     distances = tree.knnSearch(points, neighbors + 1, params={"checks": -1, "eps": 0.0, "sorted": True})[1]
     return np.asarray(distances)[:, 1:].astype(np.float64)
 
 
 def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Pixel (row, column) [P, 2] of each point in the view's largest frame, and whether it lies inside [P]."""
+    """Projects points into the view's largest frame: pixels (row, column) [P, 2], inside [P]."""
     camera = view.frames[-1].camera
     viewmat = view.viewmat.numpy().astype(np.float64)
     local = points.astype(np.float64) @ viewmat[:3, :3].T + viewmat[:3, 3]
@@ -121,7 +119,7 @@ def project(points: F32, view: TrainingView) -> tuple[NDArray[np.int64], NDArray
 
 
 def _random_points(views: tuple[TrainingView, ...], count: int, random: np.random.Generator) -> tuple[F32, F32]:
-    """[count, 3] points and colors: rays are cast from random pixels, and the points that most cameras see remain."""
+    """Casts rays from random pixels; keeps the [count, 3] points that most cameras see."""
     distance = _viewing_distance(views)
     source = random.integers(len(views), size=4 * count)
     inverse_depth = random.uniform(1 / 2.5, 1 / 0.4, size=4 * count) / distance
@@ -141,7 +139,7 @@ def _random_points(views: tuple[TrainingView, ...], count: int, random: np.rando
 
 
 def _viewing_distance(views: tuple[TrainingView, ...]) -> float:
-    """Median distance from the cameras to the point nearest to all their optical axes, or 1 where axes do not meet."""
+    """Median camera distance to where optical axes meet, else 4 times the spread."""
     positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
     axes = np.stack([view.viewmat.numpy()[2, :3] for view in views]).astype(np.float64)
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

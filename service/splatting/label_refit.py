@@ -1,9 +1,9 @@
-"""Labels fitted once more when color and geometry are final.
+"""Refits labels after color and geometry are final.
 
-Codes that are trained through pixels alone leave the label of a single Gaussian open, above all where it hardly shows.
-Here Gaussians whose code contradicts the label that the label maps say get that label's mean code; then a few looks at
-every view fit all codes to pixels and to those labels at once. Large Gaussians are held to one label less: what few
-views show is drawn by large ones that other views show as something else.
+Codes trained through pixels alone leave the label of a single Gaussian open, above all where it hardly shows. Gaussians
+whose code contradicts their label evidence get that label's mean code; then a few epochs fit all codes to pixels and to
+those labels. Large Gaussians are held to their label less: areas seen by few views are drawn by large Gaussians that
+other views show as something else.
 """
 
 from __future__ import annotations
@@ -30,38 +30,28 @@ from fastsplat_contract.camera import Camera
 _CODE_RATE = 0.1
 _HEAD_RATE = 0.05
 _FINAL_SHARE = 0.1
-_CONSENSUS_WEIGHT = 0.3
-"""Of the mean cross-entropy of Gaussians' own labels, beside that of pixels."""
+_CONSENSUS_WEIGHT = 0.3  # of the Gaussians' own cross-entropy relative to that of pixels
 _HALF_HELD, _LEFT = 1.65, 3.3
-"""Times the pixels of the mean Gaussian at which one's own label weighs half, and from which its code stays."""
+"""Multiples of the mean Gaussian's pixels: own label at half weight; code not reset."""
 _SEED = 7
 
 
 def refit_codes(
     state: SplatState,
     views: Sequence[TrainingView],
-    class_codes: Tensor,
-    class_weights: Tensor,
+    class_codes: Tensor,  # [N + 1, D], for labels with which no code agrees
+    class_weights: Tensor,  # [N + 1], pixel weights of the cross-entropy
     *,
-    undetected_weight: float,
-    epochs: int,
-    seed: int,
+    undetected_weight: float,  # evidence weight of class-0 pixels
+    epochs: int,  # more sharpen borders in renderings
+    seed: int,  # of the view order
     backend: Backend,
 ) -> None:
-    """Replaces codes, weight and bias of `state` by ones fitted to the views' label maps; nothing else changes.
+    """Fits codes, weight and bias of `state` to the views' label maps, in place.
 
-    A Gaussian's label is the most probable one by evidence (`views_evidence`). Where its code says another, it starts
-    on the mean code of those that agree (`consensus_codes`), unless it fills 3.3 times as many pixels as the mean
-    Gaussian. Then all codes are fitted, see `fit_codes`, at the training size.
-
-    Args:
-        state: of a finished run, G Gaussians.
-        views: the training views; those without a label map are left out, and without any nothing changes.
-        class_codes: [N + 1, D], for labels with which no code agrees.
-        class_weights: [N + 1], what pixels weigh in the cross-entropy.
-        undetected_weight: what a pixel of class 0 weighs as evidence.
-        epochs: more sharpen the borders in pictures.
-        seed: of the order of the views.
+    A Gaussian's label is the most probable one by `views_evidence`. Where its code differs, it starts from
+    `consensus_codes`, unless it fills at least 3.3 times the pixels of the mean Gaussian. Then `fit_codes` fits all
+    codes at the training size. Without any label map nothing changes.
     """
     maps = [view.frames[-1].labels for view in views]
     labeled = [(view, labels) for view, labels in zip(views, maps, strict=True) if labels is not None]
@@ -97,44 +87,31 @@ def refit_codes(
 
 
 class LabeledView(NamedTuple):
-    """One view's label map.
+    """A view's label map."""
 
-    Attributes:
-        viewmat: float32 [4, 4], camera from world.
-        labels: integers [H, W], the class of each pixel.
-        valid: bool [H, W]; pixels that are False say nothing. None: all speak.
-    """
-
-    viewmat: Tensor
+    viewmat: Tensor  # [4, 4], camera-from-world
     camera: Camera
-    labels: Tensor
-    valid: Tensor | None
+    labels: Tensor  # integers [H, W]
+    valid: Tensor | None  # bool [H, W], pixels that count; None means all
 
 
 def fit_codes(
-    splats: Splats,
-    views: Sequence[LabeledView],
-    starts: Mapping[str, Tensor],
-    classes: Tensor,
-    pixels: Tensor,
-    class_weights: Tensor,
+    splats: Splats,  # features are ignored
+    views: Sequence[LabeledView],  # one per step, in epochs shuffled by `seed`
+    starts: Mapping[str, Tensor],  # codes [G, D], weight [C, D] and bias [C]; not modified
+    classes: Tensor,  # int64 [G], each Gaussian's own class
+    pixels: Tensor,  # [G], filled by each Gaussian
+    class_weights: Tensor,  # [C], pixel weights of the cross-entropy
     *,
     steps: int,
     seed: int,
     backend: Backend,
     after_step: Callable[[int, float], None] = lambda step, loss: None,
 ) -> dict[str, Tensor]:
-    """Codes, weight and bias fitted to label maps, color and geometry held: Adam on the cross-entropy of pixels and,
-    weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the Gaussians' own classes.
+    """Fits codes, weight and bias to label maps with fixed color and geometry.
 
-    Args:
-        splats: G activated Gaussians; features are not read.
-        views: looked at one a step, all once before any one again, in orders drawn from `seed`.
-        starts: codes [G, D], weight [C, D] and bias [C]; they are not changed.
-        classes: int64 [G], each Gaussian's own class, 0..C − 1.
-        pixels: float32 [G], that each Gaussian fills.
-        class_weights: [C], what pixels weigh in the cross-entropy.
-        after_step: called with the number of each step, from 1, and its loss; may raise, as to cancel.
+    Adam on the cross-entropy of pixels and, weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the Gaussians'
+    own classes. `after_step` gets step (from 1) and loss, and may raise to cancel.
     """
     shares = _HALF_HELD / (_HALF_HELD + pixels / pixels.mean().clamp_min(1e-9))
     fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
@@ -160,13 +137,9 @@ def fit_codes(
 def consensus_codes(
     codes: Tensor, weight: Tensor, bias: Tensor, classes: Tensor, opacities: Tensor, class_codes: Tensor
 ) -> Tensor:
-    """[G, D]: the codes, those that say another class than `classes` replaced by the mean code of it.
+    """Replaces codes [G, D] that disagree with `classes` by their class's mean code.
 
-    Args:
-        codes: [G, D]. weight: [N + 1, D]. bias: [N + 1].
-        classes: int64 [G], 0..N.
-        opacities: [G], weigh the means.
-        class_codes: [N + 1, D], in place of means of nothing.
+    Means are weighted by `opacities`; `class_codes` [N + 1, D] replace means of no codes.
     """
     agree = (codes @ weight.T + bias).argmax(dim=1) == classes
     weights = torch.where(agree, opacities, 0.0)
@@ -177,13 +150,7 @@ def consensus_codes(
 
 
 def gaussian_label_loss(parameters: Mapping[str, Tensor], classes: Tensor, weights: Tensor) -> Tensor:
-    """Mean of the weighted cross-entropies of the Gaussians' own codes.
-
-    Args:
-        parameters: codes [G, D], weight [N + 1, D] and bias [N + 1].
-        classes: int64 [G], 0..N.
-        weights: float32 [G].
-    """
+    """Mean cross-entropy of the Gaussians' own codes, weighted by `weights` [G]."""
     logits = torch.addmm(parameters["bias"], parameters["codes"], parameters["weight"].T)
     entropies = torch.nn.functional.cross_entropy(logits, classes, reduction="none")
     return (weights * entropies).mean()

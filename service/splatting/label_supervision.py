@@ -1,4 +1,4 @@
-"""What a run learns labels from: which frames have a cross-entropy, and what their pixels weigh."""
+"""Label supervision of a training run."""
 
 from __future__ import annotations
 
@@ -12,17 +12,13 @@ from fastsplat.service.splatting.training_views import Frame
 
 
 class LabelSupervision:
-    """The labels of a run: label maps supervise the codes from the first step.
-
-    Args:
-        labelling: of all views of the capture, see `Labelling.learnt`.
+    """Supervises codes by label maps from the first step.
 
     Attributes:
-        labels: N of the dictionary, 0 without label maps.
-        mode: where the scene will keep its labels.
-        class_codes: [N + 1, D], the codes that the classes start from.
-        exact: whether the label maps came with the capture, so that they agree with each other.
-        class_weights: [N + 1], what pixels weigh in the cross-entropy.
+        labels: N, 0 without label maps.
+        class_codes: [N + 1, D], initial codes of the classes.
+        exact: the label maps came with the capture, so they agree with each other.
+        class_weights: [N + 1], pixel weights of the cross-entropy.
     """
 
     def __init__(self, labelling: Labelling, settings: TrainingSettings, device: torch.device) -> None:
@@ -36,6 +32,6 @@ class LabelSupervision:
         self._every = settings.semantic_every
 
     def applies(self, frame: Frame, iteration: int) -> bool:
-        """Whether the cross-entropy enters the loss of this step."""
+        """Tests if the cross-entropy enters this step's loss."""
         trained = self.mode == "codes" and self.labels > 0 and frame.labels is not None
         return trained and iteration % self._every == 0

@@ -1,4 +1,4 @@
-"""What a step minimizes: a view rendered from a run's parameters, and the terms of its loss."""
+"""Training objective: renders a view from parameters and computes its loss terms."""
 
 from __future__ import annotations
 
@@ -17,36 +17,24 @@ from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
-_ALPHA_MIN = 0.1
-"""Pixels less covered than this have no depth here."""
-_OPACITY_DECAY = 0.02
-"""Weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die."""
-_SCALE_DECAY = 0.01
-"""Weight of the mean scale, in shares of the scene's extent, in the loss."""
+_ALPHA_MIN = 0.1  # pixels with less alpha have no depth
+_OPACITY_DECAY = 0.02  # weight of the mean opacity (3DGS-MCMC), so that useless Gaussians die
+_SCALE_DECAY = 0.01  # weight of the mean scale relative to the scene's extent
 
 
 def render_frame(
-    parameters: Mapping[str, Tensor],
-    splats: Splats,
+    parameters: Mapping[str, Tensor],  # colors and codes, see `SplatState`
+    splats: Splats,  # activated `parameters`; features are ignored
     view: TrainingView,
     frame: Frame,
     *,
     degree: int,
-    with_codes: bool = False,
-    with_squared_depth: bool = False,
-    background: Tensor | None = None,
+    with_codes: bool = False,  # append composited codes, [H, W, 3 + D]
+    with_squared_depth: bool = False,  # append composited squared camera z
+    background: Tensor | None = None,  # RGB [3], default black; other channels have zero
     backend: Backend,
 ) -> Rendering:
-    """The view at the size of `frame`: colors in the first 3 channels, composited codes behind them on request.
-
-    Args:
-        parameters: see `SplatState`; colors and codes are read.
-        splats: their activation (`splats_of`); features are not read.
-        view, frame: one of the view's frames.
-        with_codes: whether codes are composited too, [H, W, 3 + D].
-        with_squared_depth: whether camera z squared is composited too, as the last channel.
-        background: RGB [3] behind the colors; black by default. The others have zero behind them.
-    """
+    """Renders the view at the size of `frame`: RGB, then optional further channels."""
     sh = parameters["sh_dc"]
     if degree:
         sh = torch.cat([sh, parameters["sh_rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
@@ -62,29 +50,19 @@ def render_frame(
 
 
 def loss_terms(
-    rendering: Rendering,
+    rendering: Rendering,  # of `render_frame`, with codes unless `class_weights` is None
     splats: Splats,
     parameters: Mapping[str, Tensor],
     frame: Frame,
-    target: Tensor,
-    class_weights: Tensor | None,
-    extent: float,
+    target: Tensor,  # [H, W, 3], the frame's image
+    class_weights: Tensor | None,  # [N + 1], or None for no cross-entropy
+    extent: float,  # of the scene, scene units
     settings: TrainingSettings,
-    anchors: DepthAnchors | None = None,
-    correction: Tensor | None = None,
+    anchors: DepthAnchors | None = None,  # enables depth terms; `rendering` then has squared depth last
+    correction: Tensor | None = None,  # [3] of the photo (`photometric`)
 ) -> dict[str, Tensor]:
-    """The weighted terms whose sum is the loss of a step, by name.
-
-    Args:
-        rendering: of `render_frame`, with codes unless `class_weights` is None.
-        splats, parameters: what was rendered.
-        target: float32 [H, W, 3], the frame's image.
-        class_weights: [N + 1], or None for no cross-entropy.
-        extent: of the scene, scene units.
-        anchors: of the frame, where the depth has terms too; `rendering` then has squared depths as its last channel.
-        correction: [3] of the photo (`photometric`), or None for none.
-    """
-    # Split, not sliced: the backward pass of two slices would fill and add two whole images.
+    """Returns the weighted loss terms of a step by name."""
+    # Split, not sliced: backward through slices would allocate and add whole images.
     channels, depths = rendering.image.shape[2] - 3, int(anchors is not None)
     rgb, codes, squared = torch.split(rendering.image, [3, channels - depths, depths], dim=2)
     if correction is not None:
@@ -102,12 +80,7 @@ def loss_terms(
 
 
 def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSettings) -> dict[str, Tensor]:
-    """The weighted term of what a sensor measured, by name; none for a frame without measurements or a weight of 0.
-
-    Args:
-        rendering: alpha and depth of a frame.
-        settings: the weight, and `depth_every`, by which it is multiplied because it enters only so often.
-    """
+    """Returns the sensor depth term by name; empty without measurements or weight."""
     if frame.depth is None or not settings.sensor_depth_weight:
         return {}
     error = sensor_depth_error(rendering.alpha, rendering.depth, frame.depth, frame.valid)
@@ -115,16 +88,11 @@ def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSet
 
 
 def sensor_depth_error(alpha: Tensor, depth: Tensor, measured: Tensor, valid: Tensor | None = None) -> Tensor:
-    """Mean over the measured pixels of |ln(expected depth / measured depth)|; 0 where there is none.
+    """Mean of |ln(expected depth / measured depth)| over measured pixels, or 0.
 
-    The logarithm counts errors in shares of the depth, as sensors make them, and the absolute value lets a few wrong
-    measurements, at edges and on glass, pull no harder than right ones.
-
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
-        measured: [H, W] camera z, scene units; 0 where unknown.
-        valid: bool [H, W], pixels that count; None where all do.
+    The logarithm measures relative errors, as sensors make them; the absolute value limits the pull of wrong
+    measurements at edges and on glass. `measured` is camera z [H, W], 0 where unknown; see `depth_regularization` for
+    the others.
     """
     counts = (measured > 0) & (alpha.detach() > _ALPHA_MIN) & (depth.detach() > 0)
     if valid is not None:

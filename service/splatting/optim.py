@@ -1,4 +1,4 @@
-"""Adam in one pass over memory: on the CPU by the kernels' own threads; elsewhere by torch's own such kernel."""
+"""Adam in one pass over memory: C++ kernel on the CPU, torch's fused kernel elsewhere."""
 
 from __future__ import annotations
 
@@ -23,19 +23,18 @@ def adam_update(
     eps: float = 1e-15,
     backend: Backend = "cpu",
 ) -> None:
-    """One step of Adam (Kingma & Ba 2015) on one tensor, in place; what `torch.optim.Adam` computes.
+    """Performs one in-place Adam step (Kingma & Ba 2015), as `torch.optim.Adam`.
+
+    `param` and the running means `exp_avg` (gradient) and `exp_avg_sq` (its square) are contiguous float32 of one
+    shape.
 
     Args:
-        param: float32, contiguous, any shape; updated.
-        grad: same shape.
-        exp_avg: running mean of the gradient, same shape; updated.
-        exp_avg_sq: running mean of its square, same shape; updated.
-        step: number of this step, from 1.
+        step: from 1.
         eps: added to the root of `exp_avg_sq`.
-        backend: `cpu` uses the kernels and wants CPU tensors, the others torch on the tensors' device.
+        backend: `cpu` uses the C++ kernel, the others torch on the tensors' device.
 
     Raises:
-        InvalidInputError: another dtype, device or layout, shapes that differ, or a step below 1.
+        InvalidInputError: wrong dtype, device, layout or shape, or a step below 1.
     """
     parts = {"param": param, "exp_avg": exp_avg, "exp_avg_sq": exp_avg_sq}
     for name, tensor in parts.items():

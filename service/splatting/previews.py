@@ -1,4 +1,4 @@
-"""Small pictures of a scene while it is trained, for at most a few percent of the training's time."""
+"""Renders preview images during training within a small share of its time."""
 
 from __future__ import annotations
 
@@ -19,31 +19,22 @@ from fastsplat.service.splatting.training_views import TrainingView, training_si
 from fastsplat.service.splatting.types import TrainedSplats
 
 PREVIEW_SHARE = 0.03
-"""Of the training's time, for pictures."""
+"""Maximum share of training time spent on previews."""
 _SIDE = 320
 _JPEG_QUALITY = 80
-_GROWTH = 1.25
-"""A picture comes once the training has lasted so many times as long as at the one before: dense at first."""
+_GROWTH = 1.25  # factor of elapsed time between pictures: frequent at first
 _FIRST_GAP_S, _LONGEST_GAP_S = 1.0, 30.0
 
 
 @dataclass(frozen=True)
 class TrainingPreview:
-    """A rendering of one of the training views.
+    """A rendering of a training view."""
 
-    Attributes:
-        jpeg: of at most 320 pixels on the longer side.
-        step: optimization steps behind it.
-        seconds: of optimization behind it.
-        psnr: dB, as measured last; None before the first time.
-        width, height: pixels.
-    """
-
-    jpeg: bytes
-    step: int
-    seconds: float
+    jpeg: bytes  # at most 320 pixels on the longer side
+    step: int  # optimization steps so far
+    seconds: float  # of optimization so far
     gaussians: int
-    psnr: float | None
+    psnr: float | None  # last measurement, dB
     view: str
     width: int
     height: int
@@ -55,14 +46,13 @@ def _never() -> bool:
 
 @dataclass(frozen=True)
 class TrainingWatch:
-    """Who follows a training, and may end it.
+    """Callbacks that observe a training run and may end it.
 
     Attributes:
-        show: is given pictures of it; None for no pictures.
-        finish: whether to end it early; asked after every step.
-        draft: is given the scene as it is under way, with the share of the run behind it; what it takes counts as
-            training.
-        drafts_at: after which shares of the run, 0..1.
+        show: receives previews.
+        finish: polled after every step; True ends the run early.
+        draft: receives the current scene and the progress 0..1; its duration counts as training.
+        drafts_at: progress values for drafts.
     """
 
     show: Callable[[TrainingPreview], None] | None = None
@@ -72,20 +62,21 @@ class TrainingWatch:
 
 
 UNWATCHED = TrainingWatch()
-"""Nobody follows."""
+"""No callbacks."""
 
 
 class PreviewBudget:
-    """Says when a picture is due: the first at once, the second when the first is paid for, then ever more seldom, and
-    never so that all would take more than `PREVIEW_SHARE` of the time. The next one is expected to cost what the last
-    one did."""
+    """Schedules previews within `PREVIEW_SHARE` of the time, at growing intervals.
+
+    The first comes at once; each next one is assumed to cost as much as the last.
+    """
 
     def __init__(self) -> None:
         self._spent_s = self._last_cost_s = 0.0
         self._last_at: float | None = None
 
     def is_due(self, elapsed_s: float) -> bool:
-        """Whether to make one, `elapsed_s` seconds after the start."""
+        """Tests if a preview is due `elapsed_s` seconds after the start."""
         if self._last_at is None:
             return True
         gap = min(max(_FIRST_GAP_S, (_GROWTH - 1) * self._last_at), _LONGEST_GAP_S)
@@ -93,23 +84,18 @@ class PreviewBudget:
         return affordable and elapsed_s - self._last_at >= gap
 
     def spend(self, elapsed_s: float, cost_s: float) -> None:
-        """Note that one was made `elapsed_s` seconds after the start, and what it took."""
+        """Records the cost of a preview made `elapsed_s` seconds after the start."""
         self._last_at, self._last_cost_s = elapsed_s, cost_s
         self._spent_s += cost_s
 
     @property
     def spent_s(self) -> float:
-        """Seconds that all pictures have taken."""
+        """Total seconds spent on previews."""
         return self._spent_s
 
 
 class Previews:
-    """Takes pictures of a run with one of its training views, and hands them on.
-
-    Args:
-        view: from which.
-        publish: is given each picture; what it takes is counted too.
-    """
+    """Renders previews of `view` and passes them to `publish`, whose time counts too."""
 
     def __init__(self, view: TrainingView, backend: Backend, publish: Callable[[TrainingPreview], None]) -> None:
         camera = training_size(view.frames[-1].camera, _SIDE)
@@ -121,12 +107,7 @@ class Previews:
     def after_step(
         self, parameters: dict[str, Tensor], *, step: int, elapsed_s: float, degree: int, psnr: float
     ) -> None:
-        """Take a picture if one is due.
-
-        Args:
-            parameters: see `SplatState`.
-            psnr: dB; NaN if it is not known.
-        """
+        """Renders a preview if one is due; an unknown `psnr` is NaN."""
         begun = time.monotonic()
         if not self._budget.is_due(begun - self._started):
             return
@@ -141,7 +122,7 @@ class Previews:
 
     @property
     def spent_s(self) -> float:
-        """Seconds that all pictures have taken so far."""
+        """Total seconds spent on previews."""
         return self._budget.spent_s
 
     @torch.no_grad()

@@ -1,4 +1,4 @@
-"""Pruning of a finished scene: Gaussians and harmonics that held-out views hardly miss."""
+"""Prunes Gaussians and harmonics that held-out views hardly need."""
 
 from __future__ import annotations
 
@@ -18,27 +18,23 @@ from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import Camera
 
-MAX_EVAL_VIEWS = 8
-"""Held-out views that a pruned scene is measured on, at most."""
+MAX_EVAL_VIEWS = 8  # held-out views used for measurement
 
 _HALVINGS = 6
 EVALUATIONS = _HALVINGS + 4
-"""How often these are rendered by `prune_to_psnr`, about."""
+"""Approximate number of measurements by `prune_to_psnr`."""
 
 MeasurePsnr = Callable[[Gaussians], float]
-"""PSNR of a scene on held-out views, dB."""
+"""Measures PSNR on held-out views, dB."""
 
 
 @torch.no_grad()
 def max_contribution(
     gaussians: Gaussians, views: Iterable[tuple[Tensor, Camera]], backend: Backend = "cpu"
 ) -> NDArray[np.float64]:
-    """[G]: the pixels that a Gaussian fills in the view that shows it best; 0 for one that no view shows. (Not the sum
-    over views, which would prune first what few views show.)
+    """Returns the pixels each Gaussian fills in its best view, [G].
 
-    Args:
-        gaussians: G of them.
-        views: of each float32 [4, 4], camera-from-world, and the camera.
+    Not the sum over views, which would first prune what few views show.
     """
     device = device_of(backend)
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
@@ -53,15 +49,10 @@ def max_contribution(
 def prune_to_psnr(
     gaussians: Gaussians, contribution: NDArray[np.float64], measure: MeasurePsnr, max_drop_db: float
 ) -> Gaussians:
-    """The scene without harmonics and Gaussians that may go for at most `max_drop_db` of PSNR altogether.
+    """Removes harmonics and Gaussians for at most `max_drop_db` of PSNR.
 
-    Harmonics go first, the highest degrees together, for up to half of the allowance; then the Gaussians with the
-    smallest contribution, as many as the allowance bears (down to 1/64 of them).
-
-    Args:
-        contribution: [G], `max_contribution`.
-        measure: PSNR of a scene of some of these Gaussians; where it is not finite for the whole scene, nothing goes.
-        max_drop_db: the allowance; 0 or less takes nothing away.
+    Harmonics go first, highest degrees together, for up to half of the allowance; then the Gaussians of smallest
+    contribution, as many as the allowance permits (in steps of 1/64). Nothing goes if PSNR is not finite.
     """
     if max_drop_db <= 0 or not len(gaussians):
         return gaussians

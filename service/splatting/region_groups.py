@@ -1,5 +1,7 @@
-"""Groups of regions of several views that cover the same Gaussians, without a full matrix of regions × regions or ×
-Gaussians: in memory are entries for what overlaps, and one number for each Gaussian or region and view."""
+"""Groups image regions of several views that cover the same Gaussians.
+
+Sparse: memory holds entries for overlaps, and one number per Gaussian or region and view.
+"""
 
 from __future__ import annotations
 
@@ -18,37 +20,31 @@ I64 = NDArray[np.int64]
 
 _SEEN_PX = 0.05
 _INSIDE = 0.5
-_ENOUGH = 0.3
-"""Share of a region's Gaussians that another view must see before it can agree or disagree."""
-_LEAST = 0.1
-"""Smaller overlaps count as none."""
-_ROWS = 64
-"""Regions whose overlaps are computed at a time: about 60 bytes for each other that shares a Gaussian."""
+_ENOUGH = 0.3  # share of a region's Gaussians another view must see to be compared
+_LEAST = 0.1  # smaller overlaps count as none
+_ROWS = 64  # regions processed at a time: about 60 bytes per other region that shares a Gaussian
 
 
 @dataclass(frozen=True)
 class LiftedRegions:
-    """The R regions of one view as sets of the Gaussians more than half of whose weight in the view lies in the region.
+    """The R regions of a view as sets of Gaussians.
 
-    Attributes:
-        starts: int64 [R + 1]; region r + 1 has the entries starts[r]..starts[r + 1] of `rows`.
-        rows: int32, Gaussian ids, ascending within a region.
-        pixels: float32 [G]: weight of each Gaussian in the view.
+    A Gaussian belongs to a region that has more than half of its weight in the view.
     """
 
-    starts: I64
-    rows: NDArray[np.int32]
-    pixels: F32
+    starts: I64  # [R + 1]; region r + 1 has the entries starts[r]..starts[r + 1] of `rows`
+    rows: NDArray[np.int32]  # Gaussian ids, ascending within a region
+    pixels: F32  # [G], weight in the view
 
     def __len__(self) -> int:
         return len(self.starts) - 1
 
 
 def lift_regions(sums: LabelSums, members: csr_array) -> LiftedRegions:
-    """Regions that may overlap, from the weight of each Gaussian by piece of the image.
+    """Lifts regions, which may overlap, from Gaussian weights per image piece.
 
     Args:
-        sums: of a view, by piece; pieces do not overlap.
+        sums: of a view, by disjoint piece.
         members: CSR [A, R], 1 where a piece belongs to a region.
     """
     gaussians = len(sums.starts) - 1
@@ -65,8 +61,11 @@ def lift_regions(sums: LabelSums, members: csr_array) -> LiftedRegions:
 
 
 def greedy_groups(overlaps: Overlaps, priority: F64, min_overlap: float) -> list[I64]:
-    """Groups of regions as ascending rows, every region in one: the free region of highest priority starts a group, and
-    those whose mean overlap with the group's exceeds `min_overlap` join it."""
+    """Partitions regions greedily by priority into groups of ascending rows.
+
+    The free region of highest priority starts a group; free regions whose mean overlap with the group exceeds
+    `min_overlap` join.
+    """
     pairs = overlaps.pairs
     free, groups = np.ones(len(priority), np.bool_), []
     for first in np.argsort(-priority, kind="stable").tolist():
@@ -87,40 +86,35 @@ def _above(rows: csr_array, free: NDArray[np.bool_], min_overlap: float) -> I64:
 
 @dataclass(frozen=True)
 class Overlaps:
-    """Overlaps of P regions of V views on G Gaussians, see `overlaps_of`.
+    """Overlaps of P regions of V views on G Gaussians.
 
     Attributes:
-        weights: CSR float32 [P, G]: the pixels that a Gaussian of the region fills.
-        pairs: CSR float64 [P, P]: intersection over union of two regions by what both views see, 1 of a region with
-            itself; without those below a tenth, and those of which one view sees too little of the other's region to
-            tell.
-        whole: [P]: weight of a region's Gaussians.
-        owner: [P]: the region's view.
-        visible: bool [V, G]: which Gaussians a view sees.
-        size: float32 [G]: the pixels that each Gaussian fills, mean over the views.
+        weights: CSR float32 [P, G]: pixels filled by the region's Gaussians.
+        pairs: CSR float64 [P, P]: intersection over union on Gaussians seen by both views, 1 on the diagonal. Omits
+            values below 0.1 and pairs where a view sees too little of the other's region.
     """
 
     weights: csr_array
     pairs: csr_array
-    whole: F32
-    owner: I64
-    visible: NDArray[np.bool_]
-    size: F32
+    whole: F32  # [P]: total weight of a region's Gaussians
+    owner: I64  # [P]: the region's view
+    visible: NDArray[np.bool_]  # [V, G]
+    size: F32  # [G]: pixels filled, mean over the views
 
     def agreement(self, min_overlap: float) -> F64:
-        """[P]: sum over views of the largest overlap above `min_overlap` with one of the view's regions."""
+        """Sums over views the largest overlap above `min_overlap` with a region, [P]."""
         rows = np.repeat(np.arange(len(self.owner)), np.diff(self.pairs.indptr))
         over = self.pairs.data > min_overlap
         best = np.zeros((len(self.owner), len(self.visible)))
         np.maximum.at(best, (rows[over], self.owner[self.pairs.indices[over]]), self.pairs.data[over])
         result = np.zeros(len(self.owner))
-        for of_view in best.T:  # one after the other: equal sums stay equal
+        for of_view in best.T:  # sequential, so that equal sums stay equal
             result += of_view
         return result
 
 
 def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
-    """The overlaps of the regions of at least one view, numbered in the views' order; consumed one at a time."""
+    """Computes the overlaps of all views' regions, in order, consuming one at a time."""
     columns: list[NDArray[np.int32]] = []
     sizes: list[I64] = []
     visible: list[NDArray[np.bool_]] = []
@@ -136,7 +130,7 @@ def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
     gaussians = np.concatenate(columns)
     columns.clear()
     starts = np.concatenate([[0], np.cumsum(np.concatenate(sizes))])
-    starts = starts.astype(np.int32 if starts[-1] < 1 << 31 else np.int64)  # int64 would widen the indices, too
+    starts = starts.astype(np.int32 if starts[-1] < 1 << 31 else np.int64)  # int64 would also widen the indices
     shape = (len(owner), len(size))
     inside_by_region = csr_array((np.ones(len(gaussians), np.float32), gaussians, starts), shape=shape)
     weights_by_region = csr_array((size[gaussians], gaussians, starts), shape=shape)
@@ -174,7 +168,7 @@ def _pairs(weights: csr_array, inside: csr_array, seen_by: F32, whole: F32, owne
 
 
 def one_piece_each(regions: int, sums: LabelSums) -> csr_array:
-    """The `members` of `lift_regions` for regions that are pieces: region r is piece r + 1; others are outside all."""
+    """Builds `members` of `lift_regions` where region r is piece r + 1."""
     pieces = max(regions, int(sums.labels.max()) if len(sums.labels) else 0) + 1
     entries = (np.ones(regions), (np.arange(regions) + 1, np.arange(regions)))
     return csr_array(entries, shape=(pieces, regions))

@@ -1,5 +1,4 @@
-"""Semantic codes in training: how many numbers they have, where they and the affine map W start, what a class
-weighs."""
+"""Semantic codes in training: size, initialization, class weights and loss."""
 
 from __future__ import annotations
 
@@ -25,11 +24,11 @@ _STARTS, _STEPS = 6, 100
 
 
 def code_size(labels: int, setting: Literal["auto"] | int) -> int:
-    """Numbers a Gaussian carries for its meaning; 0 for a scene without labels.
+    """Returns the code dimension; 0 for a scene without labels.
 
-    With short codes the blend of two things may lie in the cell of a third ("ghost label"). `min(n − 1, ⌊2√n⌋)` keeps
-    every pair's midpoint 0.15 or more away from any third of n classes; it stops at 13, which with color fills 16
-    channels.
+    With short codes the blend of two things may be classified as a third ("ghost label"). `min(n − 1, ⌊2√n⌋)` keeps
+    every pair's midpoint 0.15 or more away from any third of n classes. The limit 13 fills 16 channels together with
+    color.
     """
     if labels == 0:
         return 0
@@ -40,10 +39,10 @@ def code_size(labels: int, setting: Literal["auto"] | int) -> int:
 
 
 def separated_codes(classes: int, size: int, seed: int) -> Tensor:
-    """float32 [classes, size]: unit vectors such that no midpoint of two is nearer to a third than to the two.
+    """Returns unit vectors [classes, size] whose pairs' midpoints are far from third ones.
 
-    The margin (1 + a·b) − (a·c + b·c) is maximised over triples; beyond 64 classes a·b over pairs is minimised; beyond
-    512 one random start is taken.
+    Maximizes the margin (1 + a·b) − (a·c + b·c) over triples; beyond 64 classes minimizes a·b over pairs; beyond 512
+    takes a random start.
     """
     random = np.random.default_rng((seed, 5))
     starts = [random.normal(size=(classes, size)) for _ in range(_STARTS if classes <= _TRIPLES_UP_TO // 2 else 1)]
@@ -55,7 +54,7 @@ def separated_codes(classes: int, size: int, seed: int) -> Tensor:
 
 
 def _spread(codes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Gradient descent on the sphere from `codes`: the largest crowding in the end, and the unit vectors."""
+    """Gradient descent on the sphere; returns the final worst crowding and unit vectors."""
     same = np.eye(len(codes), dtype=np.bool_)
     triples = 2 < len(codes) <= _TRIPLES_UP_TO
     excluded = same[:, None, :] | same[None, :, :] | same[:, :, None] if triples else same
@@ -76,13 +75,15 @@ def _spread(codes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
 
 
 def start_head(codes: Tensor) -> tuple[Tensor, Tensor]:
-    """The affine map W before training: weight [N + 1, D] along the classes' codes, bias [N + 1] zero."""
+    """Initializes W along the class codes, [N + 1, D], and a zero bias."""
     return codes * _HEAD_SCALE, torch.zeros(len(codes))
 
 
 def start_codes(points: F32, views: tuple[TrainingView, ...], class_codes: Tensor) -> Tensor:
-    """float32 [P, D]: each point starts on the code of the label that most views, none held out, show at its
-    projection. Occlusion is not tested; undetected counts only where no view shows a label."""
+    """Initializes codes [P, D] by majority vote of the labels at the points' projections.
+
+    Occlusion is not tested; undetected wins only without any label. `views` must not include held-out ones.
+    """
     votes = np.zeros((len(points), len(class_codes)), np.int32)
     for view in views:
         labels = view.frames[-1].labels
@@ -97,7 +98,7 @@ def start_codes(points: F32, views: tuple[TrainingView, ...], class_codes: Tenso
 
 
 def class_weights(classes: int, undetected: float) -> Tensor:
-    """float32 [N + 1]: what a pixel of each class weighs in the cross-entropy (FAST-Splat's γ)."""
+    """Returns pixel weights of the cross-entropy (FAST-Splat's γ), float32 [N + 1]."""
     weights = torch.ones(classes)
     weights[UNDETECTED] = undetected
     return weights
@@ -106,9 +107,9 @@ def class_weights(classes: int, undetected: float) -> Tensor:
 def label_loss(
     codes: Tensor, parameters: Mapping[str, Tensor], labels: Tensor, valid: Tensor | None, class_weights: Tensor
 ) -> Tensor:
-    """Weighted cross-entropy over valid pixels: the others get a class of weight 0 that no code can reach."""
+    """Computes the weighted cross-entropy over valid pixels."""
     weight, bias = parameters["weight"], parameters["bias"]
-    if valid is not None:
+    if valid is not None:  # invalid pixels get an extra class of weight 0 that no code can reach
         labels = torch.where(valid, labels.to(torch.int32), len(bias))
         weight = torch.cat([weight, weight.new_zeros(1, weight.shape[1])])
         bias = torch.cat([bias, bias.new_full((1,), -1e30)])
@@ -117,11 +118,9 @@ def label_loss(
 
 
 def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:
-    """Share of at most 2,000 pairs of present labels between whose mean codes a third class wins, 0..1; 0 with fewer
-    than 2.
+    """Share of label pairs between whose mean codes a third class wins, 0..1.
 
-    Args:
-        codes: [G, D]. opacities: [G], weigh the mean. weight: [N + 1, D]. bias: [N + 1].
+    Tests at most 2,000 pairs of present labels; 0 with fewer than 2 labels.
     """
     logits = codes @ weight.T + bias
     label = logits.argmax(dim=1)

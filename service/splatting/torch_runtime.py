@@ -1,4 +1,4 @@
-"""Torch's threads and the C heap while the kernels' own threads are at work."""
+"""Controls torch's threads and the C heap beside the multithreaded kernels."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ import torch
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Runs the block with one torch thread. Several would make sums depend on their number, and slow torch's small
-    loops where other processes compete for the cores; the kernels have threads of their own."""
+    """Runs the block with one torch thread.
+
+    Sums then do not depend on the thread count, and small loops stay fast when other processes compete for cores.
+    """
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -25,7 +27,7 @@ def one_torch_thread() -> Iterator[None]:
 
 
 def release_free_memory() -> None:
-    """Returns free pages of the C heap to the system, which glibc keeps where arrays grew; does nothing elsewhere."""
+    """Returns free C heap pages to the system, which glibc otherwise keeps."""
     trim = _malloc_trim()
     if trim is not None:
         trim(0)

@@ -1,4 +1,4 @@
-"""A capture's images, label maps and masks in memory, as bytes, at the sizes that training uses."""
+"""Loads a capture's images, label maps and masks at the sizes used in training."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth
-from fastsplat.service.capture.formats.image_io import (
-    load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
-)
+from fastsplat.service.capture.formats.image_io import load_rgb  # `capture.build.load_image` imports far more
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.perception.types import Labelling
@@ -25,33 +23,24 @@ from fastsplat_contract.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class Frame:
-    """One view at one size.
-
-    Attributes:
-        camera: intrinsics for this size.
-        rgb: uint8 [H, W, 3].
-        labels: uint8 or int32 [H, W] class per pixel (0 undetected), or None when the scene has no labels.
-        valid: bool [H, W], or None when every pixel has content.
-        depth: float32 [H, W] camera z that a sensor measured, scene units, 0 where unknown; None without.
-    """
+    """A view at one size."""
 
     camera: Camera
-    rgb: Tensor
-    labels: Tensor | None
-    valid: Tensor | None
-    depth: Tensor | None = None
+    rgb: Tensor  # uint8 [H, W, 3]
+    labels: Tensor | None  # uint8 or int32 [H, W], 0 undetected; None without labels
+    valid: Tensor | None  # bool [H, W]; None if every pixel has content
+    depth: Tensor | None = None  # float32 [H, W], sensor camera z, scene units, 0 where unknown
 
     def target(self) -> Tensor:
-        """float32 [H, W, 3], 0..1."""
+        """Returns the image as float32 [H, W, 3], 0..1."""
         return self.rgb.to(torch.float32).mul_(1 / 255)
 
     @property
     def has_content(self) -> bool:
-        """Whether any pixel is valid."""
+        """True if any pixel is valid."""
         return self.valid is None or bool(self.valid.any())
 
     def to(self, device: torch.device) -> Frame:
-        """The same frame with its tensors on `device`."""
         optional = (self.labels, self.valid, self.depth)
         moved = (None if tensor is None else tensor.to(device) for tensor in optional)
         return Frame(self.camera, self.rgb.to(device), *moved)
@@ -59,32 +48,25 @@ class Frame:
 
 @dataclass(frozen=True)
 class TrainingView:
-    """One view at all sizes.
-
-    Attributes:
-        name: the image's name in the capture.
-        viewmat: float32 [4, 4] camera-from-world.
-        position: float32 [3] of the camera, world frame.
-        frames: from the smallest size to the training size.
-        exposure_ev: see `service.capture.types.View`.
-    """
+    """A view at all sizes."""
 
     name: str
-    viewmat: Tensor
-    position: Tensor
-    frames: tuple[Frame, ...]
-    exposure_ev: float | None = None
+    viewmat: Tensor  # [4, 4], camera-from-world
+    position: Tensor  # [3], world frame
+    frames: tuple[Frame, ...]  # from the smallest size to the training size
+    exposure_ev: float | None = None  # see `service.capture.types.View`
 
     def to(self, device: torch.device) -> TrainingView:
-        """The same view with its tensors on `device`."""
         frames = tuple(frame.to(device) for frame in self.frames)
         viewmat, position = self.viewmat.to(device), self.position.to(device)
         return TrainingView(self.name, viewmat, position, frames, self.exposure_ev)
 
 
 def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of (training, held-out) views: of each `every` the middle one is held out, of at least 4 at least one;
-    none when `every` is below 2 or there are fewer than 4 views."""
+    """Splits view indices into training and held-out ones, the middle of each `every`.
+
+    None are held out if `every` is below 2 or there are fewer than 4 views; otherwise at least one is.
+    """
     if every < 2 or count < 4:
         return tuple(range(count)), ()
     every = min(every, count)
@@ -93,8 +75,10 @@ def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...
 
 
 def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of (training, held-out) views: those that the upload itself sets apart for testing are held out; if it
-    names none, as `split_views`. `every` = 0 holds none out."""
+    """Splits view indices into training and held-out ones.
+
+    Holds out the capture's own test views, else those of `split_views`; none for `every` = 0.
+    """
     apart = set(capture.test_names)
     held_out = tuple(index for index, view in enumerate(capture.views) if view.posed.name in apart)
     if not every or not held_out or len(held_out) == len(capture.views):
@@ -105,18 +89,18 @@ def capture_split(capture: Capture, every: int) -> tuple[tuple[int, ...], tuple[
 def load_views(
     capture: Capture, labelling: Labelling, indices: tuple[int, ...], max_side: int, scales: tuple[float, ...]
 ) -> tuple[TrainingView, ...]:
-    """Views `indices` of a capture at each of `scales` (ascending, the last is 1) of the training size, which is the
-    image's own, reduced to `max_side` pixels on the longer side.
+    """Loads views at each of `scales` (ascending to 1) of the training size.
+
+    The training size is the image's own, reduced to `max_side` pixels on the longer side.
 
     Raises:
-        InvalidInputError: an image or label map has another size than its camera.
+        InvalidInputError: an image, mask or label map differs in size from its camera.
     """
     return tuple(_load_view(capture.views[index], _label_map(labelling, index), max_side, scales) for index in indices)
 
 
 def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, ...]:
-    """The views, without the label maps that name nothing: no detector looked at those views, or it detected
-    nothing."""
+    """Drops label maps without labels: no detector saw the view, or found anything."""
     return tuple(
         view
         if view.frames[-1].labels is None or bool(view.frames[-1].labels.any())
@@ -126,7 +110,7 @@ def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, 
 
 
 def training_size(camera: Camera, max_side: int, scale: float = 1.0) -> Camera:
-    """The camera of an image reduced to `max_side` on its longer side, then by `scale`; never enlarged."""
+    """Scales a camera to at most `max_side`, then by `scale`; never enlarges."""
     factor = min(1.0, max_side / max(camera.width, camera.height)) * scale
     if factor == 1.0:
         return camera
@@ -176,7 +160,7 @@ def _frame(
 ) -> Frame:
     size = (camera.width, camera.height)
     if size != (rgb.shape[1], rgb.shape[0]):
-        # Averaging over areas is what a smaller sensor would have seen; labels cannot be averaged.
+        # Area averaging simulates a smaller sensor; labels cannot be averaged.
         rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA))
         labels = None if labels is None else np.asarray(cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST))
         valid = None if valid is None else np.asarray(cv2.resize(valid, size, interpolation=cv2.INTER_AREA))
@@ -191,5 +175,5 @@ def _frame(
 
 
 def smallest_labels(labels: NDArray[np.integer]) -> NDArray[np.uint8 | np.int32]:
-    """A copy in the smallest type that torch can index with."""
+    """Copies labels to the smallest dtype that torch can index with."""
     return labels.astype(np.uint8) if labels.max(initial=0) < 256 else labels.astype(np.int32)

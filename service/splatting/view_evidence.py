@@ -1,5 +1,4 @@
-"""Label evidence without training: each view's label map is projected once, and every Gaussian counts the labels that
-it is seen through."""
+"""Computes label evidence by projecting label maps onto Gaussians, without training."""
 
 from __future__ import annotations
 
@@ -21,30 +20,23 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 
-_PENDING_ENTRIES = 1 << 21
-"""Merging takes about 50 bytes an entry beside the result."""
+_PENDING_ENTRIES = 1 << 21  # merging takes about 50 bytes an entry beside the result
 
 
 def view_evidence(
     gaussians: Gaussians,
     posed: PosedCamera,
-    labels: NDArray[np.integer],
-    classes: int,
+    labels: NDArray[np.integer],  # [H, W], 0..classes − 1
+    classes: int,  # N + 1
     *,
-    valid: NDArray[np.bool_] | None = None,
-    undetected_weight: float = 1.0,
+    valid: NDArray[np.bool_] | None = None,  # bool [H, W]; invalid pixels do not count, not even as undetected
+    undetected_weight: float = 1.0,  # weight of class-0 pixels
     backend: Backend = "cpu",
 ) -> Evidence:
-    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
-
-    Args:
-        labels: int [H, W], 0..classes − 1.
-        classes: N + 1.
-        valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
-        undetected_weight: what a pixel of class 0 counts, in pixels.
+    """Computes a view's evidence Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
 
     Raises:
-        InvalidInputError: a map of another size than the camera's, or with a label that is not below `classes`.
+        InvalidInputError: a map that differs in size from the camera, or a label from `classes` up.
     """
     if valid is not None and valid.shape != labels.shape:
         raise InvalidInputError(f"valid pixels {valid.shape} for labels {labels.shape}", field="valid")
@@ -55,19 +47,13 @@ def view_evidence(
 
 def views_evidence(
     gaussians: Gaussians,
-    views: Sequence[TrainingView],
-    classes: int,
+    views: Sequence[TrainingView],  # without held-out ones
+    classes: int,  # N + 1
     *,
-    undetected_weight: float = 1.0,
+    undetected_weight: float = 1.0,  # weight of class-0 pixels
     backend: Backend = "cpu",
 ) -> Evidence:
-    """The evidence of all views that have a label map, at their training size.
-
-    Args:
-        views: training views; what is held out must not be among them.
-        classes: N + 1.
-        undetected_weight: what a pixel of class 0 counts, in pixels.
-    """
+    """Merges the evidence of all views with label maps, at their training size."""
     splats = splats_of(gaussians, device=device_of(backend))
     parts = [no_evidence(len(gaussians))]
     for view in views:

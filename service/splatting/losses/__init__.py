@@ -1,1 +1,1 @@
-"""Losses on rendered images: L1 with D-SSIM, and weighted cross-entropy of affinely mapped codes."""
+"""Image and label losses of renderings."""

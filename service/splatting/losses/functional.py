@@ -1,5 +1,7 @@
-"""The public losses: arguments are checked once; float32 on the CPU is computed by fused kernels, elsewhere in one pass
-of torch, and other types by torch."""
+"""Public losses: validates arguments, then dispatches by dtype and device.
+
+float32 uses fused C++ kernels on the CPU and one pass of torch elsewhere; other dtypes use plain torch.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +15,25 @@ from fastsplat.service.splatting.losses import one_pass, torch_losses
 from fastsplat_contract.errors import InvalidInputError
 
 _LARGEST = 1e18
-"""Of codes, weights and weights of classes: their products, and sums of these over an image, are finite in float32."""
+"""Limit of codes and weights: products, and their sums over an image, fit float32."""
 _BRIGHTEST = 1e9
-"""Of colors: products of four, which SSIM has, are finite in float32."""
+"""Limit of colors: products of four, as in SSIM, fit float32."""
 
 
 def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None = None) -> Tensor:
-    """(1 − λ)·|image − target| + λ·(1 − SSIM), mean over valid pixels and channels; 0 if none is valid.
+    """Computes (1 − λ)·L1 + λ·(1 − SSIM), mean over valid pixels and channels.
 
-    SSIM uses the 11×11 Gaussian window (σ 1.5), zero padding, C1 = 0.01², C2 = 0.03². The gradient flows to `image`.
-    SSIM also reads pixels that are not valid.
+    SSIM uses an 11×11 Gaussian window (σ 1.5), zero padding, C1 = 0.01², C2 = 0.03², and also reads invalid pixels. The
+    gradient flows to `image`. 0 if no pixel is valid.
 
     Args:
         image: [H, W, 3], 0..1, not empty.
         target: [H, W, 3], 0..1, of the same dtype.
         ssim_weight: λ, 0..1.
-        valid: bool [H, W], or None where every pixel counts.
+        valid: bool [H, W]; None means all.
 
     Raises:
-        InvalidInputError: shapes that do not fit, or colors that are not finite or so large that no loss is.
+        InvalidInputError: shapes do not match, or colors are not finite or so large that the loss is not.
     """
     if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.shape or not image.numel():
         raise InvalidInputError(
@@ -54,18 +56,20 @@ def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor 
 
 
 def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
-    """Σ_p w[label]·CE(codes·Wᵀ + b, label) / Σ_p w[label]; 0 if that sum is 0. Gradients: codes, weight, bias.
+    """Computes Σ_p w[label]·CE(codes·Wᵀ + b, label) / Σ_p w[label], 0 without weight.
+
+    Gradients: codes, weight, bias.
 
     Args:
         codes_image: [H, W, D], not empty.
         weight: [N + 1, D]; row 0 is the undetected class.
         bias: [N + 1].
         labels: integers [H, W], 0..N.
-        class_weights: [N + 1], >= 0; a weight of 0 ignores that class's pixels, whatever their codes.
+        class_weights: [N + 1], >= 0; 0 ignores that class's pixels, whatever their codes.
 
     Raises:
-        InvalidInputError: shapes that do not fit, a label above N, a bias that is not finite, or beyond 1e18 another
-            argument where it counts.
+        InvalidInputError: shapes do not match, a label is above N, the bias is not finite, or another used value is
+            beyond 1e18.
     """
     fits = (
         codes_image.ndim == 3
@@ -90,7 +94,7 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
         from fastsplat.service.splatting.losses import fused
 
         if codes_image.shape[2] <= fused.MAX_CODE_SIZE:
-            # A slice of an image's channels is read in place: one stride from pixel to pixel is all the kernel needs.
+            # The kernel reads channel slices in place if the pixel stride is uniform.
             even = codes_image.stride(2) == 1 and codes_image.stride(0) == codes_image.shape[1] * codes_image.stride(1)
             way = fused.SemanticLoss
             codes_image = codes_image if even and codes_image.shape[2] > 1 else codes_image.contiguous()
@@ -100,9 +104,9 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
 
 
 def _counted_codes(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
-    """The codes, checked with all else; where one that does not count is beyond the limit, all such are 0."""
+    """Validates all arguments; returns codes with out-of-range ones of weight 0 zeroed."""
     parts = (codes, labels, weight, bias, class_weights)
-    # In one transfer, because each waits for the GPU.
+    # One transfer, because each waits for the GPU.
     bounds = torch.stack([bound.double() for part in parts for bound in part.detach().aminmax()]).tolist()
     largest = [max(-least, most) for least, most in zip(bounds[::2], bounds[1::2], strict=True)]
     if bounds[2] < 0 or bounds[3] >= len(bias):

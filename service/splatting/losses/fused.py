@@ -1,4 +1,7 @@
-"""Fused losses of the C++ extension: value and gradient in one pass, nothing of size H×W×N ever built."""
+"""Fused C++ losses: value and gradient in one pass, without H×W×N temporaries.
+
+Inputs are float32 and contiguous; `codes` and `squared` may have any pixel stride.
+"""
 
 from __future__ import annotations
 
@@ -11,15 +14,14 @@ from fastsplat.service.splatting.losses.one_pass import StoredGradients
 from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 
 MAX_CODE_SIZE: int = kernels.MAX_CODE_SIZE
-"""Numbers of a code that `SemanticLoss` takes."""
+"""Largest code dimension that `SemanticLoss` supports."""
 
 
 class ImageLoss(StoredGradients):
-    """(image, target, ssim_weight, valid | None) -> scalar; all float32 and contiguous."""
+    """(image, target, ssim_weight, valid | None) -> scalar."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        """Computes the gradient along with the value."""
         image, target, ssim_weight, valid = inputs
         grad = torch.empty_like(image) if ctx.needs_input_grad[0] else None
         options = kernel_options()
@@ -38,11 +40,10 @@ class ImageLoss(StoredGradients):
 
 
 class SemanticLoss(StoredGradients):
-    """(codes [P, D] any pixel stride, weight, bias, labels int32 [P], class_weights) -> scalar; float32."""
+    """(codes [P, D], weight, bias, labels int32 [P], class_weights) -> scalar."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        """Computes all gradients along with the value."""
         codes, weight, bias, labels, class_weights = (part.detach() for part in inputs)
         d_codes = torch.empty(codes.shape)
         d_weight, d_bias = torch.empty_like(weight), torch.empty_like(bias)
@@ -64,12 +65,10 @@ class SemanticLoss(StoredGradients):
 
 
 class SurfaceLoss(StoredGradients):
-    """(alpha, depth, squared, target, valid | None, alpha_min, step, spread weight, smoothness weight) -> scalar;
-    all float32, `squared` with any pixel stride, the others contiguous."""
+    """(alpha, depth, squared, target, valid | None, alpha_min, step, weights of spread, smoothness) -> scalar."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        """Computes all gradients along with the value."""
         alpha, depth, squared, target, valid, alpha_min, step, spread_weight, smoothness_weight = inputs
         gradients = [torch.empty(alpha.shape) for _ in range(3)]
         options = kernel_options()

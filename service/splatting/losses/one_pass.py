@@ -1,4 +1,4 @@
-"""The losses in float32 on any device, value and gradients in one pass of torch: what a GPU runs."""
+"""float32 losses for any device: value and gradients in one torch pass, for GPUs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LOGITS = 1 << 24
 
 
 class StoredGradients(torch.autograd.Function):
-    """A scalar whose `forward` saves the gradients of its first inputs; the others have none."""
+    """A scalar whose `forward` saves the gradients of its first inputs."""
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -28,7 +28,7 @@ class ImageLoss(StoredGradients):
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        """With d SSIM = blur(∂μ) + 2x·blur(∂σ²) + y·blur(∂σxy), the window being even; `torch_losses` has the terms."""
+        """With d SSIM = blur(∂μ) + 2x·blur(∂σ²) + y·blur(∂σxy), as the window is even."""
         image, target, ssim_weight, valid = inputs
         x, y = (part.detach().permute(2, 0, 1)[:, None] for part in (image, target))
         share: Tensor | float = 1.0 / max(x.numel(), 1)
@@ -55,11 +55,11 @@ class ImageLoss(StoredGradients):
 
 
 class SemanticLoss(StoredGradients):
-    """(codes [P, D], weight, bias, labels int [P], class_weights) -> scalar; one float dtype, one device."""
+    """(codes [P, D], weight, bias, labels int [P], class_weights) -> scalar; one dtype, one device."""
 
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
-        """Computes all gradients along with the value: softmax − one-hot, weighted."""
+        """The gradient of the logits is softmax − one-hot, weighted."""
         codes, weight, bias, labels, class_weights = (part.detach() for part in inputs)
         labels = labels.long()
         pixel_weights = class_weights.to(codes.dtype)[labels]

@@ -1,4 +1,4 @@
-"""Plain torch twins of the fused losses; any float dtype, autograd."""
+"""Autograd versions of the fused losses for any float dtype."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ LOGIT_LIMIT = 1e30
 _CPU = torch.device("cpu")
 
 
-@cache  # made anew for each step, it would be sent to the GPU each time
+@cache  # avoids a transfer to the GPU in each step
 def window(dtype: torch.dtype, device: torch.device = _CPU) -> Tensor:
-    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1. Not to be changed in place."""
+    """SSIM window (Wang et al. 2004), [11]: σ = 1.5 pixels, sum 1. Read-only."""
     offsets = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
     weights = torch.exp(-0.5 * (offsets / SIGMA) ** 2)
     return (weights / weights.sum()).to(device, dtype)
 
 
 def blur(image: Tensor) -> Tensor:
-    """Separable window with zero padding, [B, 1, H, W] in and out; both ways along rows, which a GPU convolves
-    faster."""
+    """Blurs [B, 1, H, W] by the separable window with zero padding."""
+    # Both passes run along rows, which a GPU convolves faster.
     taps = window(image.dtype, image.device).reshape(1, 1, 1, -1)
     for _ in range(2):
         image = torch.nn.functional.conv2d(image, taps, padding=(0, WINDOW // 2)).transpose(2, 3).contiguous()
@@ -33,7 +33,7 @@ def blur(image: Tensor) -> Tensor:
 
 
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
-    """[H, W, 3]: structural similarity of each pixel and channel (Wang et al. 2004, equation 13)."""
+    """Structural similarity per pixel and channel, [H, W, 3] (Wang et al. 2004, equation 13)."""
     x, y = image.permute(2, 0, 1)[:, None], target.permute(2, 0, 1)[:, None]
     mu_x, mu_y, square_x, square_y, product = blur(torch.cat((x, y, x * x, y * y, x * y))).chunk(5)
     var_x, var_y, cov = square_x - mu_x**2, square_y - mu_y**2, product - mu_x * mu_y
@@ -43,7 +43,6 @@ def ssim_map(image: Tensor, target: Tensor) -> Tensor:
 
 
 def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor | None) -> Tensor:
-    """See `service.splatting.losses.image_loss`."""
     loss = (1.0 - ssim_weight) * (image - target).abs() + ssim_weight * (1.0 - ssim_map(image, target))
     if valid is None:
         return loss.mean()
@@ -52,9 +51,8 @@ def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor 
 
 
 def semantic_loss(codes: Tensor, weight: Tensor, bias: Tensor, labels: Tensor, class_weights: Tensor) -> Tensor:
-    """See `service.splatting.losses.semantic_loss`."""
     logits = codes.reshape(-1, codes.shape[-1]) @ weight.T + bias
-    # Beyond 1e30 a logit is held there, so that differences and sums over an image stay finite in float32.
+    # Clamped to ±1e30, so that differences and sums over an image stay finite in float32.
     fixed = logits.detach()
     shifted = fixed.clamp(-LOGIT_LIMIT, LOGIT_LIMIT) + torch.where(torch.isfinite(fixed), logits - fixed, 0.0)
     top = shifted.detach().amax(dim=1, keepdim=True)

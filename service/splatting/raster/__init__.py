@@ -1,1 +1,1 @@
-"""Project, composite, differentiate, label: one interface, three backends."""
+"""Gaussian rasterization behind one interface with three backends."""

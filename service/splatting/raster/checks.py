@@ -1,4 +1,4 @@
-"""What every operation asks of its arguments, errors that backends share, and the module behind a backend's name."""
+"""Argument checks and errors shared by the backends, and backend selection."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _MAX_SIDE = 16384
 
 
 def backend_module(backend: str) -> Any:
-    """The module that implements the operations; imported here, so that a missing one hurts only its users.
+    """Imports a backend's module lazily, so that a missing one affects only its users.
 
     Raises:
-        InvalidInputError: no such backend.
+        InvalidInputError: unknown backend.
         ModelUnavailableError: `cpu` without the compiled extension.
     """
     if backend not in ("reference", "cpu", "cuda"):
@@ -29,10 +29,10 @@ def backend_module(backend: str) -> Any:
 
 
 def device_of(backend: Backend) -> torch.device:
-    """Where a backend's tensors must be.
+    """Returns the device of a backend's tensors.
 
     Raises:
-        InvalidInputError: no such backend.
+        InvalidInputError: unknown backend.
         ModelUnavailableError: `cuda` without a GPU or gsplat, `cpu` without the compiled extension.
     """
     module = backend_module(backend)
@@ -43,13 +43,13 @@ def device_of(backend: Backend) -> torch.device:
 
 
 def finite_rows(splats: Splats) -> Tensor:
-    """bool [G]: no input of the row is NaN or infinite."""
+    """Marks Gaussians whose inputs are all finite, bool [G]."""
     parts = (splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.features)
     return torch.stack([torch.isfinite(part.detach()).all(dim=1) for part in parts]).all(dim=0)
 
 
 def isect_limit_error(max_isects: int) -> ResourceError:
-    """What every backend raises when a view needs more Gaussian-tile intersections than its settings allow."""
+    """Error for a view with more Gaussian-tile intersections than the settings allow."""
     return ResourceError(
         f"this view needs more than {max_isects} Gaussian-tile intersections (max_isects)",
         field="max_isects",
@@ -59,7 +59,7 @@ def isect_limit_error(max_isects: int) -> ResourceError:
 
 
 def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings) -> None:
-    """Raises InvalidInputError for shapes or cut-offs that do not fit, a non-finite viewmat, or too large an image."""
+    """Raises InvalidInputError for invalid shapes, cut-offs or viewmats, and too large images."""
     count = splats.means.shape[0] if splats.means.ndim else -1
     shapes = {"means": (count, 3), "quats": (count, 4), "scales": (count, 3), "opacities": (count,)}
     for name, shape in shapes.items():

@@ -1,4 +1,4 @@
-"""Labels from renderings in plain torch: `reference` computes them in float64, `cuda` on the GPU."""
+"""Classifies rendered codes in plain torch, where no C++ kernel does."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _LABELS = 16
 def label_map(
     rendering: Rendering, weight: Tensor, bias: Tensor, alpha_min: float, relevancy: Tensor | None
 ) -> LabelMap:
-    """The label map of a rendering whose last D channels are composited codes; dtype and device are its own."""
+    """Classifies a rendering whose last D channels are codes, in its dtype."""
     height, width, channels = rendering.image.shape
     first = channels - weight.shape[1]
     codes = rendering.image[..., first:].reshape(height * width, -1)
@@ -28,7 +28,7 @@ def label_map(
     columns = max(1, _CHUNK // len(bias))
     for start in range(0, len(codes), columns):
         piece = slice(start, start + columns)
-        # Classes down, pixels across: reductions over the few classes then run along whole cache lines.
+        # Classes as rows: reductions over the few classes then run along whole cache lines.
         logits = torch.addmm(bias[:, None], weight, codes[piece].T)
         logits = logits.nan_to_num(-LOGIT_LIMIT).clamp(-LOGIT_LIMIT, LOGIT_LIMIT)
         best, winner = logits.max(dim=0)
@@ -47,7 +47,7 @@ def label_map(
 
 
 def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Rendering]]:
-    """The rendering in bands of rows with at most `max_values` numbers of the image each, at least one row."""
+    """Splits a rendering into row bands of at most `max_values` image values each."""
     height, width, channels = rendering.image.shape
     rows = max(1, max_values // max(1, width * channels))
     for start in range(0, height, rows):
@@ -65,7 +65,7 @@ def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Render
 
 
 def joined(maps: Sequence[LabelMap]) -> LabelMap:
-    """One label map of several, one below the other."""
+    """Concatenates label maps vertically."""
     relevancies = [part.relevancy for part in maps if part.relevancy is not None]
     return LabelMap(
         classes=torch.cat([part.classes for part in maps]),
@@ -77,7 +77,7 @@ def joined(maps: Sequence[LabelMap]) -> LabelMap:
 
 
 def label_sums(labels: Tensor, gaussians: int, accumulate: Callable[[Tensor], Tensor]) -> LabelSums:
-    """From `accumulate`: one-hot values [H, W, V] -> [G, V]; called for a few of the labels that occur at a time."""
+    """Sums weights per label with `accumulate` ([H, W, V] -> [G, V]) in small batches."""
     present = torch.unique(labels)
     present = present[present >= 0]
     rows, columns, values = [], [], []

@@ -1,6 +1,6 @@
-"""The C++ backend: torch.autograd around kernels that read and write torch's memory in place.
+"""C++ backend: torch.autograd around kernels that access torch memory in place.
 
-Threads and instruction set: see `service.splatting.raster.kernels`. A view keeps those that it was prepared with.
+A view keeps the thread count and instruction set it was prepared with (`service.splatting.raster.kernels`).
 """
 
 from __future__ import annotations
@@ -24,21 +24,20 @@ from fastsplat_contract.errors import CancelledError, InvalidInputError
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_BAND_VALUES = 16 << 20
-"""Numbers of an image that exists only to be classified."""
+_BAND_VALUES = 16 << 20  # image values held at once for classification
 
 
 def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
-    """See `service.splatting.raster.rasterize`. Computes in float32 (doubles once per Gaussian)."""
+    """Implements `rendering.rasterize` in float32 (doubles once per Gaussian)."""
     return rasterize_with_context(splats, viewmat, camera, background, settings)[0]
 
 
 def rasterize_with_context(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> tuple[Rendering, kernels.RenderContext]:
-    """As `rasterize`, and the kernels' own record of the call: visible, isects, milliseconds of each stage."""
+    """Also returns the kernels' record: visible, isects, milliseconds per stage."""
     dtype = splats.means.dtype
     parts = [_float32(part) for part in _parts(splats)]
     back = torch.zeros(parts[4].shape[1]) if background is None else _float32(background)
@@ -53,7 +52,7 @@ def rasterize_with_context(
 def rasterize_bands(
     splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
 ) -> Iterator[tuple[slice, Rendering]]:
-    """See `service.splatting.raster.rasterize_bands`; at least one row of tiles each."""
+    """Implements `rendering.rasterize_bands` with at least one row of tiles per band."""
     dtype = splats.means.dtype
     parts = [_float32(part.detach()) for part in _parts(splats)]
     context, radii = _prepare(parts, viewmat, camera, settings)
@@ -69,7 +68,6 @@ def rasterize_bands(
 def accumulate_weights(
     splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
 ) -> Tensor:
-    """See `service.splatting.raster.accumulate_weights`."""
     parts = [_float32(part.detach()) for part in _parts(splats)]
     context, _ = _prepare(parts, viewmat, camera, settings)
     sums = torch.zeros(len(parts[0]), values.shape[-1])
@@ -88,7 +86,6 @@ def label_map(
     relevancy: Tensor | None,
     settings: RasterSettings,
 ) -> LabelMap:
-    """See `service.splatting.raster.label_map`."""
     channels, size = splats.features.shape[1], weight.shape[1]
     if channels > kernels.MAX_GROUP:
         bands = rasterize_bands(splats, viewmat, camera, _BAND_VALUES, settings)
@@ -124,7 +121,6 @@ def share_map(
     alpha_min: float,
     settings: RasterSettings,
 ) -> LabelMap:
-    """See `service.splatting.raster.ShareMaps`."""
     parts = [_float32(part.detach()) for part in _parts(splats)]
     context, _ = _prepare(parts, viewmat, camera, settings)
     shape = (camera.height, camera.width)
@@ -137,7 +133,6 @@ def share_map(
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    """See `service.splatting.raster.label_sums`."""
     parts = [_float32(part.detach()) for part in _parts(splats)]
     if labels.device.type != "cpu":
         raise InvalidInputError(f"the cpu backend got labels on {labels.device}", field="labels")
@@ -154,7 +149,7 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
-    """See `service.splatting.raster.sh_to_rgb`; what is not float32, or needs a gradient of the camera, by torch."""
+    """Implements `rendering.sh_to_rgb`, by torch for other dtypes or camera gradients."""
     if means.dtype != torch.float32 or sh.dtype != torch.float32 or camera_position.requires_grad:
         return harmonics.sh_to_rgb(means, sh, camera_position, degree)
     rgb: Tensor = _SphericalHarmonics.apply(_float32(means), _float32(sh), _float32(camera_position.detach()), degree)  # type: ignore[no-untyped-call]
@@ -206,7 +201,7 @@ def _prepare(
 def _composite(
     context: kernels.RenderContext, background: Tensor, rows: slice, width: int, settings: RasterSettings
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """image, alpha, depth and median depth of these rows."""
+    """Renders image, alpha, depth and median depth of these rows."""
     shape = (rows.stop - rows.start, width)
     image = torch.empty(*shape, len(background))
     alpha, depth, median = torch.empty(shape), torch.empty(shape), torch.empty(shape)
@@ -222,7 +217,7 @@ def _composite(
 
 
 def _call(kernel: Callable[P, T], settings: RasterSettings) -> Callable[P, T]:
-    """The kernel with its errors as those of the tree."""
+    """Wraps a kernel to raise errors of the contract."""
 
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
@@ -230,7 +225,7 @@ def _call(kernel: Callable[P, T], settings: RasterSettings) -> Callable[P, T]:
         except kernels.TooManyIsectsError:
             raise isect_limit_error(settings.max_isects) from None
         except kernels.CallCancelledError:
-            check_cancelled()  # says why
+            check_cancelled()  # raises the specific reason
             raise CancelledError("the rendering was cancelled") from None
 
     return call

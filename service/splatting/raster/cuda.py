@@ -1,8 +1,8 @@
-"""gsplat 1.5.3 behind the same interface, for NVIDIA GPUs.
+"""gsplat 1.5.3 backend for NVIDIA GPUs.
 
-gsplat fixes alpha_min 1/255 and transmittance_min 1e-4 (other values are refused), an alpha clamp of 0.999, a radius of
-at most 3.33 standard deviations, and float32 covariances, which lose needles. The median depth is composited here,
-where no gradient is taken.
+gsplat fixes alpha_min 1/255 and transmittance_min 1e-4 (other values are rejected), an alpha clamp of 0.999, a radius
+of at most 3.33 standard deviations, and float32 covariances, which lose needles. The median depth is computed here, if
+gradients are off.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _TRANSMITTANCE_MIN = 1e-4
 def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
-    """See `service.splatting.raster.rasterize`; the tensors must be on one CUDA device."""
+    """Implements `rendering.rasterize` on one CUDA device."""
     return _rasterize(splats, viewmat, camera, background, settings, median=not torch.is_grad_enabled())
 
 
@@ -87,13 +87,13 @@ def _rasterize(
 def rasterize_bands(
     splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
 ) -> Iterator[tuple[slice, Rendering]]:
-    """See `service.splatting.raster.rasterize_bands`: parts of one whole image, which gsplat cannot draw in bands."""
+    """Implements `rendering.rasterize_bands` by splitting a whole image; gsplat cannot render bands."""
     yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
-    """See `service.splatting.raster.sh_to_rgb`: by gsplat's kernel, a few starts of kernels in place of a hundred."""
-    # Far below what tells directions apart: a Gaussian at the camera, which is never drawn, has one all the same.
+    """Implements `rendering.sh_to_rgb` by gsplat's kernel: few launches instead of a hundred."""
+    # Negligible offset that gives Gaussians at the camera, which are never drawn, a direction.
     directions = means - camera_position + 1e-12
     values: Tensor = gsplat_module().spherical_harmonics(degree, directions, sh[:, : (degree + 1) ** 2])
     return (values + 0.5).clamp_min(0.0)
@@ -102,9 +102,9 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -
 def accumulate_weights(
     splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
 ) -> Tensor:
-    """See `service.splatting.raster.accumulate_weights`: the gradient of Σ image·value by the features."""
+    """Computes the gradient of Σ image·value with respect to the features."""
     features = torch.zeros(len(splats.means), values.shape[2], device=splats.means.device, requires_grad=True)
-    # A row that is not finite must not be drawn, though the features that say so are not.
+    # Rows with non-finite features must be culled, although these features are not rendered.
     means = torch.where(finite_rows(splats)[:, None], splats.means.detach(), float("nan"))
     plain = Splats(means, splats.quats.detach(), splats.scales.detach(), splats.opacities.detach(), features)
     with torch.enable_grad():
@@ -123,13 +123,13 @@ def label_map(
     relevancy: Tensor | None,
     settings: RasterSettings,
 ) -> LabelMap:
-    """See `service.splatting.raster.label_map`: rasterized, then classified by torch in pieces."""
+    """Rasterizes, then classifies in chunks by torch."""
     drawn = _rasterize(splats, viewmat, camera, None, settings, median=False)
     return classify.label_map(drawn, weight, bias, alpha_min, relevancy)
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    """See `service.splatting.raster.label_sums`: `accumulate_weights` of a few labels at a time."""
+    """Applies `accumulate_weights` to a few labels at a time."""
     labels = labels.to(splats.means.device)
     return classify.label_sums(
         labels, len(splats.means), lambda values: accumulate_weights(splats, viewmat, camera, values, settings)
@@ -137,7 +137,7 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
 
 
 def gsplat_module() -> Any:
-    """gsplat.
+    """Imports gsplat.
 
     Raises:
         ModelUnavailableError: no GPU, gsplat is not installed, or its kernels could not be built.
@@ -164,10 +164,10 @@ def gsplat_module() -> Any:
 
 @cache
 def _has_kernels() -> bool:
-    """Whether gsplat's kernels are there; the first time on a machine they are built, for minutes."""
+    """Builds gsplat's kernels on first use, which takes minutes."""
     try:
         from gsplat.cuda._backend import _C
-    except Exception:  # whatever torch's build of extensions raises: RuntimeError, CalledProcessError, OSError
+    except Exception:  # torch's extension build raises RuntimeError, CalledProcessError, OSError, ...
         logger.exception("gsplat's kernels could not be built")
         return False
     return _C is not None
@@ -185,21 +185,23 @@ def _check(splats: Splats, settings: RasterSettings) -> None:
 
 
 def _usable(splats: Splats) -> tuple[Tensor | None, int]:
-    """Rows that gsplat may see, None for all, and how many of the others are not finite. One number says whether all
-    rows are usable, since taking rows out costs more than drawing; only where it says no, every row is looked at."""
+    """Returns usable rows (None for all) and the number of non-finite ones.
+
+    A single norm tests all rows first, since indexing rows costs more than rendering them.
+    """
     lengths = torch.linalg.vector_norm(splats.quats.detach(), ord=torch.inf, dim=1)
     if len(lengths):
         norm = get_total_norm([getattr(splats, name).detach() for name in _PARTS])
-        if bool(lengths.amin() > 0 * norm):  # 0 times what is not finite is NaN, and nothing is above that
+        if bool(lengths.amin() > 0 * norm):  # 0 times a non-finite norm is NaN, which fails the comparison
             return None, 0
     finite = finite_rows(splats)
     return torch.nonzero(finite & (lengths > 0))[:, 0], int((~finite).sum())
 
 
 def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite: int, *, median: bool) -> Rendering:
-    """A view of nothing: gsplat's kernels do not start for 0 Gaussians."""
+    """Renders zero Gaussians, for which gsplat's kernels do not start."""
     count, channels = splats.features.shape
-    # Sums over no rows, so that gradients are zeros and not missing.
+    # Sums over no rows make gradients zero instead of missing.
     none = splats.means[:0].sum() + splats.features[:0].sum()
     zero = none.float().expand(camera.height, camera.width)
     image = zero[..., None].expand(-1, -1, channels)
@@ -213,7 +215,7 @@ def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite
     )
 
 
-@lru_cache(maxsize=1024)  # made anew for each step, it would be sent to the GPU each time
+@lru_cache(maxsize=1024)  # avoids a transfer to the GPU in each step
 def _intrinsics(camera: Camera, device: torch.device) -> Tensor:
     rows = ((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0))
     return torch.tensor(rows, dtype=torch.float32, device=device)

@@ -1,4 +1,4 @@
-"""Real spherical harmonics up to degree 3 in the sign convention of 3D Gaussian splatting (plain torch twin)."""
+"""Real spherical harmonics up to degree 3 in 3DGS sign convention (plain torch)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from torch import Tensor
 
 from fastsplat.service.scene.types import SH_C0
 
-# Constants of the real harmonics above SH_C0; Sloan, "Efficient spherical harmonic evaluation", JCGT 2013.
+# Sloan, "Efficient spherical harmonic evaluation", JCGT 2013.
 _C1 = 0.4886025119029199
 _C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)
 _C3 = (0.5900435899266435, 2.890611442640554, 0.4570457994644658, 0.3731763325901154, 1.445305721320277)
 
 
 def basis(directions: Tensor, degree: int) -> Tensor:
-    """Y_k of unit `directions` [G, 3] for k < (degree + 1)²: [G, K]."""
+    """Evaluates Y_k at unit directions [G, 3] for k < (degree + 1)², [G, K]."""
     x, y, z = directions.unbind(dim=1)
     columns = [torch.full_like(x, SH_C0)]
     if degree >= 1:
@@ -41,7 +41,7 @@ def basis(directions: Tensor, degree: int) -> Tensor:
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
-    """max(0, 0.5 + Σ_k Y_k(d) sh_k), d = normalize(means − camera_position); a zero offset has d = 0."""
+    """Computes max(0, 0.5 + Σ_k Y_k(d) sh_k), d = normalize(means − camera_position) or 0."""
     directions = torch.nn.functional.normalize(means - camera_position, dim=1, eps=1e-20)
     count = (degree + 1) ** 2
     return (torch.einsum("gk,gkc->gc", basis(directions, degree), sh[:, :count]) + 0.5).clamp_min(0.0)

@@ -1,8 +1,7 @@
-"""The compiled kernels, and how they run in this process: number of threads and instruction set.
+"""Compiled kernels and their run options: thread count and instruction set.
 
-Two environment variables are read at first use: FASTSPLAT_RASTER_THREADS, 1 to 256 (default: the CPUs that the process
-may use, 64 at most), and FASTSPLAT_RASTER_ISA, avx512, avx2 or baseline (default: the best of this machine). Results do
-not depend on them.
+Read at first use from FASTSPLAT_RASTER_THREADS, 1 to 256 (default: the CPUs available to the process, at most 64), and
+FASTSPLAT_RASTER_ISA, avx512, avx2 or baseline (default: the best supported). Results do not depend on them.
 """
 
 from __future__ import annotations
@@ -19,13 +18,13 @@ from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 try:
     from fastsplat.service.splatting.raster import _cpu
-except ImportError as error:  # in a checkout that was not built
+except ImportError as error:  # a checkout without a build
     raise ModelUnavailableError(
         "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
     ) from error
 
 kernels = _cpu
-"""The compiled module, for rasterizer, losses and optimizer."""
+"""Compiled module with rasterizer, losses and optimizer."""
 
 kernels.set_cancellation_check(check_cancelled)
 
@@ -35,18 +34,14 @@ _MAX_THREADS, _MAX_DEFAULT_THREADS = 256, 64
 
 @dataclass(frozen=True)
 class KernelOptions:
-    """How kernels run.
-
-    Attributes:
-        threads: 1..256, of each call.
-        isa: one of `instruction_sets()`.
+    """Run options of kernels.
 
     Raises:
-        InvalidInputError: a number of threads outside 1..256, or an instruction set that this machine cannot run.
+        InvalidInputError: thread count outside 1..256, or unsupported instruction set.
     """
 
-    threads: int
-    isa: str
+    threads: int  # 1..256, per call
+    isa: str  # one of `instruction_sets()`
 
     def __post_init__(self) -> None:
         if not 1 <= self.threads <= _MAX_THREADS:
@@ -60,16 +55,12 @@ class KernelOptions:
 
 
 def instruction_sets() -> tuple[str, ...]:
-    """What this machine can run, best first."""
+    """Lists the instruction sets this machine supports, best first."""
     return tuple(kernels.available_isas())
 
 
 def options_from(environment: Mapping[str, str]) -> KernelOptions:
-    """What environment variables ask for, defaults where they are unset or empty.
-
-    Raises:
-        InvalidInputError: see `KernelOptions`, or threads that are no number.
-    """
+    """Reads options from environment variables; raises as `KernelOptions`."""
     threads, isa = environment.get(_THREADS, ""), environment.get(_ISA, "")
     if threads and not threads.isdecimal():
         raise InvalidInputError(f"{_THREADS}={threads!r}", field=_THREADS, limit=f"1..{_MAX_THREADS} threads")
@@ -78,17 +69,13 @@ def options_from(environment: Mapping[str, str]) -> KernelOptions:
 
 
 def kernel_options() -> KernelOptions:
-    """What the next call runs with: the innermost `running_with`, or what the process was started with.
-
-    Raises:
-        InvalidInputError: see `options_from`.
-    """
+    """Returns the options of the innermost `running_with`, or the process's."""
     return _override.get() or _process_options()
 
 
 @contextmanager
 def running_with(*, threads: int | None = None, isa: str | None = None) -> Iterator[None]:
-    """Runs the calls inside, of this thread, with other options; for measurements and tests."""
+    """Overrides options for this thread, for measurements and tests."""
     outer = kernel_options()
     options = KernelOptions(outer.threads if threads is None else threads, outer.isa if isa is None else isa)
     token = _override.set(options)

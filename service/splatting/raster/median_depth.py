@@ -1,4 +1,4 @@
-"""The depth where half of the light is gone, of what gsplat projected and cut into tiles; its kernels report none."""
+"""Median depth from gsplat's projection and tiles; its kernels compute none."""
 
 from __future__ import annotations
 
@@ -9,24 +9,21 @@ import torch
 from torch import Tensor
 
 _AT_ONCE = 32
-"""Gaussians of a tile that are looked at together: most pixels have lost half of their light within as many."""
-_MOST_VALUES = 2**24
-"""Bound on pixels times Gaussians at once: 64 MiB for each of the few numbers that are kept of them."""
+"""Gaussians of a tile processed together; most pixels reach the median within these."""
+_MOST_VALUES = 2**24  # pixels times Gaussians at once: 64 MiB per temporary
 
 
 @torch.no_grad()
 def median_depth(meta: Mapping[str, Any], height: int, width: int, *, alpha_min: float, alpha_max: float) -> Tensor:
-    """Camera z of the Gaussian where transmittance first falls to 0.5 or below, else 0: float32 [height, width].
+    """Returns camera z where transmittance first falls to 0.5 or below, else 0, [height, width].
 
-    Composited front to back in the order of gsplat's list of tiles, by the rules of its kernel: see
-    `service.splatting.raster.types`. Where the kernel ends a pixel, half of its light is gone already.
+    Composites front to back in the order of gsplat's tile lists, by its kernel's rules
+    (`service.splatting.raster.types`). A pixel where the kernel stops early has passed the median already.
 
     Args:
-        meta: what `gsplat.rasterization` tells of one view with `packed=False`: means2d [1, G, 2] in pixels, conics
-            [1, G, 3], opacities and depths [1, G], isect_offsets [1, tile rows, tile columns], flatten_ids [M],
-            tile_size in pixels.
-        height, width: of the image, pixels.
-        alpha_max: alpha is clamped to this.
+        meta: of `gsplat.rasterization` for one view with `packed=False`: means2d [1, G, 2] in pixels, conics [1, G, 3],
+            opacities and depths [1, G], isect_offsets [1, tile rows, tile columns], flatten_ids [M], tile_size in
+            pixels.
     """
     starts, ids, side = meta["isect_offsets"][0], meta["flatten_ids"].long(), int(meta["tile_size"])
     rows, columns = starts.shape
@@ -49,7 +46,7 @@ def _of_tiles(
     alpha_min: float,
     alpha_max: float,
 ) -> Tensor:
-    """[T, side²] median depths of these tiles, 0 where half of the light is never lost."""
+    """Median depths of these tiles, [T, side²]; 0 where transmittance stays above 0.5."""
     side, device = int(meta["tile_size"]), tiles.device
     means2d, conics, opacities, depths = meta["means2d"][0], meta["conics"][0], meta["opacities"][0], meta["depths"][0]
     pixels = torch.arange(side * side, device=device)
@@ -72,7 +69,7 @@ def _of_tiles(
         drawn = within[:, None] & (sigma >= 0) & (alpha >= alpha_min)
         after = left[going, :, None] * torch.cumprod(1.0 - torch.where(drawn, alpha, 0.0), dim=2)
         half = after <= 0.5
-        where = half.int().argmax(dim=2)  # the first, as argmax gives the first of equals
+        where = half.int().argmax(dim=2)  # argmax returns the first of equals
         newly = half.any(dim=2) & (left[going] > 0.5)
         found[going] = torch.where(newly, depths[rows].gather(1, where), found[going])
         left[going] = after[:, :, -1]

@@ -1,4 +1,4 @@
-"""The oracle for tests: plain torch in float64, autograd, one dense Gaussian × pixel matrix.
+"""Test oracle: float64 torch with autograd on a dense Gaussian × pixel matrix.
 
 Sources: EWA splatting (Zwicker et al. 2001), 3DGS (Kerbl et al. 2023, section 4), gsplat's supplement (Ye & Kanazawa
 2023).
@@ -25,11 +25,11 @@ _MAX_RADIUS = 2.0**30
 
 @dataclass(frozen=True)
 class _Projected:
-    """V visible Gaussians, nearest first: ids into the input, whitening Lᵀ of the 2D covariance, and what to blend."""
+    """V visible Gaussians, nearest first."""
 
-    ids: Tensor
+    ids: Tensor  # rows of the input
     centers: Tensor
-    whiten: Tensor
+    whiten: Tensor  # Lᵀ of the 2D covariance's inverse
     depths: Tensor
     opacities: Tensor
     features: Tensor
@@ -38,7 +38,7 @@ class _Projected:
 def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
-    """See `service.splatting.raster.rasterize`. Computes in float64 whatever comes in; differentiates `viewmat` too."""
+    """Implements `rendering.rasterize` in float64 for any input dtype."""
     dtype = splats.means.dtype
     finite = finite_rows(splats)
     projected, radii = _project(splats, viewmat, camera, settings, finite)
@@ -67,14 +67,13 @@ def rasterize(
 def rasterize_bands(
     splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
 ) -> Iterator[tuple[slice, Rendering]]:
-    """See `service.splatting.raster.rasterize_bands`: parts of one whole image."""
+    """Implements `rendering.rasterize_bands` by splitting a whole image."""
     yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
 
 
 def accumulate_weights(
     splats: Splats, viewmat: Tensor, camera: Camera, values: Tensor, settings: RasterSettings
 ) -> Tensor:
-    """See `service.splatting.raster.accumulate_weights`."""
     with torch.no_grad():
         projected, _ = _project(splats, viewmat, camera, settings, finite_rows(splats))
         flat = values.reshape(-1, values.shape[-1]).double()
@@ -99,7 +98,6 @@ def label_map(
     relevancy: Tensor | None,
     settings: RasterSettings,
 ) -> LabelMap:
-    """See `service.splatting.raster.label_map`."""
     parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
     rendering = rasterize(Splats(*(part.double() for part in parts)), viewmat, camera, None, settings)
     labels = classify.label_map(rendering, weight, bias, alpha_min, relevancy)
@@ -109,7 +107,6 @@ def label_map(
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    """See `service.splatting.raster.label_sums`."""
     parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
     exact = Splats(*(part.double() for part in parts))
     return classify.label_sums(
@@ -120,7 +117,7 @@ def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, 
 def _project(
     splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings, finite: Tensor
 ) -> tuple[_Projected, Tensor]:
-    """Cull, project, sort by depth. Culled rows are left out before any arithmetic, so nothing of theirs can spread."""
+    """Culls, projects and sorts by depth; culled rows take no part in arithmetic."""
     with torch.no_grad():
         usable = finite & (splats.quats.abs().amax(dim=1) > 0) & (splats.opacities >= settings.alpha_min)
         z = splats.means.double() @ viewmat[2, :3].double() + viewmat[2, 3].double()
@@ -156,7 +153,7 @@ def _project(
 
 
 def _rotations(quats: Tensor) -> Tensor:
-    """[V, 3, 3] from w x y z of any length; scaled first, so that a length of 1e-30 or 1e30 does no harm."""
+    """Rotations [V, 3, 3] from w x y z, prescaled for extreme lengths like 1e-30."""
     quats = quats / quats.detach().abs().amax(dim=1, keepdim=True)
     w, x, y, z = (quats / quats.norm(dim=1, keepdim=True)).unbind(dim=1)
     rows = (
@@ -168,7 +165,7 @@ def _rotations(quats: Tensor) -> Tensor:
 
 
 def _jacobians(points: Tensor, camera: Camera) -> Tensor:
-    """[V, 2, 3] of the perspective map, its direction clamped as in gsplat (far off-axis J would explode)."""
+    """Jacobians [V, 2, 3] of the projection, with gsplat's off-axis direction clamp."""
     x, y, z = points.unbind(dim=1)
     margin_x, margin_y = 0.15 * camera.width / camera.fx, 0.15 * camera.height / camera.fy
     low_x, high_x = -camera.cx / camera.fx - margin_x, (camera.width - camera.cx) / camera.fx + margin_x
@@ -180,7 +177,7 @@ def _jacobians(points: Tensor, camera: Camera) -> Tensor:
 
 
 def _determinant(factor: Tensor, eps2d: float) -> Tensor:
-    """det(F Fᵀ + eps I) by Cauchy-Binet: a sum of squares, where a·c − b² would cancel for needles."""
+    """Computes det(F Fᵀ + eps I) by Cauchy-Binet; a·c − b² would cancel for needles."""
     cross: Tensor = torch.linalg.cross(factor[:, 0], factor[:, 1])
     return (cross * cross).sum(dim=1) + eps2d * (factor * factor).sum(dim=(1, 2)) + eps2d**2
 
@@ -188,7 +185,7 @@ def _determinant(factor: Tensor, eps2d: float) -> Tensor:
 def _footprints(
     a: Tensor, b: Tensor, c: Tensor, det: Tensor, centers: Tensor, reach: Tensor, camera: Camera
 ) -> tuple[Tensor, Tensor]:
-    """Radii int32 [V] and visibility bool [V]: the box of the ellipse alpha >= alpha_min holds a pixel center."""
+    """Returns radii int32 [V] and whether a pixel center lies in the footprint's box."""
     largest = 0.5 * (a + c) + (0.25 * (a - c) ** 2 + b * b).sqrt()
     radii = (reach * largest).sqrt().clamp(max=_MAX_RADIUS).ceil().clamp(min=1.0)
     visible = torch.isfinite(radii) & torch.isfinite(centers).all(dim=1) & (det > 0) & torch.isfinite(det)
@@ -203,7 +200,7 @@ def _footprints(
 def _check_isects(
     a: Tensor, c: Tensor, centers: Tensor, reach: Tensor, visible: Tensor, camera: Camera, settings: RasterSettings
 ) -> None:
-    """The bound counts tiles of 16×16 pixels that a bounding box touches."""
+    """Counts the 16×16-pixel tiles that bounding boxes touch."""
     isects = torch.ones_like(a)
     for axis, (variance, size) in enumerate(((a, camera.width), (c, camera.height))):
         half = (reach * variance).sqrt()
@@ -217,21 +214,21 @@ def _check_isects(
 
 
 def _pixel_chunks(camera: Camera, gaussians: int) -> list[Tensor]:
-    """Pixel centers, row-major, [P, 2] each, so that a dense P × V matrix stays small."""
+    """Splits pixel centers, row-major, into [P, 2] chunks that bound the dense matrix."""
     y, x = torch.meshgrid(torch.arange(camera.height), torch.arange(camera.width), indexing="ij")
     centers = torch.stack((x, y), dim=-1).reshape(-1, 2).double() + 0.5
     return list(torch.split(centers, max(1, _CHUNK // max(1, gaussians))))
 
 
 def _weights(projected: _Projected, pixels: Tensor, settings: RasterSettings) -> tuple[Tensor, Tensor, Tensor]:
-    """Blend weights w [P, V], transmittance [P, V + 1] without the stopped ones, transmittance before each [P, V]."""
+    """Returns blend weights [P, V], transmittance [P, V + 1], and transmittance before each Gaussian."""
     offsets = pixels[:, None, :] - projected.centers[None]
     white = torch.einsum("vij,pvj->pvi", projected.whiten, offsets)
     alpha = projected.opacities * torch.exp(-0.5 * (white * white).sum(dim=-1))
     drawn = torch.where(alpha < settings.alpha_min, 0.0, alpha.clamp(max=settings.alpha_max))
     one = torch.ones(len(pixels), 1, dtype=torch.float64)
     running = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
-    # Transmittance never rises, so everything behind the Gaussian that would cross the limit is out as well.
+    # Transmittance never rises, so everything behind the Gaussian that would cross the limit is dropped as well.
     going = running[:, 1:] > settings.transmittance_min
     drawn = torch.where(going, drawn, 0.0)
     transmittance = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)

@@ -1,4 +1,9 @@
-"""The public operations: arguments are checked once, then a backend computes."""
+"""Public rendering operations: validate arguments, then call a backend.
+
+They raise `InvalidInputError` for shapes, devices or settings that do not match and non-finite viewmats,
+`ResourceError` for more Gaussian-tile intersections than `settings.max_isects`, `ModelUnavailableError` for `cuda`
+without gsplat or a GPU, and `CancelledError`. `reference` computes in float64, `cpu` and `cuda` in float32.
+"""
 
 from __future__ import annotations
 
@@ -17,30 +22,17 @@ _DEFAULTS = RasterSettings()
 
 
 def rasterize(
-    splats: Splats,
-    viewmat: Tensor,
+    splats: Splats,  # G Gaussians with any number C of channels
+    viewmat: Tensor,  # [4, 4], camera-from-world (OpenCV axes), rigid; its gradient treats twelve entries as free
     camera: Camera,
     *,
-    background: Tensor | None = None,
+    background: Tensor | None = None,  # [C]; None is zero
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Rendering:
-    """Renders one view; differentiable in means, quats, scales, opacities, features, background and viewmat.
+    """Renders one view; differentiable in all tensors.
 
     On `cpu`, a signal handler that raises (Ctrl-C) ends even a long call within a fraction of a second.
-
-    Args:
-        splats: G Gaussians with C channels; any C.
-        viewmat: [4, 4], camera from world (OpenCV axes), rigid; its gradient is that of twelve free numbers.
-        background: [C], composited behind; None is zero.
-        settings: cut-offs, the same forward and backward.
-        backend: `reference` computes in float64, `cpu` and `cuda` in float32.
-
-    Raises:
-        InvalidInputError: shapes, devices or settings that do not fit together, or a viewmat with NaN or Inf.
-        ResourceError: more Gaussian-tile intersections than `settings.max_isects`.
-        ModelUnavailableError: `cuda` without gsplat or a GPU.
-        CancelledError: see `service.common.cancellation`.
     """
     check_call(splats, viewmat, camera, settings)
     _check_background(splats, background)
@@ -53,19 +45,14 @@ def rasterize_bands(
     viewmat: Tensor,
     camera: Camera,
     *,
-    max_values: int,
+    max_values: int,  # limit of a band's image values, rows · W · C; a band has at least 16 rows
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Iterator[tuple[slice, Rendering]]:
-    """Renders one view in bands of whole rows from top to bottom, each with its slice of rows: the same pixels as
-    `rasterize` on a zero background, without a gradient, and never the whole image in memory.
+    """Renders one view in row bands from top to bottom, without gradients.
 
-    Args:
-        max_values: bound on the numbers of a band's image (rows · W · C), except that a band has at least 16 rows.
-            `cuda` renders the whole image first and hands out parts of it.
-
-    Raises:
-        InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+    Yields each band with its slice of rows: the pixels of `rasterize` on zero background, without the whole image in
+    memory, except on `cuda`.
     """
     check_call(splats, viewmat, camera, settings)
     with torch.no_grad():
@@ -73,24 +60,15 @@ def rasterize_bands(
 
 
 def accumulate_weights(
-    splats: Splats,
+    splats: Splats,  # features only cull non-finite rows
     viewmat: Tensor,
     camera: Camera,
-    values: Tensor,
+    values: Tensor,  # [H, W, V], e.g. one-hot labels
     *,
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Tensor:
-    """Σ_p w_g(p)·value(p) for every Gaussian, w its blend weight: [G, V]. No gradient.
-
-    Args:
-        splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
-        viewmat: [4, 4], camera from world.
-        values: [H, W, V], e.g. one-hot labels.
-
-    Raises:
-        InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
-    """
+    """Returns Σ_p w_g(p)·value(p) per Gaussian, w its blend weight: [G, V]. No gradient."""
     check_call(splats, viewmat, camera, settings)
     if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):
         raise InvalidInputError(
@@ -101,33 +79,20 @@ def accumulate_weights(
 
 
 def label_map(
-    splats: Splats,
+    splats: Splats,  # the last D of the C channels are the codes; those before are returned as `image`
     viewmat: Tensor,
     camera: Camera,
-    weight: Tensor,
-    bias: Tensor,
+    weight: Tensor,  # [N + 1, D], row 0 is the undetected class; 0 <= D <= C
+    bias: Tensor,  # [N + 1]
     *,
-    alpha_min: float,
-    relevancy: Tensor | None = None,
+    alpha_min: float,  # pixels with less alpha are class 0
+    relevancy: Tensor | None = None,  # [N + 1], value of each class; requests its expectation per pixel
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> LabelMap:
-    """The most probable class of every pixel: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
+    """Classifies pixels: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
 
-    As in the training loss, the composited code is not divided by alpha, and logits are held within ±1e30. `reference`
-    computes in float64, the others in float32.
-
-    Args:
-        splats: the last D of the C feature channels are the codes; channels before them come back as `image`.
-        viewmat: [4, 4], camera from world.
-        weight: [N + 1, D], row 0 is the undetected class; 0 <= D <= C.
-        bias: [N + 1].
-        alpha_min: pixels that the scene covers less than this are class 0.
-        relevancy: [N + 1], of each class to a query; asks for its expectation in every pixel.
-
-    Raises:
-        InvalidInputError: shapes that do not fit, or NaN or Inf in weight, bias or relevancy.
-        ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+    As in the training loss, the composited code is not divided by alpha, and logits are clamped to ±1e30.
     """
     check_call(splats, viewmat, camera, settings)
     head = {"weight": weight, "bias": bias} | ({} if relevancy is None else {"relevancy": relevancy})
@@ -151,28 +116,18 @@ def label_map(
 
 
 def label_sums(
-    splats: Splats,
+    splats: Splats,  # features only cull non-finite rows
     viewmat: Tensor,
     camera: Camera,
-    labels: Tensor,
+    labels: Tensor,  # integers [H, W], below `classes`; negative ones are ignored
     classes: int,
     *,
-    settings: RasterSettings = _DEFAULTS,
+    settings: RasterSettings = _DEFAULTS,  # `max_isects` also bounds the entries of all Gaussians in all tiles
     backend: Backend = "cpu",
 ) -> LabelSums:
-    """Σ_p w_g(p)·1[labels(p) = n] for every Gaussian g and label n (FlashSplat's evidence; Shen et al. 2024).
+    """Returns Σ_p w_g(p)·1[labels(p) = n] per Gaussian g and label n. No gradient.
 
-    Sparse: memory grows with what is there. The bits do not depend on the number of threads. No gradient.
-
-    Args:
-        splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
-        viewmat: [4, 4], camera from world.
-        labels: integers [H, W], below `classes`; pixels with a negative one count for nothing.
-        settings: cut-offs; `max_isects` bounds the entries of all Gaussians in all tiles as well.
-
-    Raises:
-        InvalidInputError: shapes that do not fit, or a label that is not below `classes`.
-        ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+    FlashSplat's evidence (Shen et al. 2024), sparse. Bit-identical for any number of threads.
     """
     check_call(splats, viewmat, camera, settings)
     if labels.shape != (camera.height, camera.width) or labels.is_floating_point() or labels.is_complex():
@@ -189,17 +144,14 @@ def label_sums(
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *, backend: Backend = "cpu") -> Tensor:
-    """Color of each Gaussian seen from `camera_position`: max(0, 0.5 + Σ_k Y_k(d) sh_k), [G, 3].
+    """Computes view-dependent colors max(0, 0.5 + Σ_k Y_k(d) sh_k), [G, 3].
+
+    Differentiable in means and sh; d = normalize(means − camera_position).
 
     Args:
         means: [G, 3], world frame.
-        sh: [G, K, 3] with K >= (degree + 1)², coefficient 0 first, 3DGS signs; further coefficients are not read.
-        camera_position: [3], world frame; d = normalize(means − camera_position).
-        degree: 0..3.
-        backend: as for `rasterize`. Differentiable in means and sh.
-
-    Raises:
-        InvalidInputError: degree outside 0..3 or shapes that do not fit.
+        sh: [G, K, 3] with K >= (degree + 1)², 3DGS signs; further coefficients are ignored.
+        camera_position: [3], world frame.
     """
     known = 0 <= degree <= MAX_SH_DEGREE
     if not known or sh.ndim != 3 or sh.shape[1] < (degree + 1) ** 2 or sh.shape[2] != 3:

@@ -1,4 +1,4 @@
-"""Maps of the most probable label where each Gaussian says of a few labels how probable they are."""
+"""Label maps from sparse label probabilities per Gaussian."""
 
 from __future__ import annotations
 
@@ -22,25 +22,21 @@ from fastsplat_contract.errors import InvalidInputError
 _DEFAULTS = RasterSettings()
 
 _CHANNELS = 32
-"""Labels of one rasterization: twice the channels take a fifth more time, up to about here."""
+"""Labels per rasterization: doubling takes a fifth more time, up to about here."""
 
-_BAND_VALUES = 8 << 20
-"""Numbers of label probabilities in memory at a time."""
+_BAND_VALUES = 8 << 20  # label probabilities in memory at a time
 
 
 class ShareMaps:
-    """Draws argmax_n Σ_g w_g share[g, n], ties to the lower label, 0 where no sum is above 0. Threads may share it.
+    """Renders argmax_n Σ_g w_g share[g, n], ties to the lower label; thread-safe.
 
-    On `cpu` a tile adds up only the labels of its own Gaussians; the others blend 32 labels at a time in bands of rows.
-    Memory beside the result grows neither with the number of labels nor with the image.
+    0 where no sum is positive. On `cpu` a tile sums only the labels of its own Gaussians; other backends blend 32
+    labels at a time in row bands. Memory beside the result grows with neither label count nor image size.
 
     Args:
         starts: int64 [G + 1]; Gaussian g has the entries starts[g]..starts[g + 1] of the other two.
         labels: uint16 [M].
         shares: float32 [M], finite.
-
-    Raises:
-        InvalidInputError: arrays that do not fit.
     """
 
     def __init__(self, starts: NDArray[np.int64], labels: NDArray[np.uint16], shares: F32) -> None:
@@ -62,15 +58,9 @@ class ShareMaps:
         settings: RasterSettings = _DEFAULTS,
         backend: Backend = "cpu",
     ) -> LabelMap:
-        """The labels of a view, 0 where alpha is below `alpha_min`; no image and no relevancy. No gradient.
+        """Renders a view's labels without gradient, 0 where alpha is below `alpha_min`.
 
-        Args:
-            splats: G Gaussians; features are not read.
-            alpha_min: pixels that the scene covers less than this are 0.
-
-        Raises:
-            InvalidInputError: another number of Gaussians; else as `rasterize`.
-            ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+        Raises as `rendering.rasterize`, and InvalidInputError for another number of Gaussians.
         """
         plain = replace(splats, features=splats.means.new_zeros(len(splats.means), 0))
         check_call(plain, viewmat, camera, settings)
@@ -97,20 +87,20 @@ class ShareMaps:
 
     @cached_property
     def _by_label(self) -> tuple[NDArray[np.int64], NDArray[np.uint16], F32]:
-        """Gaussian, label and share of all entries, labels ascending."""
+        """Gaussian, label and share of all entries, by ascending label."""
         rows = np.repeat(np.arange(len(self._starts) - 1), np.diff(self._starts))
         order = np.argsort(self._labels, kind="stable")
         return rows[order], self._labels[order], self._shares[order]
 
     def _in_view(self, radii: Tensor) -> list[NDArray[np.uint16]]:
-        """The labels of visible Gaussians, ascending, in pieces of one rasterization."""
+        """Labels of visible Gaussians, ascending, in chunks of `_CHANNELS`."""
         rows, labels, _ = self._by_label
         visible = np.asarray(radii.cpu().numpy()) > 0
         names = np.unique(labels[visible[rows]])
         return [names[start : start + _CHANNELS] for start in range(0, len(names), _CHANNELS)]
 
     def _table(self, names: NDArray[np.uint16], splats: Splats) -> Tensor:
-        """[G, K]: the shares of these labels, ascending; other labels between them are left out."""
+        """Shares of these ascending labels as a dense table, [G, K]."""
         table = np.zeros((len(self._starts) - 1, len(names)), np.float32)
         if len(names):
             rows, labels, shares = self._by_label
@@ -122,13 +112,7 @@ class ShareMaps:
 
 
 class _Canvas:
-    """A view while labels are drawn into it, in bands of rows.
-
-    Attributes:
-        alpha: [H, W].
-        classes: int32 [H, W], the label whose sum is largest so far, 0 where none is above 0.
-        culled_non_finite: see `LabelMap`.
-    """
+    """Accumulates the label map of a view, in row bands."""
 
     def __init__(
         self, splats: Splats, viewmat: Tensor, camera: Camera, settings: RasterSettings, backend: Backend
@@ -138,11 +122,12 @@ class _Canvas:
         self._settings, self._backend = settings, backend
         self._best = splats.means.new_zeros(shape)
         self.alpha = splats.means.new_zeros(shape)
+        # Label of the largest sum so far, 0 where none is positive.
         self.classes = torch.zeros(shape, dtype=torch.int32, device=splats.means.device)
         self.culled_non_finite = 0
 
     def draw_labels(self, names: NDArray[np.uint16], table: Tensor) -> Tensor:
-        """Draws alpha, and the labels `names` [K] with shares `table` [G, K]; returns the radii, int32 [G]."""
+        """Draws alpha and labels [K] with shares [G, K]; returns the radii, int32 [G]."""
         radii = torch.zeros(len(table), dtype=torch.int32)
         for band, rendering in self._bands(table):
             self.alpha[band] = rendering.alpha
@@ -161,10 +146,10 @@ class _Canvas:
         )
 
     def _update(self, band: slice, names: NDArray[np.uint16], shares: Tensor) -> None:
-        """Sets the class to the label whose share [rows, W, K] is larger than all before."""
+        """Updates classes where a share [rows, W, K] exceeds all before."""
         if not len(names):
             return
-        column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not promise
+        column = shares.argmax(dim=2, keepdim=True)  # the first of equals, which `max` does not guarantee
         share = shares.gather(2, column)[..., 0]
         named = torch.tensor(names.astype(np.int32), device=shares.device)[column[..., 0]]
         larger = share > self._best[band]
