@@ -178,7 +178,7 @@ class SceneService:
             ConflictError: the request id was used before for other content, or the key has made a scene before.
             InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
             ModelUnavailableError: people or movers are to be withheld, and no configured detector knows them.
-            FastSplatError: whatever `service.capture.validate_upload` has against the files, typed; nothing is left.
+            FastSplatError: the files are refused by `validate_upload`; nothing is left.
         """
         with upload.committing():
             check_request(name, request_id, options, self._settings.store)

@@ -101,7 +101,7 @@ class TrainingOptions(Options):
     """Weight of the distance of the capture's points from the surface, in shares of their depth."""
     sensor_depth_weight: float = Field(1.0, ge=0)
     """Weight of the distance of the surface from what a depth sensor measured, as a natural logarithm of their ratio,
-    where a capture has such measurements (`service.splatting.sensor_depth`)."""
+    where a capture has such measurements."""
     depth_from: float = Field(0.1, ge=0, le=1)
     """Progress from which the terms of the depth enter the loss."""
     depth_every: int = Field(2, ge=1)
