@@ -17,6 +17,9 @@ DEFAULT_PROJECT = "default"
 SECONDS_LEFT = "job_seconds_left"
 """The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
 
+PREDICTED_S = "predicted_s"
+"""Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
+
 RESULT = "result"
 """Key of `OperationRecord.options` that only jobs on finished scenes have: what came of it. The order is under the name
 of the job's kind."""
