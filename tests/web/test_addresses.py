@@ -146,3 +146,19 @@ def test_an_address_outlives_signing_in(guarded: Place, browser: Browser) -> Non
         page.get_by_label("Access key").fill(key)
         page.get_by_role("button", name="Sign in").click()
         _expect_all(page, "mug", "Things", _VIEW)
+
+
+def test_the_content_can_be_skipped_to_and_the_address_stays(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, "#/server") as visit:
+        page = visit.page
+        expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+        page.keyboard.press("Tab")
+        expect(page.get_by_role("link", name="Skip to the content")).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("main")).to_be_focused()
+        page.evaluate("location.hash = '#content'")  # as a tool or a bookmark of the link goes there
+        expect(page).to_have_url(f"{place.url}/#/server")
+        expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+        page.goto(f"{place.url}/#content")
+        page.reload()
+        expect(page.get_by_role("heading", name="Page not found")).to_have_count(0)

@@ -25,7 +25,7 @@ export function SharedThing({ state, onFly }: { state: SceneState; onFly: (middl
           </div>
         );
       })}
-      {things.length > 0 && <Button onClick={() => state.clearSelection()} text={texts.things.close} />}
+      <Button onClick={() => state.clearSelection()} text={texts.things.close} />
     </section>
   );
 }
