@@ -249,11 +249,7 @@ class SceneService:
         return self.jobs.operation(place_order(job, self._store, self._quotas))
 
     def get_operation(self, operation_id: str) -> Operation:
-        """Where a job stands.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Where a job stands. Raises `NotFoundError`: there is none of that id."""
         return self.jobs.operation(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:

@@ -49,11 +49,7 @@ def uncancelled(claim: Claim) -> Update:
 
 
 def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
-    """Execute an update.
-
-    Raises:
-        FencedError: it changes nothing.
-    """
+    """Execute an update. Raises `FencedError`: it changes nothing."""
     if not connection.execute(statement).rowcount:
         raise FencedError(claim.operation.id)
 
@@ -126,11 +122,7 @@ class JobQueue:
             return _begin(connection, before, "worker_stopped" if RELEASED in before.options else "worker_died", worker)
 
     def claim_again(self, claim: Claim) -> Claim:
-        """Start another attempt of a worker whose trainer died.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Start another attempt of a worker whose trainer died. Raises `FencedError`: as `report`."""
         with self._writing() as connection:
             execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
             row = connection.execute(select(operations).where(operations.c.id == claim.operation.id)).mappings().one()

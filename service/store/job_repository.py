@@ -74,21 +74,13 @@ class JobRepository(JobQueue):
             return _requests(tuple(requested))
 
     def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
-        """Write what became of the photos of the job's scene, as JSON objects.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Write what became of the photos of the job's scene, as JSON objects. Raises `FencedError`: as `report`."""
         with self._writing() as connection:
             execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
             record_photos(connection, claim.operation.scene_id, photos)
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
-        """Look without writing. Returns what was asked of the job.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """Look without writing. Returns what was asked of the job. Raises `FencedError`: as `report`."""
         query = select(*_REQUESTED).where(
             operations.c.id == claim.operation.id,
             operations.c.attempt == claim.attempt,
@@ -154,11 +146,7 @@ class JobRepository(JobQueue):
             return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
-        """End the operation as FAILED with its durable reason.
-
-        Raises:
-            FencedError: as `report`.
-        """
+        """End the operation as FAILED with its durable reason. Raises `FencedError`: as `report`."""
         self._end(claim, "FAILED", dict(error))
 
     def cancelled(self, claim: Claim) -> None:

@@ -48,19 +48,6 @@ def test_a_name_that_somebody_else_gave_meanwhile_is_not_overwritten(place: Plac
     assert place.service.get_scene(own).name == "mine"
 
 
-def test_a_name_of_ten_thousand_characters_is_refused_in_the_servers_words(
-    place: Place, browser: Browser, own: str
-) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        visit.expected.append("400")
-        visit.expected.append("422")
-        visit.expected.append("413")
-        _rename(visit, "x" * 10_000)
-        expect(visit.page.get_by_role("alert")).to_contain_text("Limit: ")
-        visit.check_accessible()
-    assert place.service.get_scene(own).name == "own"
-
-
 def test_a_scene_that_still_trains_is_renamed(place: Place, browser: Browser) -> None:
     job = queued_job("waiting")
     place.service._store.scenes.create(job)

@@ -18,7 +18,7 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None
     made_of = Provisional("points", 0.0)
     finish_job(store, draft.operation_id, table(place.settings), version="draft", stages=[row], draft=made_of)
     store.scenes.create(job)
-    store.scenes.create(last := queued_job("at the end"))
+    store.scenes.create(queued_job("at the end"))
     store.workers.update_heartbeat("one", "a machine", 1)
     with visiting(browser, place.url) as visit:
         card = visit.page.get_by_role("link", name="a table")

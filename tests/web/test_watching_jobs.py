@@ -52,18 +52,12 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         assert any(url.endswith("/events") for url in visit.requests)
 
 
-def test_it_fits_a_phone(place: Place, browser: Browser, training: Claim) -> None:
+def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
     with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}", **phone) as visit:
-        expect(visit.page.get_by_role("img", name=_PICTURE)).to_be_visible()
-        expect(visit.page.get_by_role("button", name="Turn right")).to_be_visible()
-        assert visit.fits()
-        visit.check_accessible()
-
-
-def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
-    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
         page = visit.page
+        expect(page.get_by_role("button", name="Turn right")).to_be_visible()
+        assert visit.fits()
         page.get_by_role("button", name="Stop early and keep it").press("Enter")
         visit.check_accessible()
         assert not place.service.get_operation(training.operation.id).finish_requested

@@ -130,7 +130,7 @@ class RunningJobs:
 
 
 def _seconds_of(job: OperationRecord, heard_since: float) -> float:
-    """How long a job still takes, as was said when it came, or with its last progress; infinite where that is unknown."""
+    """How long a job still takes, by what was said when it came, or with its last progress; infinite: unknown."""
     if job.cancel_requested:
         return 0.0
     if job.state == "QUEUED":
