@@ -17,9 +17,7 @@ from tests.web.places import MARKUP, Place
 
 
 def _signed_in(visit: Visit, guarded: Place, role: Role) -> Page:
-    visit.expected.append("401")
-    visit.page.get_by_label("Access key").fill(guarded.new_key(role))
-    visit.page.get_by_role("button", name="Sign in").click()
+    visit.sign_in(guarded.new_key(role))
     visit.page.get_by_role("link", name="Server").click()
     expect(visit.page.get_by_role("heading", name="What it can do")).to_be_visible()
     return visit.page

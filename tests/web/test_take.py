@@ -89,9 +89,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
     scene_id = guarded.new_scene("for Ada")
     other = guarded.new_scene("for nobody else")
     with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
-        visit.expected.append("401")
-        visit.page.get_by_label("Access key").fill(guarded.new_key("admin"))
-        visit.page.get_by_role("button", name="Sign in").click()
+        visit.sign_in(guarded.new_key("admin"))
         _wait_for(visit, "plain$")
         visit.tab("Share")
         visit.page.get_by_label("For whom").fill("Ada <b>")

@@ -148,7 +148,6 @@ function Card({ scene }: { scene: SceneSummary }) {
   const name = nameOf(scene);
   const ready = scene.state === "READY";
   const made = dayText(scene.created_at);
-  const size = texts.scenes.gaussians(scene.gaussians);
   return (
     <a class="card" href={sceneAddress(scene.id)}>
       <Thumbnail scene={scene} name={name} onLoaded={setTold} />
@@ -161,7 +160,7 @@ function Card({ scene }: { scene: SceneSummary }) {
           {texts.scenes.things(told?.things ?? scene.thing_count ?? null, told?.names ?? [])}
         </span>
       )}
-      <span class="hint">{[ready && size, made].filter(Boolean).join(" · ")}</span>
+      <span class="hint">{[ready && texts.scenes.gaussians(scene.gaussians), made].filter(Boolean).join(" · ")}</span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>
   );

@@ -4,15 +4,10 @@ import type { ExportFormat } from "../api/calls";
 const BASES: readonly number[] = [0, 9, 24, 45];
 const VIEWER_BYTES = 1_450_000;
 
-/**
- * How many bytes a scene has as a file, as far as its number of Gaussians and the size of its SPZ file say it; null where
- * they do not. How well SPZ compresses is each scene's own.
- */
-export function exportBytes(
-  { gaussians, quality }: Pick<Scene, "gaussians" | "quality">,
-  spz: number | null,
-  format: ExportFormat,
-): number | null {
+type Facts = Pick<Scene, "gaussians" | "quality">;
+
+/** How many bytes a scene has in a format; null: unknown. `spz`: of its SPZ file, which packs each scene differently. */
+export function exportBytes({ gaussians, quality }: Facts, spz: number | null, format: ExportFormat): number | null {
   const base = BASES[Number(quality["sh_degree"] ?? NaN)]; // none of what came from elsewhere
   const bytes: Partial<Record<ExportFormat, number | null>> = {
     ply: base === undefined ? null : 4 * (17 + base) * gaussians,
