@@ -30,11 +30,7 @@ class Readiness:
         self._looking: asyncio.Task[None] | None = None
 
     def require(self) -> None:
-        """Return if requests should come.
-
-        Raises:
-            NotReadyNowError: they should not.
-        """
+        """Return if requests should come. Raises `NotReadyNowError`: they should not."""
         why = "the server is about to stop" if self._draining else self._missing
         if why is not None:
             raise NotReadyNowError(f"not ready: {why}", hint="Ask again in a moment.")

@@ -39,11 +39,7 @@ class Operations:
         self._threads = threads
 
     async def get(self, operation_id: str) -> Operation:
-        """The operation as it stands.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """The operation as it stands. Raises `NotFoundError`: there is none of that id."""
         return await self._threads.call(lambda: self._service.get_operation(operation_id))
 
     async def wait(self, operation_id: str, timeout_s: float) -> Operation:
@@ -65,11 +61,7 @@ class Operations:
             await asyncio.sleep(min(POLL_INTERVAL_S, remaining))
 
     async def current(self, operation_id: str) -> Change:
-        """The operation as it stands, with the name of this state.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """The operation as it stands, with the name of this state. Raises `NotFoundError`: there is none of that id."""
         operation = await self.get(operation_id)
         return Change(_state_id(operation), operation)
 

@@ -33,11 +33,7 @@ class Tls:
         return grpc.ssl_server_credentials([pair], roots, require_client_auth=roots is not None)
 
     def http_context(self) -> ssl.SSLContext:
-        """For the HTTP port: TLS 1.2 and later.
-
-        Raises:
-            OSError: a file cannot be read, or does not fit the other.
-        """
+        """For the HTTP port: TLS 1.2 and later. Raises `OSError`: a file cannot be read, or does not fit the other."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         context.load_cert_chain(self.cert, self.key)

@@ -136,7 +136,9 @@ def progress(operation: Operation) -> str:
         hint = operation.error.details.get("hint", "")
         return f"{operation.error.stage}: {operation.error.reason}: {operation.error.message}. {hint}".rstrip()
     if operation.done or not operation.stages:
-        return str(operation.state)
+        jobs = f", {operation.jobs_ahead} job{'s' * (operation.jobs_ahead > 1)} ahead" if operation.jobs_ahead else ""
+        begins = f", begins in about {duration(operation.starts_in_s)}" if jobs and operation.starts_in_s else ""
+        return f"{operation.state}{jobs}{begins}"
     last = operation.stages[-1]
     left = "" if operation.seconds_left is None else f", about {duration(operation.seconds_left)} left in all"
     return f"{last.stage} {last.fraction:.0%} {last.message}{left}"

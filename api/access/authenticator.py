@@ -218,11 +218,7 @@ class KeyWatch:
         return self._task.uncancel() == 0
 
     def check(self) -> None:
-        """Raise once the key is no longer valid.
-
-        Raises:
-            UnauthenticatedError: it was revoked, or has expired.
-        """
+        """Raise once the key is no longer valid. Raises `UnauthenticatedError`: it was revoked, or has expired."""
         if self.ended:
             self.take_back()
             raise UnauthenticatedError(

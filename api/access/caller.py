@@ -49,11 +49,7 @@ def caller_project() -> str:
 
 
 def caller_role() -> Role:
-    """What the caller may do in that project.
-
-    Raises:
-        UnauthenticatedError: as `caller_project`.
-    """
+    """What the caller may do in that project. Raises `UnauthenticatedError`: as `caller_project`."""
     return _caller().role
 
 

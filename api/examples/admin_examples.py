@@ -58,6 +58,7 @@ STATUS = ServerStatus(
     project="default",
     role="operator",
     key_expires_at=None,
+    asks_for_keys=True,
     upload_operation="",
     models=(
         ModelStatus("text_encoder", "minilm_l6_int8", "ready", calibrated=True),

@@ -46,11 +46,7 @@ class AccessLayer:
         self._routes: tuple[_Route, ...] = ()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request.
-
-        Raises:
-            FastSplatError: it may not come in; the layer outside answers.
-        """
+        """Handle one request. Raises `FastSplatError`: it may not come in; the layer outside answers."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return

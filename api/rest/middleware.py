@@ -110,11 +110,7 @@ def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | N
 
 
 def check_header_count(headers: Headers) -> None:
-    """Check that a request has at most `MAX_HEADERS` headers.
-
-    Raises:
-        LimitExceededError: it has more.
-    """
+    """Check that a request has at most `MAX_HEADERS` headers. Raises `LimitExceededError`: it has more."""
     if len(headers.raw) > MAX_HEADERS:
         raise LimitExceededError(
             f"{len(headers.raw)} headers",

@@ -192,6 +192,13 @@ class Operation(Response):
         float | None,
         Field(description="until the whole job is done, as estimated with its last progress; absent while unknown"),
     ] = None
+    jobs_ahead: Annotated[
+        int | None, Field(description="under way, or before it in the queue; absent unless it is queued")
+    ] = None
+    starts_in_s: Annotated[
+        float | None,
+        Field(description="until a worker is free for it, about, as far as jobs ahead are predicted; absent: unknown"),
+    ] = None
     finish_requested: Annotated[
         bool, Field(description="whether its training was asked to stop early and keep what is there")
     ] = False

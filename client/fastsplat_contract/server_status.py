@@ -94,6 +94,7 @@ class ServerStatus(Response):
     project: Annotated[str, Field(description="the one that the call is about")]
     role: Annotated[Role, Field(description="what the caller may do there")]
     key_expires_at: Annotated[datetime | None, Field(description="of the caller's key; absent: never, or no key")]
+    asks_for_keys: Annotated[bool, Field(description="without, a link to one scene would hide nothing, and is refused")]
     upload_operation: Annotated[
         str, Field(description="of a key for one upload: the operation that it made; empty: none yet, or another role")
     ]

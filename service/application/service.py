@@ -192,6 +192,7 @@ class SceneService:
                 upload.check_names(validated.source, validated.has_labels)
                 check_labels(options, validated, self._settings)
             check_splat_options(validated, options)
+            predicted = self.estimates.predicted(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
             check_cancelled()  # from here on the scene is made, whether or not somebody still waits to hear of it
@@ -202,7 +203,12 @@ class SceneService:
                 request_id=request_id,
                 request_digest=digest,
                 upload_id=upload.id,
-                options={"validated": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
+                options={
+                    "validated": upload.raw.name,
+                    **left_out_to_json(validated),
+                    **options_to_json(options),
+                    **predicted,
+                },
                 priority=options.priority,
                 project=self.project,
             )
@@ -243,11 +249,7 @@ class SceneService:
         return self.jobs.operation(place_order(job, self._store, self._quotas))
 
     def get_operation(self, operation_id: str) -> Operation:
-        """Where a job stands.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Where a job stands. Raises `NotFoundError`: there is none of that id."""
         return self.jobs.operation(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:

@@ -42,11 +42,7 @@ class OneUpload:
         return _OwnUploads(self._service, self._key_id, own)
 
     def get_operation(self, operation_id: str) -> Operation:
-        """The operation that the key has made.
-
-        Raises:
-            NotFoundError: it has made none of that id.
-        """
+        """The operation that the key has made. Raises `NotFoundError`: it has made none of that id."""
         self._service.keys.check_made(self._key_id, operation_id)
         return self._service.get_operation(operation_id)
 
@@ -70,10 +66,6 @@ class _OwnUploads:
         return getattr(self._uploads, name)
 
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
-        """As `ResumableUploads.create`.
-
-        Raises:
-            ConflictError: the key has made a scene before, too.
-        """
+        """As `ResumableUploads.create`. Raises `ConflictError`: the key has made a scene before, too."""
         self._service.keys.begin_upload(self._key_id)
         return self._uploads.create(project, name, length, metadata)

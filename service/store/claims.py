@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from typing import Literal
 
 from sqlalchemy import Connection, Engine, Update, func, select, update
@@ -68,32 +69,41 @@ class JobQueue:
             return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
 
     def claim_next(self, worker: str) -> Claim | None:
-        """Claims the next job, projects taking turns; None if there is none.
+        """Claims the first job `in_turn`; None if nothing waits, or another worker was faster."""
+        waiting = self.in_turn()
+        return self.claim(waiting[0].id, worker) if waiting else None
 
-        Jobs begun before go first. Otherwise the project with the fewest running jobs is next; of several, the one
-        whose latest job is longest ago, then the one that waited longest. Within a project priority decides, then age.
-        None also if another worker was faster.
+    def in_turn(self) -> Sequence[OperationRecord]:
+        """Lists the jobs that no worker has, in the order in which they would begin.
+
+        Those that were begun go first. Then projects take turns: first the one with the fewest jobs under way; of
+        several, the one whose latest job is longest ago, then the one that has waited longest. Within a project
+        priority decides, then age.
         """
         waiting = self.waiting()
-        job = waiting[0] if waiting and waiting[0].state == "RUNNING" else self._in_turn(waiting)
-        return None if job is None else self.claim(job.id, worker)
-
-    def _in_turn(self, queued: Sequence[OperationRecord]) -> OperationRecord | None:
-        """Returns the first job of the project whose turn it is; `queued` is sorted."""
-        first: dict[str, OperationRecord] = {}
-        oldest: dict[str, float] = {}
-        for job in queued:
-            first.setdefault(job.project, job)
-            oldest[job.project] = min(job.created_at, oldest.get(job.project, job.created_at))
-        if len(first) < 2:  # as mostly, when a worker asks
-            return next(iter(first.values()), None)
+        mine: dict[str, list[OperationRecord]] = {}
+        for job in waiting:
+            if job.state == "QUEUED":
+                mine.setdefault(job.project, []).append(job)
+        if len(mine) < 2:  # as mostly, when a worker asks
+            return waiting
+        begun = [job for job in waiting if job.state == "RUNNING"]
         project = operations.c.project
         running = select(project, func.count()).where(operations.c.state == "RUNNING").group_by(project)
-        begun = select(project, func.max(operations.c.updated_at)).where(operations.c.attempt > 0).group_by(project)
+        latest = select(project, func.max(operations.c.updated_at)).where(operations.c.attempt > 0).group_by(project)
         with self._reading() as connection:
             active: dict[str, int] = dict(connection.execute(running).all())
-            latest: dict[str, float] = dict(connection.execute(begun).all())
-        return first[min(first, key=lambda name: (active.get(name, 0), latest.get(name, 0.0), oldest[name]))]
+            last: dict[str, float] = dict(connection.execute(latest).all())
+        oldest = {name: min(job.created_at for job in jobs) for name, jobs in mine.items()}
+        turns = sorted(mine, key=lambda name: (active.get(name, 0), last.get(name, 0.0), oldest[name]))
+        rounds = zip_longest(*(mine[name] for name in turns))
+        return [*begun, *(job for each in rounds for job in each if job is not None)]
+
+    def under_way(self) -> Sequence[OperationRecord]:
+        """Lists the jobs that a worker has."""
+        query = select(operations).where(operations.c.state == "RUNNING", operations.c.worker != "")
+        with self._reading() as connection:
+            return each_readable(connection.execute(query).mappings(), as_operation)
 
     def claim(self, operation_id: str, worker: str = "") -> Claim | None:
         """Claims a waiting job, counts one start and fences earlier claims.

@@ -16,6 +16,9 @@ DEFAULT_PROJECT = "default"
 SECONDS_LEFT = "job_seconds_left"
 """Stage metric: seconds until the whole job is done; -1 if unknown again."""
 
+PREDICTED_S = "predicted_s"
+"""Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
+
 RESULT = "result"
 """Key of `OperationRecord.options` with the result of a job on a finished scene."""
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
-from sqlalchemy import Engine, delete, insert, select, update
+from sqlalchemy import Engine, delete, func, insert, select, update
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.records import WorkerRecord
@@ -42,11 +42,11 @@ class WorkerRepository:
         with self._reading() as connection:
             return connection.execute(query).first() is not None
 
-    def any_alive(self, timeout_s: float) -> bool:
-        """True if any worker had a heartbeat in the last `timeout_s` seconds."""
-        query = select(workers.c.executor_id).where(workers.c.heartbeat_at >= time.time() - timeout_s).limit(1)
+    def alive(self, timeout_s: float) -> int:
+        """Counts the workers with a heartbeat in the last `timeout_s` seconds."""
+        query = select(func.count()).where(workers.c.heartbeat_at >= time.time() - timeout_s)
         with self._reading() as connection:
-            return connection.execute(query).first() is not None
+            return connection.scalar(query) or 0
 
     def mark_stopped(self, executor_id: str) -> None:
         """Marks a worker as stopped, for recovery of its jobs without the timeout."""

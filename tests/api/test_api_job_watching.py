@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -114,6 +115,42 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     service._store.jobs.cancelled(again)
     assert client.operation(training.operation.id).worker is None
     service.delete_scene(queued.scene_id)
+
+
+def test_a_job_that_waits_says_how_many_are_ahead_and_for_how_long(
+    faces: Faces, service: SceneService, client: Client
+) -> None:
+    store, jobs = service._store, [queued_job(f"number {number}") for number in range(4)]
+    jobs[1] = replace(jobs[1], options={**jobs[1].options, "predicted_s": 300.0})
+    for job in jobs:
+        store.scenes.create(job)
+    trains = store.jobs.claim(jobs[0].operation_id, "one")
+    assert trains is not None
+    show_training(service, trains, 1)
+
+    def said() -> list[tuple[int | None, float | None]]:
+        told = [service.get_operation(job.operation_id) for job in jobs[1:]]
+        assert told == [client.operation(job.id) for job in told]
+        ask = faces.rpc.GetOperation
+        assert told == [from_proto(Operation, ask(pb.GetOperationRequest(operation_id=job.id))) for job in told]
+        listed = {job.id: job for job in service.list_operations().operations}
+        assert told == [listed[job.id] for job in told]
+        return [(job.jobs_ahead, job.starts_in_s) for job in told]
+
+    store.workers.update_heartbeat("one", "a machine", 1)
+    assert said() == [(1, 200.0), (2, 500.0), (3, None)]  # how long the second takes, nobody knows
+    store.workers.update_heartbeat("two", "a machine", 2)
+    assert said() == [(1, 0.0), (2, 200.0), (3, 300.0)]
+    store.jobs.cancelled(trains)
+    assert said() == [(0, 0.0), (1, 0.0), (2, 300.0)]
+    assert store.jobs.claim(jobs[1].operation_id, "one") is not None
+    assert said() == [(None, None), (1, 0.0), (2, None)]
+    for executor in ("one", "two"):
+        store.workers.unregister(executor)
+    assert said()[1] == (1, None)
+    for job in jobs:
+        service.delete_scene(job.scene_id)
+    assert service.get_operation(jobs[2].operation_id).jobs_ahead is None
 
 
 def _age(service: SceneService, operation_id: str) -> None:

@@ -13,6 +13,7 @@ from fastsplat.service.application.service import open_service
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
+from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import (
     CancelledError,
     CorruptImageError,
@@ -22,6 +23,8 @@ from fastsplat_contract.errors import (
     ResourceError,
 )
 from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.requests import EstimateJobRequest
+from tests.web.photos import write_photos
 
 
 def left_behind(service, folder: Path) -> list[str]:
@@ -40,6 +43,21 @@ def test_acknowledged_is_queued_with_its_files(service, settings):
     assert service.get_scene(operation.scene_id).name == "kitchen"
     files = sorted(path for path in (settings.data_dir / "uploads").rglob("*") if path.is_file())
     assert [path.read_bytes() for path in files] == [b"abc", b"def"]
+
+
+def test_how_long_photos_take_is_kept_with_their_job_once_the_machine_is_measured(tmp_path):
+    with open_service(Settings(data_dir=tmp_path)) as service:
+
+        def kept() -> float | None:
+            with service.new_upload() as upload:
+                for path in write_photos(tmp_path, 3):
+                    upload.write(path.name, [path.read_bytes()])
+                made = service.create_scene(upload, "", "", SceneOptions(preset="draft"))
+            return service._store.scenes.operation(made.id).options.get("predicted_s")
+
+        assert kept() is None
+        asked = service.estimates.estimate(EstimateJobRequest(photos=3, width=64, height=64, preset="draft"))
+        assert kept() == asked.seconds
 
 
 def test_names_that_no_detector_can_know_are_refused_at_once(service, settings):

@@ -81,6 +81,9 @@ def test_a_job_that_trains_is_ended_early_and_no_other(fastsplat: Run, service: 
     row = {"stage": "training", "fraction": 0.2, "message": "iteration 40", "seconds": 1.0, "metrics": metrics}
     service._store.jobs.report(claim, [row])
     assert "about 70 s left in all" in fastsplat("jobs", "show", waiting).stdout
+    service._store.scenes.create(behind := replace(queued_job(), priority=9))
+    assert "QUEUED, 1 job ahead, begins in about 70 s" in fastsplat("jobs", "show", behind.operation_id).stdout
+    service.cancel_operation(behind.operation_id)
     assert waiting in fastsplat("jobs", "finish", waiting).stdout
     assert service._store.jobs.check(claim) == {"finish"}
     assert json.loads(fastsplat("jobs", "show", waiting, "--json").stdout)["finish_requested"]

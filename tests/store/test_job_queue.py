@@ -17,12 +17,13 @@ def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) ->
     for number in range(6):
         project, priority = ("a", 100) if number < 4 else ("b", number - 5)
         store.scenes.create(replace(job(number), project=project, priority=priority))
+    foreseen = [record.id for record in store.jobs.in_turn()]
     ran = []
     while claim := store.jobs.claim_next("worker"):
         store.jobs.succeed(claim, SUMMARY)
         ran.append(claim.operation.id)
     assert sorted(ran) == [f"op{number}" for number in range(6)]
-    assert ran == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
+    assert ran == foreseen == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
 
     for number in range(10, 18):
         project, priority = ("a", 100) if number < 16 else ("b", 0)

@@ -262,7 +262,7 @@ _CALLS = {
     "keys.all": lambda store, claim: store.keys.all(),
     "quota_usage.of": lambda store, claim: store.quota_usage.of("key"),
     "job_metrics.jobs_by_state": lambda store, claim: store.job_metrics.jobs_by_state(),
-    "jobs.waiting": lambda store, claim: store.jobs.waiting(),
+    "jobs.in_turn": lambda store, claim: store.jobs.in_turn(),
     "jobs.claim_next": lambda store, claim: store.jobs.claim_next("worker"),
     "jobs.claim": lambda store, claim: store.jobs.claim("op1"),
     "jobs.claim_again": lambda store, claim: store.jobs.claim_again(claim),

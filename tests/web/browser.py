@@ -81,6 +81,12 @@ class Visit:
         if line.type in ("error", "warning"):
             self._errors.append(f"{line.text} {line.location['url']}")
 
+    def sign_in(self, key: str) -> None:
+        """Enter an access key, which the page asks for once a request was refused."""
+        self.expected.append("401")
+        self.page.get_by_label("Access key").fill(key)
+        self.page.get_by_role("button", name="Sign in").click()
+
     @property
     def requests(self) -> list[str]:
         """Addresses that the page asked for."""

@@ -139,10 +139,19 @@ def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_bac
 
 
 def test_an_address_outlives_signing_in(guarded: Place, browser: Browser) -> None:
-    key = guarded.new_key("admin")
     with visiting(browser, guarded.url, f"#/scenes/{guarded.scene_id}?q=mug&view={_VIEW}") as visit:
+        visit.sign_in(guarded.new_key("admin"))
+        _expect_all(visit.page, "mug", "Things", _VIEW)
+
+
+def test_the_content_can_be_skipped_to_and_the_address_stays(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, "#/server") as visit:
         page = visit.page
-        visit.expected.append("401")
-        page.get_by_label("Access key").fill(key)
-        page.get_by_role("button", name="Sign in").click()
-        _expect_all(page, "mug", "Things", _VIEW)
+        expect(page.get_by_role("heading", name="Jobs")).to_be_visible()
+        page.keyboard.press("Tab")
+        expect(page.get_by_role("link", name="Skip to the content")).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("main")).to_be_focused()
+        page.evaluate("location.hash = '#content'")  # as a tool or a bookmark of the link goes there
+        expect(page).to_have_url(f"{place.url}/#/server")
+        expect(page.get_by_role("heading", name="Jobs")).to_be_visible()

@@ -85,10 +85,8 @@ def _things(page: Page) -> Locator:
 def test_the_first_ten_minutes(server: Server, webgl_browser: Browser, tmp_path: Path) -> None:
     with visiting(webgl_browser, server.url, device_scale_factor=1) as visit:
         page = visit.page
-        visit.expected.append("401")
         for key in ("fsk_wrong", server.key):
-            page.get_by_label("Access key").fill(key)
-            page.get_by_role("button", name="Sign in").click()
+            visit.sign_in(key)
             if key != server.key:
                 expect(page.get_by_role("alert")).to_contain_text("does not know this key")
         expect(page.get_by_text("No scenes yet.")).to_be_visible()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.scenes import SceneUpdate
-from tests.scenes import queued_job
 from tests.web.browser import Visit, visiting
 from tests.web.places import MARKUP, Place
 
@@ -46,25 +45,3 @@ def test_a_name_that_somebody_else_gave_meanwhile_is_not_overwritten(place: Plac
         visit.page.keyboard.press("Enter")
         expect(visit.page.get_by_role("heading", level=1)).to_have_text("mine")
     assert place.service.get_scene(own).name == "mine"
-
-
-def test_a_name_of_ten_thousand_characters_is_refused_in_the_servers_words(
-    place: Place, browser: Browser, own: str
-) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
-        visit.expected.append("400")
-        visit.expected.append("422")
-        visit.expected.append("413")
-        _rename(visit, "x" * 10_000)
-        expect(visit.page.get_by_role("alert")).to_contain_text("Limit: ")
-        visit.check_accessible()
-    assert place.service.get_scene(own).name == "own"
-
-
-def test_a_scene_that_still_trains_is_renamed(place: Place, browser: Browser) -> None:
-    job = queued_job("waiting")
-    place.service._store.scenes.create(job)
-    with visiting(browser, place.url, f"#/scenes/{job.scene_id}") as visit:
-        _rename(visit, "named early")
-        expect(visit.page.get_by_role("heading", level=1)).to_have_text("named early")
-    assert place.service.get_scene(job.scene_id).name == "named early"

@@ -14,16 +14,26 @@ from tests.web.table import table
 def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None:
     store, draft, job = place.service._store, queued_job("half done"), queued_job("in the queue")
     store.scenes.create(draft)
-    finish_job(store, draft.operation_id, table(place.settings), version="draft", draft=Provisional("points", 0.0))
+    row = {"stage": "training", "fraction": 0.3, "message": "", "seconds": 9.0, "metrics": {"job_seconds_left": 200.0}}
+    made_of = Provisional("points", 0.0)
+    finish_job(store, draft.operation_id, table(place.settings), version="draft", stages=[row], draft=made_of)
     store.scenes.create(job)
+    store.scenes.create(queued_job("at the end"))
+    store.workers.update_heartbeat("one", "a machine", 1)
     with visiting(browser, place.url) as visit:
         card = visit.page.get_by_role("link", name="a table")
         expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
         expect(card.first).to_contain_text("Ready")
         expect(card.first).to_contain_text("3 things: ")
         expect(visit.page.get_by_role("img", name="Picture of half done")).to_be_visible()
-        expect(visit.page.get_by_role("link", name="in the queue")).to_contain_text("Waiting for a worker.")
+        for name, ahead in (("in the queue", "1 job is ahead, about 3 min."), ("at the end", "2 jobs are ahead.")):
+            expect(visit.page.get_by_role("link", name=name)).to_contain_text(f"Waiting for a worker. {ahead}")
         visit.check_accessible()
+        visit.page.goto(f"{place.url}/#/scenes/{draft.scene_id}")
+        note = visit.page.get_by_role("complementary", name="Provisional.")
+        expect(note.get_by_text("About 3 min left in all.")).to_be_visible()
+        expect(note.get_by_role("button", name="Cancel the job")).not_to_be_visible()  # in the closed section
+    store.workers.unregister("one")
 
 
 def test_scenes_are_found_by_name_and_by_the_things_in_them(place: Place, browser: Browser) -> None:

@@ -17,9 +17,7 @@ from tests.web.places import MARKUP, Place
 
 
 def _signed_in(visit: Visit, guarded: Place, role: Role) -> Page:
-    visit.expected.append("401")
-    visit.page.get_by_label("Access key").fill(guarded.new_key(role))
-    visit.page.get_by_role("button", name="Sign in").click()
+    visit.sign_in(guarded.new_key(role))
     visit.page.get_by_role("link", name="Server").click()
     expect(visit.page.get_by_role("heading", name="What it can do")).to_be_visible()
     return visit.page
@@ -52,8 +50,6 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
         assert service.admin.keys.valid().find(secret) is None
         page.get_by_label("Show expired and revoked keys, too").check()
         expect(page.get_by_role("listitem").filter(has_text=MARKUP)).to_contain_text("Revoked")
-        page.get_by_label("Whose key it is").fill("x" * 10_000)
-        assert len(page.get_by_label("Whose key it is").input_value()) <= 10_000
         visit.expected.append("400")
         page.get_by_label("Whose key it is").evaluate("element => element.removeAttribute('maxlength')")
         page.get_by_label("Whose key it is").fill("x" * 10_000)

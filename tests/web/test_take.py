@@ -40,6 +40,14 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         assert _saved(visit, "SPZ, compressed") == ("a _b_table_b.spz", file(ExportRequest(scene_id, "spz")))
         assert _saved(visit, "SOG, smallest") == ("a _b_table_b.sog", file(ExportRequest(scene_id, "sog")))
         assert _saved(visit, "For Foxglove, MCAP") == ("a _b_table_b.mcap", file(ExportRequest(scene_id, "mcap")))
+        name, content = _saved(visit, "SPZ, version 4")
+        assert name == "a _b_table_b.v4.spz" and content == file(ExportRequest(scene_id, "spz4"))
+        for format, label in (("spz", "SPZ, compressed"), ("html", "One HTML file")):
+            row = visit.page.get_by_role("listitem").filter(has_text=label)
+            expect(row).to_contain_text("about")
+            ((number, unit),) = re.findall(r"about ([\d.]+) (\w+)", row.inner_text())
+            told = float(number) * {"B": 1, "kB": 1e3, "MB": 1e6}[unit]
+            assert abs(told / len(file(ExportRequest(scene_id, format))) - 1) < 0.1
         name, content = _saved(visit, "One HTML file")
         assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
         name, content = _saved(visit, "Its Gaussians as PLY")
@@ -65,13 +73,14 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         visit.check_accessible()
 
 
-def test_what_cannot_be_taken_is_said(place: Place, browser: Browser) -> None:
+def test_where_no_link_can_be_made_the_page_says_so_and_offers_a_file(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
         _wait_for(visit, "plain$")
-        visit.expected += ["404", "409"]
         visit.tab("Share")
-        visit.page.get_by_role("button", name="Make a link").click()
-        expect(visit.page.get_by_role("alert")).to_contain_text("This server asks nobody for a key")
+        expect(visit.page.get_by_text("This server asks nobody for a key, so a link")).to_be_visible()
+        expect(visit.page.get_by_role("button", name="Make a link")).to_have_count(0)
+        name, content = _saved(visit, "Save as one HTML file")
+        assert name == "a table.html" and content == place.service.exports.file(ExportRequest(place.scene_id, "html"))
         assert visit.fits()
         visit.check_accessible()
 
@@ -80,9 +89,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
     scene_id = guarded.new_scene("for Ada")
     other = guarded.new_scene("for nobody else")
     with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
-        visit.expected.append("401")
-        visit.page.get_by_label("Access key").fill(guarded.new_key("admin"))
-        visit.page.get_by_role("button", name="Sign in").click()
+        visit.sign_in(guarded.new_key("admin"))
         _wait_for(visit, "plain$")
         visit.tab("Share")
         visit.page.get_by_label("For whom").fill("Ada <b>")

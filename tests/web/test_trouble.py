@@ -43,19 +43,3 @@ def test_a_job_whose_worker_was_killed_goes_on_with_another(browser: Browser, de
         deployment.start_worker()
         expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=120_000)
         assert deployment.state(operation) == "SUCCEEDED"
-
-
-def test_a_job_that_kills_its_workers_fails_and_says_so(browser: Browser, deployment: Deployment) -> None:
-    deployment.max_starts = 1
-    deployment.start_api()
-    operation = deployment.post("training:kill_worker")
-    with visiting(browser, deployment.http, f"#/scenes/{operation.scene_id}") as visit:
-        page = visit.page
-        deployment.start_worker().wait(120)
-        deployment.start_worker()
-        alert = page.get_by_role("alert")
-        expect(alert).to_contain_text("Failed in the stage “Training”.", timeout=120_000)
-        expect(alert).to_contain_text(re.compile("died|ended|killed"))
-        expect(page.get_by_role("button", name="Try again")).to_be_visible()
-        visit.check_accessible()
-        assert deployment.state(operation) == "FAILED"

@@ -36,10 +36,6 @@ def _folder(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
     return "Choose a folder", folder / "room", {"0.jpg", "1.jpg", "2.jpg"}
 
 
-def _camera(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
-    return "Take photos", write_photos(folder, 3), {"0.jpg", "1.jpg", "2.jpg"}
-
-
 def _video(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
     path = folder / "walk.mp4"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
@@ -56,7 +52,7 @@ def _archive(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
     return "Choose files", [folder / "capture.tar.gz"], {"0.jpg", "1.jpg", "2.jpg"}
 
 
-@pytest.mark.parametrize("made", [_folder, _camera, _video, _archive])
+@pytest.mark.parametrize("made", [_folder, _video, _archive])
 def test_each_kind_of_capture_becomes_a_job(
     place: Place, browser: Browser, tmp_path: Path, made: Callable[[Path], tuple[str, list[Path] | Path, set[str]]]
 ) -> None:

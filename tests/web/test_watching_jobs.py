@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from playwright.sync_api import Browser, Route, expect
 
@@ -29,6 +31,8 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         assert picture.evaluate("image => [image.naturalWidth, image.naturalHeight]") == [32, 24]
         expect(page.get_by_text("300 steps, 4 s · 1,000 Gaussians · 21.0 dB PSNR")).to_be_visible()
         expect(page.get_by_text("About 3 min left in all.")).to_be_visible()
+        expect(page.get_by_role("progressbar", name="Training")).to_have_attribute("value", "0.25")
+        expect(page.get_by_text(re.compile(r"about \d+ s left in this stage$"))).to_be_visible()
         expect(page.get_by_role("heading", name="<i>grows</i>")).to_be_visible()
 
         cameras = page.get_by_role("img", name="Drawing of the cameras of 2 of 3 photos, and points")
@@ -52,18 +56,12 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         assert any(url.endswith("/events") for url in visit.requests)
 
 
-def test_it_fits_a_phone(place: Place, browser: Browser, training: Claim) -> None:
+def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
     with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}", **phone) as visit:
-        expect(visit.page.get_by_role("img", name=_PICTURE)).to_be_visible()
-        expect(visit.page.get_by_role("button", name="Turn right")).to_be_visible()
-        assert visit.fits()
-        visit.check_accessible()
-
-
-def test_a_training_is_stopped_early_and_kept_by_keyboard(place: Place, browser: Browser, training: Claim) -> None:
-    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
         page = visit.page
+        expect(page.get_by_role("button", name="Turn right")).to_be_visible()
+        assert visit.fits()
         page.get_by_role("button", name="Stop early and keep it").press("Enter")
         visit.check_accessible()
         assert not place.service.get_operation(training.operation.id).finish_requested
@@ -125,7 +123,8 @@ def test_a_cancelled_job_says_so_and_nothing_else_when_it_is_tried_again(
 
 def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, browser: Browser, training: Claim) -> None:
     jobs, job = place.service._store.jobs, training.operation.id
-    error = {"kind": "FAILED_PRECONDITION", "reason": "RECONSTRUCTION_FAILED", "stage": "capture", "details": {}}
+    details = {"field": "images", "limit": "3 photos", "hint": "Take more photos."}
+    error = {"kind": "FAILED_PRECONDITION", "reason": "RECONSTRUCTION_FAILED", "stage": "capture", "details": details}
     blamed = {**error, "message": "IMG_0012.jpg fits nowhere", "recurs": True, "photos": ["IMG_0012.jpg"]}
     jobs.fail(training, blamed)
     asked: list[object] = []
@@ -139,6 +138,9 @@ def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, bro
         visit.expected.append("ERR_FAILED")
         page.route(f"**/operations/{job}:retry", refuse)
         page.goto(f"{place.url}/#/scenes/{training.operation.scene_id}")
+        told = ("Failed in the stage “Photos and cameras”.", "fits nowhere.", "Limit: 3 photos.", "Take more photos.")
+        for text in told:
+            expect(page.get_by_role("alert")).to_contain_text(text)
         offers = page.locator(".job .buttons").locator("button, a")
         expect(offers.first).to_have_text("Leave out IMG_0012.jpg and go on")
         expect(offers.nth(1)).to_have_text("Try again with the same photos")
@@ -153,3 +155,5 @@ def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, bro
             jobs.fail(claim, {**error, "message": "it failed", **more})
             page.reload()
             expect(offers.first).to_have_text(offer)
+        page.goto(f"{place.url}/#/")
+        expect(page.get_by_role("link", name="<i>grows</i>")).to_contain_text("Failed")

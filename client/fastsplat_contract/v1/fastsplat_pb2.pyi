@@ -642,7 +642,7 @@ class CreateSceneHeader(_message.Message):
     def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ...) -> None: ...
 
 class Operation(_message.Message):
-    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_namer")
+    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_namer", "jobs_ahead", "starts_in_s")
     class LeftOutEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -671,6 +671,8 @@ class Operation(_message.Message):
     DRAFT_FIELD_NUMBER: _ClassVar[int]
     CREATE_SCENE_FIELD_NUMBER: _ClassVar[int]
     ASK_NAMER_FIELD_NUMBER: _ClassVar[int]
+    JOBS_AHEAD_FIELD_NUMBER: _ClassVar[int]
+    STARTS_IN_S_FIELD_NUMBER: _ClassVar[int]
     id: str
     scene_id: str
     state: OperationState
@@ -692,7 +694,9 @@ class Operation(_message.Message):
     draft: DraftInfo
     create_scene: CreateSceneResult
     ask_namer: NamerResult
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ...) -> None: ...
+    jobs_ahead: int
+    starts_in_s: float
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ..., jobs_ahead: _Optional[int] = ..., starts_in_s: _Optional[float] = ...) -> None: ...
 
 class StageProgress(_message.Message):
     __slots__ = ("stage", "fraction", "message", "seconds", "metrics")
@@ -2570,7 +2574,7 @@ class JobEstimate(_message.Message):
     def __init__(self, seconds: _Optional[float] = ..., stages: _Optional[_Mapping[str, float]] = ...) -> None: ...
 
 class ServerStatus(_message.Message):
-    __slots__ = ("version", "project", "role", "key_expires_at", "upload_operation", "models", "backend", "training_backend", "workers", "quotas", "max_upload_bytes", "max_images", "addresses", "namer", "health")
+    __slots__ = ("version", "project", "role", "key_expires_at", "upload_operation", "models", "backend", "training_backend", "workers", "quotas", "max_upload_bytes", "max_images", "addresses", "namer", "health", "asks_for_keys")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     PROJECT_FIELD_NUMBER: _ClassVar[int]
     ROLE_FIELD_NUMBER: _ClassVar[int]
@@ -2586,6 +2590,7 @@ class ServerStatus(_message.Message):
     ADDRESSES_FIELD_NUMBER: _ClassVar[int]
     NAMER_FIELD_NUMBER: _ClassVar[int]
     HEALTH_FIELD_NUMBER: _ClassVar[int]
+    ASKS_FOR_KEYS_FIELD_NUMBER: _ClassVar[int]
     version: str
     project: str
     role: Role
@@ -2601,7 +2606,8 @@ class ServerStatus(_message.Message):
     addresses: _containers.RepeatedScalarFieldContainer[str]
     namer: NamerStatus
     health: ServerHealth
-    def __init__(self, version: _Optional[str] = ..., project: _Optional[str] = ..., role: _Optional[_Union[Role, str]] = ..., key_expires_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., upload_operation: _Optional[str] = ..., models: _Optional[_Iterable[_Union[ModelStatus, _Mapping]]] = ..., backend: _Optional[str] = ..., training_backend: _Optional[str] = ..., workers: _Optional[int] = ..., quotas: _Optional[_Iterable[_Union[QuotaStatus, _Mapping]]] = ..., max_upload_bytes: _Optional[int] = ..., max_images: _Optional[int] = ..., addresses: _Optional[_Iterable[str]] = ..., namer: _Optional[_Union[NamerStatus, _Mapping]] = ..., health: _Optional[_Union[ServerHealth, _Mapping]] = ...) -> None: ...
+    asks_for_keys: bool
+    def __init__(self, version: _Optional[str] = ..., project: _Optional[str] = ..., role: _Optional[_Union[Role, str]] = ..., key_expires_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., upload_operation: _Optional[str] = ..., models: _Optional[_Iterable[_Union[ModelStatus, _Mapping]]] = ..., backend: _Optional[str] = ..., training_backend: _Optional[str] = ..., workers: _Optional[int] = ..., quotas: _Optional[_Iterable[_Union[QuotaStatus, _Mapping]]] = ..., max_upload_bytes: _Optional[int] = ..., max_images: _Optional[int] = ..., addresses: _Optional[_Iterable[str]] = ..., namer: _Optional[_Union[NamerStatus, _Mapping]] = ..., health: _Optional[_Union[ServerHealth, _Mapping]] = ..., asks_for_keys: _Optional[bool] = ...) -> None: ...
 
 class ModelStatus(_message.Message):
     __slots__ = ("role", "name", "state", "calibrated")

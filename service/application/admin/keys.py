@@ -81,11 +81,7 @@ class Keys:
         return tuple(self._rows.all())
 
     def revoke(self, key_id: str) -> None:
-        """Take a key back.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Take a key back. Raises `NotFoundError`: there is none of that id."""
         self._rows.revoke(key_id, time.time())
 
     def valid(self) -> KeyRing:

@@ -29,11 +29,7 @@ class Quotas:
         self._check(Usage(usage.scenes + 1, usage.stored_bytes + pending_bytes, usage.queued_jobs + 1))
 
     def check_retry(self, project: str) -> None:
-        """Return if `project` may have one job more that waits or runs.
-
-        Raises:
-            QuotaError: it may not.
-        """
+        """Return if `project` may have one job more that waits or runs. Raises `QuotaError`: it may not."""
         usage = self._usage.of(project)
         self._check(Usage(usage.scenes, usage.stored_bytes, usage.queued_jobs + 1))
 

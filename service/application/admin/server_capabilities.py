@@ -54,17 +54,17 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
     record = store.keys.find(key_id) if key_id else None
     key = None if record is None else as_key(record, now)
     usage, quotas = store.quota_usage.of(project), settings.quotas
-    live_since = now - settings.jobs.stalled_worker_timeout_s
     return ServerStatus(
         version=version("fastsplat"),
         project=project,
         role=role,
         key_expires_at=None if key is None else key.expires_at,
+        asks_for_keys=settings.auth != "off",
         upload_operation="" if key is None else key.operation_id,
         models=() if role in APART else _models(settings),
         backend=settings.query.backend,
         training_backend=settings.training.backend,
-        workers=sum(worker.heartbeat_at >= live_since for worker in store.workers.list_workers()),
+        workers=store.workers.alive(settings.jobs.stalled_worker_timeout_s),
         quotas=()
         if role in APART
         else (

@@ -137,11 +137,7 @@ class OpenScenes:
         return current
 
     def folder(self, scene_id: str, version: str) -> Path:
-        """Where a version's files are.
-
-        Raises:
-            NotFoundError: the scene was deleted meanwhile.
-        """
+        """Where a version's files are. Raises `NotFoundError`: the scene was deleted meanwhile."""
         folder = self._store.blobs.fetch_version(scene_id, version)
         if folder is None:
             raise _deleted(scene_id)

@@ -168,11 +168,7 @@ class MemoryBudget:
             yield
 
     def check(self, size: int, field: str) -> None:
-        """Return if one request may hold so many bytes.
-
-        Raises:
-            LimitExceededError: it may not.
-        """
+        """Return if one request may hold so many bytes. Raises `LimitExceededError`: it may not."""
         if size > self._one:
             raise LimitExceededError(
                 f"the request would hold about {size / 2**20:.0f} MiB in memory",

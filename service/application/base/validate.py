@@ -75,11 +75,7 @@ def check_pick(request: PickRequest) -> None:
 
 
 def check_page_size(size: int, limits: StoreOptions) -> int:
-    """The page size to use: the default for 0, cut to the server's limit.
-
-    Raises:
-        InvalidInputError: negative.
-    """
+    """The page size to use: the default for 0, cut to the server's limit. Raises `InvalidInputError`: negative."""
     if size < 0:
         raise InvalidInputError(f"a page size of {size}", field="page_size", hint="Use 0 for the default.")
     return min(size or _DEFAULT_PAGE, limits.max_page_size)

@@ -7,8 +7,11 @@ import time
 from dataclasses import astuple
 from typing import TYPE_CHECKING
 
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.records import PREDICTED_S
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.operations import JobEstimate, SceneOptions
 from fastsplat_contract.requests import EstimateJobRequest
@@ -40,14 +43,25 @@ class JobEstimates:
         Raises:
             LimitExceededError: more photos than a scene may have.
         """
-        from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds  # loads torch
-
         most = self._settings.capture.max_images
         if request.photos > most:
             raise LimitExceededError(f"{request.photos} photos", field="photos", limit=f"{most} photos")
-        settings = chosen_settings(self._settings, SceneOptions(preset=request.preset))
-        photos = PhotoSet(request.photos, request.width or _USUAL_WIDTH, request.height or _USUAL_HEIGHT)
-        stages = {name: round(seconds, 1) for name, seconds in job_seconds(photos, settings, self._measured()).items()}
+        width, height = request.width or _USUAL_WIDTH, request.height or _USUAL_HEIGHT
+        return self._of(request.photos, width, height, SceneOptions(preset=request.preset))
+
+    def predicted(self, upload: ValidatedUpload, options: SceneOptions) -> dict[str, float]:
+        """How long a job takes, beside its options: of photos alone, and once an estimate has measured the machine."""
+        if upload.source != "images" or self._speed is None:
+            return {}
+        first = read_manifest(upload.folder)[0].photos[0]
+        return {PREDICTED_S: self._of(upload.images, first.width, first.height, options).seconds}
+
+    def _of(self, count: int, width: int, height: int, options: SceneOptions) -> JobEstimate:
+        from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds  # loads torch
+
+        settings = chosen_settings(self._settings, options)
+        seconds = job_seconds(PhotoSet(count, width, height), settings, self._measured())
+        stages = {name: round(value, 1) for name, value in seconds.items()}
         return JobEstimate(round(sum(stages.values()), 1), stages)
 
     def _measured(self) -> Speed:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping, Sequence
+from heapq import heapify, heapreplace
 from typing import Any
 
-from fastsplat.service.application.jobs.stored import operation_of
+from fastsplat.service.application.jobs.stored import Ahead, operation_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.damaged_rows import each_readable
-from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.records import PREDICTED_S, SECONDS_LEFT, OperationRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
@@ -28,11 +30,12 @@ class RunningJobs:
 
     def operation(self, record: OperationRecord) -> Operation:
         """What a caller sees of a job."""
-        return operation_of(record, self._worker_of(record))
+        return operation_of(record, self._worker_of(record), self._ahead_of((record,)).get(record.id))
 
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
         """The same of many, without those whose rows cannot be read."""
-        return tuple(each_readable(records, self.operation))
+        ahead = self._ahead_of(records)
+        return tuple(each_readable(records, lambda one: operation_of(one, self._worker_of(one), ahead.get(one.id))))
 
     def finish(self, operation_id: str) -> Operation:
         """Ask a job to end its training early, once it has 250 steps, and to make its scene of what is there; asked
@@ -99,12 +102,38 @@ class RunningJobs:
                 return entry["info"], content
             before = entry  # replaced since the row was read: then there is a newer one
 
+    def _ahead_of(self, records: Sequence[OperationRecord]) -> Mapping[str, Ahead]:
+        """What is ahead of jobs that wait, where any of these does."""
+        if all(record.state != "QUEUED" for record in records):
+            return {}
+        timeout_s = self._settings.jobs.stalled_worker_timeout_s
+        heard_since, under_way = time.time() - timeout_s, self._store.jobs.under_way()
+        ends = [_seconds_of(job, heard_since) for job in under_way]
+        ends += [0.0] * (self._store.workers.alive(timeout_s) - len(ends))
+        heapify(ends := ends or [math.inf])
+        ahead, number = {}, sum(not job.cancel_requested for job in under_way)
+        for job in self._store.jobs.in_turn():
+            ahead[job.id] = number, ends[0]
+            number += not job.cancel_requested
+            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # who is free first takes it
+        return ahead
+
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
         if record.state in FINAL_STATES:
             return None
         timeout_s = self._settings.jobs.stalled_worker_timeout_s
         if record.state == "RUNNING" and time.time() - record.updated_at <= timeout_s:
             return "working"
-        if not self._store.workers.any_alive(timeout_s):
+        if not self._store.workers.alive(timeout_s):
             return "none"
         return "silent" if record.state == "RUNNING" else "waiting"
+
+
+def _seconds_of(job: OperationRecord, heard_since: float) -> float:
+    """How long a job still takes, by what was said when it came, or with its last progress; infinite: unknown."""
+    if job.cancel_requested:
+        return 0.0
+    if job.state == "QUEUED":
+        return float(job.options.get(PREDICTED_S, math.inf))
+    left = job.stages[-1]["metrics"].get(SECONDS_LEFT, -1) if job.stages and job.updated_at >= heard_since else -1
+    return float(left) if left >= 0 else math.inf

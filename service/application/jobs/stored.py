@@ -30,6 +30,10 @@ from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, Scene
 
 _LEFT_OUT = "left_out"
 _MAX_LEFT_OUT = 100
+_SOON_S = 10.0
+
+Ahead = tuple[int, float]
+"""How many jobs are ahead of one that waits, and in how many seconds a worker is free for it; infinite: unknown."""
 
 
 def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
@@ -38,13 +42,9 @@ def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
 
 
 @decodes("operation")
-def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
-    """What a caller sees of an operation row; a metric that is no finite number is left out.
-
-    Args:
-        record: the row.
-        worker: who works on it; None once it is done.
-    """
+def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahead: Ahead | None = None) -> Operation:
+    """What a caller sees of an operation row, `worker` None once it is done; without metrics that are not finite."""
+    jobs_ahead, starts_in_s = (None, math.inf) if ahead is None else ahead
     error, done = record.error, record.state in FINAL_STATES
     files = {} if done or record.progress_files is None else record.progress_files
     left = record.stages[-1]["metrics"].get(SECONDS_LEFT) if record.stages and worker == "working" else None
@@ -61,6 +61,8 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         attempt=record.attempt,
         worker=worker,
         seconds_left=left if left is not None and 0 <= left < math.inf else None,
+        jobs_ahead=jobs_ahead,
+        starts_in_s=_SOON_S * round(starts_in_s / _SOON_S) if math.isfinite(starts_in_s) else None,
         finish_requested=record.finish_requested,
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         draft=DraftInfo(**files["draft"]["info"]) if "draft" in files else None,

@@ -270,11 +270,7 @@ class UploadFile:
             raise disk_error(error, self._name) from error
 
     def end(self) -> int:
-        """Make it a file of the upload. Returns its size in bytes.
-
-        Raises:
-            ResourceError: the disk is full.
-        """
+        """Make it a file of the upload. Returns its size in bytes. Raises `ResourceError`: the disk is full."""
         try:
             self._file.close()
         except OSError as error:

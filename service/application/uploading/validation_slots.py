@@ -26,11 +26,7 @@ class ValidationSlots:
 
     @contextmanager
     def taken(self, owner: str) -> Iterator[None]:
-        """A block that holds a place; waits for one.
-
-        Raises:
-            CancelledError: the caller does not wait any longer.
-        """
+        """A block that holds a place; waits for one. Raises `CancelledError`: the caller does not wait any longer."""
         with self._changed:
             while self._taken.total() >= self._count or self._taken[owner] >= self._share:
                 check_cancelled()

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 
 import { parseRoute, sceneAddress, shareKeyIn } from "./addresses";
 
-test.each(["", "#", "#/"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
+test.each(["", "#", "#content"])("%j is the list", (hash) => expect(parseRoute(hash)).toEqual({ page: "scenes" }));
 
 test("a scene's address comes back", () => {
   const more = {

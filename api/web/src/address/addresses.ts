@@ -10,7 +10,7 @@ export type Route =
 export function parseRoute(hash: string): Route {
   const [path = "", query = ""] = hash.replace(/^#/, "").split("?", 2);
   const parameters = new URLSearchParams(query);
-  if (path === "" || path === "/") return { page: "scenes" };
+  if (path === "" || path === "/" || isPlace(hash)) return { page: "scenes" };
   if (path === "/new") return { page: "new" };
   if (path === "/phone") return { page: "phone" };
   if (path === "/server") return { page: "server" };
@@ -28,6 +28,11 @@ export function parseRoute(hash: string): Route {
       .filter((id) => Number.isInteger(id) && id > 0),
     look: parameters.get("look") ?? "",
   };
+}
+
+/** Whether an address leads to a place on a page, e.g. to its content, and to no page. */
+export function isPlace(hash: string): boolean {
+  return /^#[^/]/.test(hash);
 }
 
 /** What the address of a scene says beside the scene. */

@@ -1,7 +1,7 @@
 import { signal } from "@preact/signals";
 
 import type { Route, SceneAddress } from "./addresses";
-import { parseRoute, sceneAddress as addressOf, shareKeyIn } from "./addresses";
+import { isPlace, parseRoute, sceneAddress as addressOf, shareKeyIn } from "./addresses";
 import { shareKey } from "./share";
 import { takeUploadKey } from "./uploadLink";
 
@@ -19,6 +19,10 @@ export const route = signal<Route>(parseRoute(location.hash));
 let known = location.hash;
 
 window.addEventListener("hashchange", () => {
+  if (isPlace(location.hash)) {
+    history.replaceState(null, "", known || "#/"); // the browser has gone there; the page stays what it is
+    return;
+  }
   const other = shareKeyIn(location.hash);
   if (other && other !== shareKey) location.reload(); // another link, another caller
   takeUploadKey();

@@ -1,4 +1,4 @@
-import { getJson, post, postJson, send } from "./http";
+import { getJson, listAll, post, postJson, send } from "./http";
 import type { paths } from "./schema";
 import type {
   Answer,
@@ -21,19 +21,9 @@ import type {
   VersionList,
 } from "./types";
 
-const PAGE_SIZE = 100;
-
 /** Every scene of the caller's project, newest first. */
-export async function listScenes(): Promise<SceneSummary[]> {
-  const scenes: SceneSummary[] = [];
-  let token = "";
-  do {
-    const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token });
-    const page = await getJson<SceneList>(`v1/scenes?${query}`);
-    scenes.push(...page.scenes);
-    token = page.next_page_token;
-  } while (token);
-  return scenes;
+export function listScenes(): Promise<SceneSummary[]> {
+  return listAll("v1/scenes", (page: SceneList) => page.scenes);
 }
 
 export function getScene(sceneId: string, signal?: AbortSignal): Promise<Scene> {
@@ -66,16 +56,9 @@ export async function listVersions(sceneId: string): Promise<SceneVersion[]> {
 }
 
 /** Every thing of a version, by id, each followed by its parts. */
-export async function listThings(sceneId: string, version: string): Promise<SceneThing[]> {
-  const things: SceneThing[] = [];
-  let token = "";
-  do {
-    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token, parts: "true" });
-    const page = await getJson<ThingList>(`v1/scenes/${encodeURIComponent(sceneId)}/things?${query}`);
-    things.push(...page.things);
-    token = page.next_page_token;
-  } while (token);
-  return things;
+export function listThings(sceneId: string, version: string): Promise<SceneThing[]> {
+  const path = `v1/scenes/${encodeURIComponent(sceneId)}/things`;
+  return listAll(path, (page: ThingList) => page.things, undefined, { version, parts: "true" });
 }
 
 /**
@@ -170,6 +153,11 @@ export function exportPath(sceneId: string, format: ExportFormat, version: strin
   const query = new URLSearchParams({ version });
   for (const id of things) query.append("thing", String(id));
   return `v1/scenes/${encodeURIComponent(sceneId)}/scene.${format}?${query}`;
+}
+
+/** How many bytes a file of the server has; null where it does not say so. */
+export async function fileSize(path: string, signal: AbortSignal): Promise<number | null> {
+  return Number((await send(path, { method: "HEAD", signal })).headers.get("Content-Length")) || null;
 }
 
 /** Where the page finds Gaussians to draw, or few of them, enough to say where surfaces are. */

@@ -111,6 +111,24 @@ export async function getJson<T>(path: string, signal?: AbortSignal): Promise<T>
   return (await (await send(path, signal ? { signal } : {})).json()) as T;
 }
 
+/** Every row of what the server lists in pages, all of which `query` asks for. */
+export async function listAll<T>(
+  path: string,
+  rows: (page: never) => readonly T[],
+  signal?: AbortSignal,
+  query: Readonly<Record<string, string>> = {},
+): Promise<T[]> {
+  const values: T[] = [];
+  let token = "";
+  do {
+    const asked = new URLSearchParams({ page_size: "100", ...query, page_token: token });
+    const page = await getJson<{ next_page_token: string }>(`${path}?${asked}`, signal);
+    values.push(...rows(page as never));
+    token = page.next_page_token;
+  } while (token);
+  return values;
+}
+
 export async function postJson<T>(path: string, body: unknown, signal?: AbortSignal): Promise<T> {
   return (await (await post(path, body, signal)).json()) as T;
 }

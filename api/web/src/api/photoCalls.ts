@@ -1,4 +1,4 @@
-import { getJson, send } from "./http";
+import { getJson, listAll, send } from "./http";
 import type { components } from "./schema";
 
 export type BestView = components["schemas"]["BestView"];
@@ -7,22 +7,16 @@ type PhotoList = components["schemas"]["PhotoList"];
 type Observation = components["schemas"]["Observation"];
 type ObservationList = components["schemas"]["ObservationList"];
 
-const PAGE_SIZE = 500;
+const PAGE_SIZE = "500";
 const KEPT_PHOTOS = 60;
 
 const path = (sceneId: string) => `v1/scenes/${encodeURIComponent(sceneId)}`;
 
 /** Names of the cameras whose photos are stored with a scene. */
 export async function listPhotos(sceneId: string, version: string, signal: AbortSignal): Promise<Set<string>> {
-  const views = new Set<string>();
-  let token = "";
-  do {
-    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
-    const page = await getJson<PhotoList>(`${path(sceneId)}/photos?${query}`, signal);
-    for (const photo of page.photos) views.add(photo.view);
-    token = page.next_page_token;
-  } while (token);
-  return views;
+  const photos = (page: PhotoList) => page.photos;
+  const query = { version, page_size: PAGE_SIZE };
+  return new Set((await listAll(`${path(sceneId)}/photos`, photos, signal, query)).map(({ view }) => view));
 }
 
 /** The cameras that show some things, or the answer to a text, best. */
@@ -46,16 +40,9 @@ export async function observe(sceneId: string, files: readonly File[]): Promise<
 }
 
 /** What photos of other days said of a scene, the newest first. */
-export async function listObservations(sceneId: string, version: string, signal: AbortSignal): Promise<Observation[]> {
-  const observations: Observation[] = [];
-  let token = "";
-  do {
-    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
-    const page = await getJson<ObservationList>(`${path(sceneId)}/observations?${query}`, signal);
-    observations.push(...page.observations);
-    token = page.next_page_token;
-  } while (token);
-  return observations;
+export function listObservations(sceneId: string, version: string, signal: AbortSignal): Promise<Observation[]> {
+  const observations = (page: ObservationList) => page.observations;
+  return listAll(`${path(sceneId)}/observations`, observations, signal, { version, page_size: PAGE_SIZE });
 }
 
 const photos = new Map<string, Promise<string>>(); // object URLs: a photo of a scene never changes

@@ -1,4 +1,4 @@
-import { getJson, post, postJson, send } from "./http";
+import { getJson, listAll, post, postJson, send } from "./http";
 import type {
   AccessKey,
   KeyList,
@@ -50,7 +50,7 @@ export async function listOperations(
 }
 
 export function listKeys(signal?: AbortSignal): Promise<AccessKey[]> {
-  return all("v1/keys", (page: KeyList) => page.keys, signal);
+  return listAll("v1/keys", (page: KeyList) => page.keys, signal);
 }
 
 export function createKey(name: string, role: Role, lifetime_s: number | null): Promise<NewKey> {
@@ -66,21 +66,9 @@ export async function revokeKey(keyId: string): Promise<void> {
 }
 
 export function listKnownNames(signal?: AbortSignal): Promise<KnownName[]> {
-  return all("v1/known-names", (page: KnownNameList) => page.names, signal);
+  return listAll("v1/known-names", (page: KnownNameList) => page.names, signal);
 }
 
 export async function deleteKnownName(nameId: string): Promise<void> {
   await send(`v1/known-names/${encodeURIComponent(nameId)}`, { method: "DELETE" });
-}
-
-async function all<T>(path: string, rows: (page: never) => T[], signal?: AbortSignal): Promise<T[]> {
-  const values: T[] = [];
-  let token = "";
-  do {
-    const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token });
-    const page = await getJson<{ next_page_token: string }>(`${path}?${query}`, signal);
-    values.push(...rows(page as never));
-    token = page.next_page_token;
-  } while (token);
-  return values;
 }

@@ -7,6 +7,8 @@ import { ScenePage } from "../scene/ScenePage";
 import { ScenesPage } from "../scenes/ScenesPage";
 import { ServerPage } from "../server/ServerPage";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { LeftUploads } from "../upload/LeftUploads";
 import { PhonePage } from "../upload/PhonePage";
 import { UploadPage } from "../upload/UploadPage";
 import { SignIn } from "./SignIn";
@@ -17,14 +19,7 @@ export function App() {
   const signedOut = signInReason.value !== "" && !phone;
   return (
     <>
-      <a
-        class="skip"
-        href="#content"
-        onClick={(event) => {
-          event.preventDefault(); // the address behind # is the page's
-          document.getElementById("content")?.focus();
-        }}
-      >
+      <a class="skip" href="#content">
         {texts.skip}
       </a>
       <header>
@@ -48,9 +43,7 @@ export function App() {
           )}
           {!phone && <a href="docs">{texts.nav.api}</a>}
           {accessKey.value && !signedOut && !isShared && !phone && (
-            <button type="button" class="plain" onClick={signOut}>
-              {texts.nav.signOut}
-            </button>
+            <Button class="plain" onClick={signOut} text={texts.nav.signOut} />
           )}
         </nav>
       </header>
@@ -59,6 +52,7 @@ export function App() {
           {texts.errors.offlineNow}
         </p>
       )}
+      {!signedOut && <LeftUploads />}
       <Content signedOut={signedOut} />
     </>
   );

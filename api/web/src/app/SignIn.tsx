@@ -2,6 +2,8 @@ import { useEffect, useRef } from "preact/hooks";
 
 import { signIn, signInReason } from "../api/http";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 
 export function SignIn() {
   const field = useRef<HTMLInputElement>(null);
@@ -17,9 +19,8 @@ export function SignIn() {
       ) : (
         <p>{texts.signIn.missing}</p>
       )}
-      <form
-        onSubmit={(event) => {
-          event.preventDefault();
+      <Form
+        onSubmit={() => {
           const key = field.current?.value.trim();
           if (key) signIn(key);
         }}
@@ -38,8 +39,8 @@ export function SignIn() {
         <p id="key-help" class="hint">
           {texts.signIn.where} {texts.signIn.remember}
         </p>
-        <button class="primary">{texts.signIn.submit}</button>
-      </form>
+        <Button type="submit" class="primary" text={texts.signIn.submit} />
+      </Form>
     </section>
   );
 }

@@ -1,6 +1,8 @@
 import type { Answer, SceneThing } from "../api/types";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { Chip } from "../ui/Chip";
+import { Form } from "../ui/fields";
 import type { IconName } from "../ui/Icon";
 import { Icon } from "../ui/Icon";
 import { spoken } from "./spoken";
@@ -19,13 +21,7 @@ export function QuestionForm({
   onAsk: () => void;
 }) {
   return (
-    <form
-      role="search"
-      onSubmit={(event) => {
-        event.preventDefault();
-        onAsk();
-      }}
-    >
+    <Form role="search" onSubmit={() => onAsk()}>
       <label class="sr-only" for="question">
         {texts.ask.label}
       </label>
@@ -38,8 +34,8 @@ export function QuestionForm({
         autocomplete="off"
         onInput={(event) => onType(event.currentTarget.value)}
       />
-      <button class="primary">{texts.ask.title}</button>
-    </form>
+      <Button type="submit" class="primary" text={texts.ask.title} />
+    </Form>
   );
 }
 

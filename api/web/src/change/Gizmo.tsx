@@ -2,6 +2,7 @@ import { useEffect, useRef } from "preact/hooks";
 
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import type { Motion } from "../viewer/motions";
 import { withAxis } from "../viewer/motions";
 import type { Point } from "../viewer/projection";
@@ -79,9 +80,9 @@ export function Gizmo({ state }: { state: SceneState }) {
         ))}
       </svg>
       {handles.map(({ kind, number, at, label, nudge, move }) => (
-        <button
+        <Button
           key={`${kind}${number}`}
-          type="button"
+
           class={`handle ${kind} axis-${number}`}
           aria-label={label}
           style={{ left: `${at[0]}px`, top: `${at[1]}px` }}
@@ -100,9 +101,8 @@ export function Gizmo({ state }: { state: SceneState }) {
             event.preventDefault();
             nudge(sign * (event.shiftKey ? 5 : 1));
           }}
-        >
-          {AXIS_NAMES[number]}
-        </button>
+          text={AXIS_NAMES[number]}
+        />
       ))}
     </div>
   );

@@ -4,6 +4,7 @@ import { useEffect, useMemo } from "preact/hooks";
 import type { SceneThing } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { lookAlikes } from "./lookAlikeList";
@@ -48,22 +49,21 @@ export function LookAlikes({ state, onFly }: Properties) {
     <section class="note look-alikes" aria-label={texts.change.lookAlikes(name)}>
       <p role="status">{texts.change.lookAlike(texts.things.titleOf(next), name, probability)}</p>
       <div class="buttons">
-        <button type="button" class="primary" disabled={state.busy.value} onClick={() => round.confirm([next])}>
-          {texts.change.lookAlikeYes}
-        </button>
-        <button type="button" onClick={() => round.decline(next)}>
-          {texts.change.lookAlikeNo}
-        </button>
+        <Button
+          class="primary"
+          disabled={state.busy.value}
+          onClick={() => round.confirm([next])}
+          text={texts.change.lookAlikeYes}
+        />
+        <Button onClick={() => round.decline(next)} text={texts.change.lookAlikeNo} />
         {others.length > 0 && (
-          <button type="button" disabled={state.busy.value} onClick={() => round.confirm([next, ...others])}>
-            {texts.change.lookAlikeAll(others.length + 1)}
-          </button>
+          <Button
+            disabled={state.busy.value}
+            onClick={() => round.confirm([next, ...others])}
+            text={texts.change.lookAlikeAll(others.length + 1)}
+          />
         )}
-        {box && (
-          <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
-            {texts.things.lookAt}
-          </button>
-        )}
+        {box && <Button onClick={() => onFly(centerOf(box), boxSize(box))} text={texts.things.lookAt} />}
       </div>
     </section>
   );

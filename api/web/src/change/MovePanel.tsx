@@ -1,5 +1,7 @@
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import { isRest, poseOf, withAxis } from "../viewer/motions";
 import { AXIS_NAMES } from "./Gizmo";
 
@@ -18,13 +20,10 @@ export function MovePanel({ state }: { state: SceneState }) {
     });
   const end = () => (change.motion.value = null);
   return (
-    <form
+    <Form
       class="move thing-card"
       aria-label={texts.change.moveOrTurn}
-      onSubmit={(event) => {
-        event.preventDefault();
-        send("move", texts.change.moved);
-      }}
+      onSubmit={() => send("move", texts.change.moved)}
       onKeyDown={(event) => event.key === "Escape" && end()}
     >
       <h2>{texts.change.moveOrTurn}</h2>
@@ -65,21 +64,15 @@ export function MovePanel({ state }: { state: SceneState }) {
         ))}
       </fieldset>
       <div class="buttons">
-        <button class="primary" disabled={state.busy.value || isRest(motion)}>
-          {texts.change.move}
-        </button>
-        <button
-          type="button"
+        <Button type="submit" class="primary" disabled={state.busy.value || isRest(motion)} text={texts.change.move} />
+        <Button
           disabled={state.busy.value || isRest(motion)}
           onClick={() => send("duplicate", texts.change.copied)}
-        >
-          {texts.change.copy}
-        </button>
-        <button type="button" onClick={end}>
-          {texts.cancel}
-        </button>
+          text={texts.change.copy}
+        />
+        <Button onClick={end} text={texts.cancel} />
       </div>
-    </form>
+    </Form>
   );
 }
 

@@ -2,6 +2,8 @@ import { useState } from "preact/hooks";
 
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { Projection } from "../viewer/projection";
 import { MiddleButton } from "./MiddleButton";
@@ -48,10 +50,9 @@ export function RulerNote({ state }: { state: SceneState }) {
       </p>
       {ruler.error !== null && <ErrorNote error={ruler.error} />}
       {measured?.distance && ruler.places.length === 2 && <KnownLengthForm state={state} />}
-      <form
+      <Form
         class="point"
-        onSubmit={(event) => {
-          event.preventDefault();
+        onSubmit={() => {
           if (point) void addPlace(state, point).then(() => setTyped(""));
         }}
       >
@@ -59,13 +60,11 @@ export function RulerNote({ state }: { state: SceneState }) {
           {texts.change.point}
           <input value={typed} autocomplete="off" onInput={(event) => setTyped(event.currentTarget.value)} />
         </label>
-        <button disabled={!point}>{texts.change.takePoint}</button>
-      </form>
+        <Button type="submit" disabled={!point} text={texts.change.takePoint} />
+      </Form>
       <div class="buttons">
         <MiddleButton state={state} />
-        <button type="button" onClick={() => endRuler(state)}>
-          {texts.change.rulerEnd}
-        </button>
+        <Button onClick={() => endRuler(state)} text={texts.change.rulerEnd} />
       </div>
     </div>
   );
@@ -82,10 +81,9 @@ function KnownLengthForm({ state }: { state: SceneState }) {
     if (await state.edit({ action: "scale", known_lengths }, texts.change.scaled)) endRuler(state);
   };
   return (
-    <form
+    <Form
       class="point"
-      onSubmit={(event) => {
-        event.preventDefault();
+      onSubmit={() => {
         if (fits) void send();
       }}
     >
@@ -98,10 +96,8 @@ function KnownLengthForm({ state }: { state: SceneState }) {
           onInput={(event) => setMeters(event.currentTarget.value)}
         />
       </label>
-      <button class="primary" disabled={!fits || state.busy.value}>
-        {texts.change.setScale}
-      </button>
-    </form>
+      <Button type="submit" class="primary" disabled={!fits || state.busy.value} text={texts.change.setScale} />
+    </Form>
   );
 }
 

@@ -2,6 +2,8 @@ import { useEffect, useState } from "preact/hooks";
 
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import { centerOf } from "../viewer/boxes";
 import { beginPrompt } from "./prompts";
 import { beginRuler } from "./ruler";
@@ -22,38 +24,28 @@ export function ThingTools({ state }: { state: SceneState }) {
     <section class="thing-tools" aria-labelledby="tools-title">
       <h2 id="tools-title">{texts.change.title}</h2>
       <div class="buttons">
-        <button type="button" onClick={() => change.hide(ids)}>
-          {texts.change.hide}
-        </button>
-        <button type="button" onClick={() => change.isolate(ids)}>
-          {texts.change.isolate}
-        </button>
+        <Button onClick={() => change.hide(ids)} text={texts.change.hide} />
+        <Button onClick={() => change.isolate(ids)} text={texts.change.isolate} />
         {box && (
-          <button
-            type="button"
+          <Button
             onClick={() => (change.motion.value = { pivot: centerOf(box), shift: [0, 0, 0], angles: [0, 0, 0] })}
-          >
-            {texts.change.moveOrTurn}
-          </button>
+            text={texts.change.moveOrTurn}
+          />
         )}
         {things.length === 1 && (
-          <button type="button" disabled={state.busy.value} onClick={() => beginPrompt(state, "split", first.id)}>
-            {texts.change.split}
-          </button>
+          <Button
+            disabled={state.busy.value}
+            onClick={() => beginPrompt(state, "split", first.id)}
+            text={texts.change.split}
+          />
         )}
-        {box && !first.meters && (
-          <button type="button" onClick={() => beginRuler(state)}>
-            {texts.change.measureForMeters}
-          </button>
-        )}
-        <button
-          type="button"
+        {box && !first.meters && <Button onClick={() => beginRuler(state)} text={texts.change.measureForMeters} />}
+        <Button
           class="danger"
           disabled={state.busy.value}
           onClick={() => void state.edit({ action: "remove", things: ids }, texts.change.removed)}
-        >
-          {texts.change.remove}
-        </button>
+          text={texts.change.remove}
+        />
       </div>
       <Recolor state={state} ids={ids} />
     </section>
@@ -64,14 +56,8 @@ export function ThingTools({ state }: { state: SceneState }) {
 export function SceneTools({ state }: { state: SceneState }) {
   return (
     <div class="buttons">
-      <button type="button" disabled={state.busy.value} onClick={() => beginPrompt(state, "add")}>
-        {texts.change.add}
-      </button>
-      {state.change.hides.value && (
-        <button type="button" onClick={() => state.change.showAll()}>
-          {texts.change.showAll}
-        </button>
-      )}
+      <Button disabled={state.busy.value} onClick={() => beginPrompt(state, "add")} text={texts.change.add} />
+      {state.change.hides.value && <Button onClick={() => state.change.showAll()} text={texts.change.showAll} />}
     </div>
   );
 }
@@ -80,18 +66,15 @@ function Recolor({ state, ids }: { state: SceneState; ids: number[] }) {
   const [color, setColor] = useState("#3d7be0");
   const [r = 0, g = 0, b = 0] = [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16) / 255);
   return (
-    <form
+    <Form
       class="recolor"
-      onSubmit={(event) => {
-        event.preventDefault();
-        void state.edit({ action: "recolor", things: ids, color: { r, g, b } }, texts.change.recolored);
-      }}
+      onSubmit={() => void state.edit({ action: "recolor", things: ids, color: { r, g, b } }, texts.change.recolored)}
     >
       <label>
         {texts.change.color}
         <input type="color" value={color} onInput={(event) => setColor(event.currentTarget.value)} />
       </label>
-      <button disabled={state.busy.value}>{texts.change.recolor}</button>
-    </form>
+      <Button type="submit" disabled={state.busy.value} text={texts.change.recolor} />
+    </Form>
   );
 }

@@ -1,5 +1,6 @@
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { MiddleButton } from "./MiddleButton";
 import { endPrompt } from "./prompts";
 import { RulerLine, RulerNote } from "./Ruler";
@@ -42,20 +43,20 @@ function PromptNote({ state }: { state: SceneState }) {
       <div class="buttons">
         <MiddleButton state={state} />
         {tool.made && (
-          <button
-            type="button"
+          <Button
             disabled={state.busy.value}
             onClick={() => {
               endPrompt(state);
               void state.undo(texts.things.undone);
             }}
-          >
-            {texts.change.promptUndo}
-          </button>
+            text={texts.change.promptUndo}
+          />
         )}
-        <button type="button" disabled={state.busy.value} onClick={() => endPrompt(state)}>
-          {tool.made ? texts.change.promptEnd : texts.cancel}
-        </button>
+        <Button
+          disabled={state.busy.value}
+          onClick={() => endPrompt(state)}
+          text={tool.made ? texts.change.promptEnd : texts.cancel}
+        />
       </div>
     </div>
   );

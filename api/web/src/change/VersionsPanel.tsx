@@ -2,6 +2,7 @@ import type { SceneVersion } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { describeVersion, lineOf } from "./versionTexts";
 
 /** Every version of the scene, newest first: what made it, when, by whom; any can be restored, or looked at beside. */
@@ -45,22 +46,18 @@ function Row({ state, version, undone }: { state: SceneState; version: SceneVers
       </p>
       {!version.current && (
         <div class="buttons">
-          <button
-            type="button"
+          <Button
             aria-pressed={compared}
             aria-label={texts.change.compareWith(what)}
             onClick={() => (state.compared.value = compared ? "" : version.version)}
-          >
-            {texts.change.compare}
-          </button>
-          <button
-            type="button"
+            text={texts.change.compare}
+          />
+          <Button
             disabled={state.busy.value}
             aria-label={texts.change.restoreVersion(what)}
             onClick={restore}
-          >
-            {texts.change.restore}
-          </button>
+            text={texts.change.restore}
+          />
         </div>
       )}
     </li>
@@ -74,9 +71,7 @@ export function ComparedNote({ state }: { state: SceneState }) {
   return (
     <p class="note tool-note" role="status">
       {texts.change.comparing(describeVersion(version))}{" "}
-      <button type="button" class="plain" onClick={() => (state.compared.value = "")}>
-        {texts.change.compareEnd}
-      </button>
+      <Button class="plain" onClick={() => (state.compared.value = "")} text={texts.change.compareEnd} />
     </p>
   );
 }

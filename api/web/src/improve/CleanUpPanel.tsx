@@ -6,6 +6,8 @@ import { previewEdit } from "../api/cleanUpCalls";
 import { isAbort } from "../api/http";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Check } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { Projection } from "../viewer/projection";
 import { fromBase64, unpackBits } from "../viewer/states";
@@ -103,14 +105,11 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
         said={tool.isolation ? texts.cleanUp.farther(tool.isolation) : texts.cleanUp.off}
         onChange={(value) => set({ isolation: value ? MOST_ISOLATION - value : 0 })}
       />
-      <label class="check">
-        <input
-          type="checkbox"
-          checked={tool.box !== null}
-          onChange={(event) => set({ box: event.currentTarget.checked ? boxAround(cameras) : null })}
-        />
-        {texts.cleanUp.box}
-      </label>
+      <Check
+        label={texts.cleanUp.box}
+        checked={tool.box !== null}
+        onChange={(checked) => set({ box: checked ? boxAround(cameras) : null })}
+      />
       {tool.box && (
         <BoxSliders
           box={tool.box}
@@ -120,29 +119,22 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
           onSide={(outside) => set({ outside })}
         />
       )}
-      <label class="check">
-        <input
-          type="checkbox"
-          checked={change.brush.value !== null}
-          onChange={(event) => (change.brush.value = event.currentTarget.checked ? [] : null)}
-        />
-        {texts.cleanUp.brush}
-      </label>
+      <Check
+        label={texts.cleanUp.brush}
+        checked={change.brush.value !== null}
+        onChange={(checked) => (change.brush.value = checked ? [] : null)}
+      />
       {change.brush.value !== null && <p class="hint">{texts.cleanUp.brushHelp(things.length)}</p>}
       {error !== null && <ErrorNote error={error} />}
       <p role="status">{current && (all ? texts.cleanUp.all : texts.cleanUp.goes(current.count, current.gaussians))}</p>
       <div class="buttons">
-        <button
-          type="button"
+        <Button
           class="danger"
           disabled={state.busy.value || !current?.count || all}
           onClick={() => void apply()}
-        >
-          {texts.cleanUp.apply}
-        </button>
-        <button type="button" onClick={onDone}>
-          {texts.cancel}
-        </button>
+          text={texts.cleanUp.apply}
+        />
+        <Button onClick={onDone} text={texts.cancel} />
       </div>
     </>
   );

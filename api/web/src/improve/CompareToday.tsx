@@ -5,6 +5,7 @@ import type { Observation } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangePictures } from "./ChangePictures";
@@ -92,21 +93,21 @@ function Told({ state, observation }: Props & { observation: Observation }) {
               change={change}
             />
             {change.thing_id > 0 && (
-              <button
-                type="button"
+              <Button
                 aria-pressed={state.lit.value === "selection" && state.selected.value.includes(change.thing_id)}
                 onClick={() => state.glow(change.thing_id)}
-              >
-                {texts.observe.show}
-              </button>
+                text={texts.observe.show}
+              />
             )}
           </li>
         ))}
       </ul>
       {made?.current && state.isCurrent.value && (
-        <button type="button" disabled={state.busy.value} onClick={() => void state.undo(texts.observe.undone)}>
-          {texts.observe.undo}
-        </button>
+        <Button
+          disabled={state.busy.value}
+          onClick={() => void state.undo(texts.observe.undone)}
+          text={texts.observe.undo}
+        />
       )}
     </li>
   );

@@ -6,6 +6,7 @@ import { serverStatus } from "../api/serverCalls";
 import type { Operation } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { Outcome } from "./SceneOrder";
@@ -33,15 +34,12 @@ export function NamerPanel({ state }: { state: SceneState }) {
       <p class="hint">{agreed ? texts.namer.agreed(host, model) : texts.namer.asks(host, model)}</p>
       {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.namer.adminAgrees}</p>}
       <div class="buttons">
-        {agreed && (
-          <button type="button" disabled={state.busy.value} onClick={ask}>
-            {texts.namer.ask(model)}
-          </button>
-        )}
+        {agreed && <Button disabled={state.busy.value} onClick={ask} text={texts.namer.ask(model)} />}
         {mayDo(status.role, "admin") && (
-          <button type="button" onClick={() => agree(agreed ? "" : host)}>
-            {agreed ? texts.namer.takeBack : texts.namer.agree(host)}
-          </button>
+          <Button
+            onClick={() => agree(agreed ? "" : host)}
+            text={agreed ? texts.namer.takeBack : texts.namer.agree(host)}
+          />
         )}
       </div>
       {started && (

@@ -5,6 +5,7 @@ import { getJson } from "../api/http";
 import type { NextPhotoList, PosedCamera } from "../api/types";
 import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { rayOf } from "../viewer/poses";
@@ -56,10 +57,7 @@ function Places({ sceneId, version, onFly }: Props) {
     <ol>
       {value.photos.map((photo, index) => (
         <li key={index}>
-          {photo.advice}{" "}
-          <button type="button" onClick={() => onFly(photo.camera)}>
-            {texts.nextPhotos.fly}
-          </button>
+          {photo.advice} <Button onClick={() => onFly(photo.camera)} text={texts.nextPhotos.fly} />
         </li>
       ))}
     </ol>

@@ -4,7 +4,10 @@ import { useRef, useState } from "preact/hooks";
 import { cancelOperation, getOperation, newRequestId } from "../api/calls";
 import { postJson } from "../api/http";
 import type { Operation } from "../api/types";
+import { waiting } from "../jobs/timing";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
@@ -51,18 +54,11 @@ export function SceneOrder({ sceneId, call, body, children, ...follow }: Props) 
     <details class="improve">
       <summary>{follow.words.title}</summary>
       <p class="hint">{follow.words.help}</p>
-      <form
-        onSubmit={(event) => {
-          event.preventDefault();
-          void order(new FormData(event.currentTarget));
-        }}
-      >
+      <Form onSubmit={(form) => void order(new FormData(form))}>
         {children}
         {error !== null && <ErrorNote error={error} />}
-        <button class="primary" disabled={busy}>
-          {follow.words.submit}
-        </button>
-      </form>
+        <Button type="submit" class="primary" disabled={busy} text={follow.words.submit} />
+      </Form>
       {started && <Outcome key={started.id} operationId={started.id} {...follow} />}
     </details>
   );
@@ -97,7 +93,7 @@ export function Outcome({ operationId, words, result, onDone }: FollowProps & { 
   return (
     <div class="note">
       <div role="status">
-        <p>{value.state === "RUNNING" ? words.running : texts.order.states[value.state]}</p>
+        <p>{stateOf(value, words.running)}</p>
         {value.error && <p>{sentence(value.error.message)}</p>}
         {value.error?.details["hint"] && <p class="hint">{value.error.details["hint"]}</p>}
         {result(value)}
@@ -105,11 +101,12 @@ export function Outcome({ operationId, words, result, onDone }: FollowProps & { 
       {stage && <progress max={1} value={stage.fraction} aria-label={words.title} />}
       {stage && <p class="hint">{stage.message}</p>}
       {problem !== null && <ErrorNote error={problem} />}
-      {!value.done && (
-        <button type="button" disabled={busy} onClick={cancel}>
-          {texts.cancel}
-        </button>
-      )}
+      {!value.done && <Button disabled={busy} onClick={cancel} text={texts.cancel} />}
     </div>
   );
+}
+
+function stateOf(operation: Operation, running: string): string {
+  if (operation.state === "QUEUED") return waiting(operation);
+  return operation.state === "RUNNING" ? running : texts.order.states[operation.state];
 }

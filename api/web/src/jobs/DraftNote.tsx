@@ -1,6 +1,6 @@
 import type { Operation, Scene } from "../api/types";
 import { texts } from "../texts";
-import { JobPanel } from "./JobPanel";
+import { JobLeft, JobPanel } from "./JobPanel";
 
 /** Beside a draft of a scene: that it is one, of what, and how far its job is. */
 export function DraftNote(props: { scene: Scene; operation: Operation | null; onChange: () => void }) {
@@ -16,10 +16,11 @@ export function DraftNote(props: { scene: Scene; operation: Operation | null; on
       {operation && !operation.done && stage && (
         <progress max={1} value={stage.fraction} aria-label={texts.job.stages[stage.stage] ?? stage.stage} />
       )}
+      {operation && <JobLeft operation={operation} />}
       {operation && (
         <details open={operation.done}>
           <summary>{texts.job.title}</summary>
-          <JobPanel operation={operation} onChange={onChange} />
+          <JobPanel operation={operation} onChange={onChange} timed={false} />
         </details>
       )}
     </aside>

@@ -4,6 +4,7 @@ import { cancelOperation } from "../api/calls";
 import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
 import { percent } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { FinishButton } from "./FinishButton";
@@ -11,12 +12,13 @@ import { JobPreview } from "./JobPreview";
 import { LeftOutFiles } from "./LeftOutFiles";
 import { PlacedView } from "./PlacedView";
 import { RetryOffer } from "./RetryOffer";
-import { duration, jobCountdown, stageCountdown } from "./timing";
+import { duration, jobCountdown, stageCountdown, waiting } from "./timing";
 import { useTimeLeft } from "./useTimeLeft";
 import { WorkerNote } from "./WorkerNote";
 
-/** The stages of a job, why it failed, and what can be done about it. */
-export function JobPanel({ operation, onChange }: { operation: Operation; onChange: () => void }) {
+/** The stages of a job, why it failed, and what can be done about it; how long it takes may stand elsewhere. */
+export function JobPanel(props: { operation: Operation; onChange: () => void; timed?: boolean }) {
+  const { operation, onChange, timed = true } = props;
   const [error, setError] = useState<unknown>(null);
   const [busy, setBusy] = useState(false);
   const act = (call: (id: string) => Promise<void>) => {
@@ -26,8 +28,6 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       .then(onChange, setError)
       .finally(() => setBusy(false));
   };
-  const details = operation.error?.details;
-  const left = useTimeLeft((previous, now) => jobCountdown(previous, operation.seconds_left, now), !operation.done);
   return (
     <section class="job" aria-labelledby="job-title">
       <h2 id="job-title">{texts.job.title}</h2>
@@ -35,20 +35,13 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
         {announcement(operation)}
       </p>
       <WorkerNote operation={operation} />
-      {left !== null && <p class="job-left">{texts.jobWatching.left(duration(left))}</p>}
+      {timed && <JobLeft operation={operation} />}
       {operation.state === "CANCELLED" && (
         <p class="note" role="status">
           {texts.job.cancelled}
         </p>
       )}
-      {operation.error && (
-        <div class="note error" role="alert">
-          <p>{texts.job.failed(texts.job.stages[operation.error.stage] ?? operation.error.stage)}</p>
-          <p>{sentence(operation.error.message, details?.["field"])}</p>
-          {details?.["limit"] && <p>{texts.limit(details["limit"])}</p>}
-          {details?.["hint"] && <p class="hint">{details["hint"]}</p>}
-        </div>
-      )}
+      <JobError operation={operation} />
       <LeftOutFiles files={operation.left_out} />
       <ol class="stages">
         {operation.stages.map((stage, index) => (
@@ -56,15 +49,31 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
         ))}
       </ol>
       {!operation.done && <FinishButton operation={operation} busy={busy} act={act} />}
-      {!operation.done && (
-        <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
-          {texts.job.cancel}
-        </button>
-      )}
+      {!operation.done && <Button disabled={busy} onClick={() => act(cancelOperation)} text={texts.job.cancel} />}
       <RetryOffer operation={operation} busy={busy} act={act} />
       {error !== null && <ErrorNote error={error} />}
     </section>
   );
+}
+
+/** Why a job failed. */
+export function JobError({ operation: { error } }: { operation: Operation }) {
+  if (!error) return null;
+  const { field, limit, hint } = error.details;
+  return (
+    <div class="note error" role="alert">
+      <p>{texts.job.failed(texts.job.stages[error.stage] ?? error.stage)}</p>
+      <p>{sentence(error.message, field)}</p>
+      {limit && <p>{texts.limit(limit)}</p>}
+      {hint && <p class="hint">{hint}</p>}
+    </div>
+  );
+}
+
+/** How long a job still takes, while that is known. */
+export function JobLeft({ operation }: { operation: Operation }) {
+  const left = useTimeLeft((previous, now) => jobCountdown(previous, operation.seconds_left, now), !operation.done);
+  return left !== null && <p class="job-left">{texts.jobWatching.left(duration(left))}</p>;
 }
 
 /** What a job shows of its scene: beside what it says of itself, so that both are in view. */
@@ -105,7 +114,7 @@ function stageTime(stage: StageProgress, active: boolean, left: number | null): 
 function announcement(operation: Operation): string {
   const stage = operation.stages.at(-1);
   if (operation.done) return "";
-  if (!stage) return texts.job.queued;
+  if (!stage) return waiting(operation);
   const tens = Math.floor(stage.fraction * 10) / 10;
   return `${texts.job.stages[stage.stage] ?? stage.stage}: ${percent(tens)}`;
 }

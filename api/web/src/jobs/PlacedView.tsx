@@ -3,6 +3,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { getJson, isAbort } from "../api/http";
 import type { Operation } from "../api/types";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import type { Vec } from "../viewer/vectors";
 import type { PlacedCameras, PlacedScene } from "./placedScene";
 import { axesOfTurn, placedScene, projected } from "./placedScene";
@@ -52,12 +53,8 @@ export function PlacedView({ operationId, info }: { operationId: string; info: I
       />
       <figcaption class="hint">{texts.jobWatching.placed(info.placed, info.images)}</figcaption>
       <span class="buttons">
-        <button type="button" onClick={() => setTurn((before) => before - STEP)}>
-          {texts.jobWatching.turnLeft}
-        </button>
-        <button type="button" onClick={() => setTurn((before) => before + STEP)}>
-          {texts.jobWatching.turnRight}
-        </button>
+        <Button onClick={() => setTurn((before) => before - STEP)} text={texts.jobWatching.turnLeft} />
+        <Button onClick={() => setTurn((before) => before + STEP)} text={texts.jobWatching.turnRight} />
       </span>
     </figure>
   );

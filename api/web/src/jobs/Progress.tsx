@@ -1,6 +1,7 @@
 import { getOperation } from "../api/calls";
 import { texts } from "../texts";
 import { useLoaded } from "../ui/useLoaded";
+import { waiting } from "./timing";
 
 /** One line of how far a job is, for a card. */
 export function Progress({ operationId }: { operationId: string }) {
@@ -11,7 +12,7 @@ export function Progress({ operationId }: { operationId: string }) {
   );
   const stage = value?.stages.at(-1);
   if (!value || value.done) return null;
-  if (!stage) return <span class="hint">{texts.job.queued}</span>;
+  if (!stage) return <span class="hint">{waiting(value)}</span>;
   const name = texts.job.stages[stage.stage] ?? stage.stage;
   return (
     <span class="progress-line">

@@ -1,6 +1,7 @@
 import { retryOperation } from "../api/calls";
 import type { Operation } from "../api/types";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 
 /**
  * What to do about a job that failed or was cancelled. First what would mend it: where photos are to blame, to leave
@@ -22,18 +23,24 @@ export function RetryOffer({
   return (
     <span class="buttons">
       {photos.length > 0 && (
-        <button type="button" class="primary" disabled={busy} onClick={() => act((id) => retryOperation(id, photos))}>
-          {texts.job.leaveOut(photos)}
-        </button>
+        <Button
+          class="primary"
+          disabled={busy}
+          onClick={() => act((id) => retryOperation(id, photos))}
+          text={texts.job.leaveOut(photos)}
+        />
       )}
       {others && (
         <a class="button primary" href="#/new">
           {texts.job.otherPhotos}
         </a>
       )}
-      <button type="button" class={again ? "primary" : ""} disabled={busy} onClick={() => act(retryOperation)}>
-        {again ? texts.job.retry : texts.job.retryUnchanged}
-      </button>
+      <Button
+        class={again ? "primary" : ""}
+        disabled={busy}
+        onClick={() => act(retryOperation)}
+        text={again ? texts.job.retry : texts.job.retryUnchanged}
+      />
     </span>
   );
 }

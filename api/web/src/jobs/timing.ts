@@ -1,4 +1,4 @@
-import type { StageProgress } from "../api/types";
+import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
 
 const LEAST_FRACTION = 0.02; // before that, a rate says nothing
@@ -31,6 +31,11 @@ export function jobCountdown(previous: Countdown | null, left: number | null, no
 export function secondsLeft(countdown: Countdown, now: number): number | null {
   const left = countdown.left === null ? null : countdown.left - (now - countdown.at);
   return left !== null && left > 0 ? left : null;
+}
+
+/** What a job waits for, with how many are ahead of it and for how long, as far as the server knows. */
+export function waiting({ jobs_ahead, starts_in_s }: Pick<Operation, "jobs_ahead" | "starts_in_s">): string {
+  return texts.job.queued(jobs_ahead ?? 0, starts_in_s ? duration(starts_in_s) : "");
 }
 
 /** Seconds as people say them. */

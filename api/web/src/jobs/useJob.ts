@@ -5,9 +5,9 @@ import { followOperation } from "./followOperation";
 
 /** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew with each draft, and
  * once it is done. */
-export function useJob(state: SceneState): void {
+export function useJob(state: SceneState, watched: boolean): void {
   const scene = state.scene.value;
-  const operationId = scene && scene.state !== "READY" ? scene.operation_id : "";
+  const operationId = watched && scene && scene.state !== "READY" ? scene.operation_id : "";
   const done = state.operation.value?.done ?? false;
   const visible = useVisible(); // a browser opens few connections to a server: tabs in the background leave theirs
   useEffect(() => {

@@ -4,6 +4,7 @@ import { isAbort } from "../api/http";
 import { photoAddress } from "../api/photoCalls";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import { photoRect } from "../viewer/projection";
 
@@ -52,12 +53,8 @@ export function PhotoCompare({ state }: { state: SceneState }) {
         <p class="compare-name">
           <strong>{camera.name}</strong> <span class="hint">{texts.look.numberOf(number, look.all.value.length)}</span>
         </p>
-        <button type="button" onClick={() => look.step(-1)}>
-          {texts.look.previous}
-        </button>
-        <button type="button" onClick={() => look.step(1)}>
-          {texts.look.next}
-        </button>
+        <Button onClick={() => look.step(-1)} text={texts.look.previous} />
+        <Button onClick={() => look.step(1)} text={texts.look.next} />
         {stored && (
           <label class="compare-slider">
             <span>{texts.look.scene}</span>
@@ -73,9 +70,7 @@ export function PhotoCompare({ state }: { state: SceneState }) {
             <span>{texts.look.photo}</span>
           </label>
         )}
-        <button type="button" onClick={() => look.leave()}>
-          {texts.close}
-        </button>
+        <Button onClick={() => look.leave()} text={texts.close} />
         {look.photos.value !== null && !stored && <p class="hint">{texts.look.notStored}</p>}
         {error !== null && <ErrorNote error={error} />}
       </div>

@@ -1,5 +1,6 @@
 import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
+import { Check } from "../ui/fields";
 
 /** Whether the scene's cameras are drawn, and the way to each photo. */
 export function PhotoLook({ look }: { look: LookState }) {
@@ -21,14 +22,11 @@ export function PhotoLook({ look }: { look: LookState }) {
           ))}
         </select>
       </label>
-      <label class="check">
-        <input
-          type="checkbox"
-          checked={look.cameras.value}
-          onChange={(event) => look.showCameras(event.currentTarget.checked)}
-        />
-        {texts.look.cameras}
-      </label>
+      <Check
+        label={texts.look.cameras}
+        checked={look.cameras.value}
+        onChange={(checked) => look.showCameras(checked)}
+      />
       <p class="hint">{texts.look.keys}</p>
     </section>
   );

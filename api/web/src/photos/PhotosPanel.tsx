@@ -4,6 +4,7 @@ import { listPhotos } from "../api/adminCalls";
 import { listPhotos as listStored } from "../api/photoCalls";
 import type { PhotoVerdict } from "../api/types";
 import { texts } from "../texts";
+import { Check } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { StoredPhoto } from "./StoredPhoto";
@@ -31,12 +32,7 @@ export function PhotosPanel({ sceneId, ready, round = "" }: { sceneId: string; r
           {troubled.length === 0 ? texts.photos.fine : texts.photos.troubled(troubled.length)}
         </p>
       )}
-      {value.assessed && (
-        <label class="check">
-          <input type="checkbox" checked={all} onChange={(event) => setAll(event.currentTarget.checked)} />
-          {texts.photos.showAll}
-        </label>
-      )}
+      {value.assessed && <Check label={texts.photos.showAll} checked={all} onChange={setAll} />}
       {shown.length > 0 && (
         <ul class="photo-list">
           {shown.map((photo) => (

@@ -4,6 +4,8 @@ import { renameScene } from "../api/adminCalls";
 import { ApiError } from "../api/http";
 import type { Scene } from "../api/types";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 
 /** The scene's name as the page's heading, edited in place. What somebody else has named meanwhile is not overwritten. */
@@ -59,11 +61,8 @@ export function SceneName({ scene, onChange }: { scene: Scene; onChange: () => P
   return (
     <>
       {heading}
-      <form
-        onSubmit={(event) => {
-          event.preventDefault();
-          void save();
-        }}
+      <Form
+        onSubmit={() => void save()}
         onKeyDown={(event) => {
           if (event.key === "Escape") close();
         }}
@@ -79,14 +78,10 @@ export function SceneName({ scene, onChange }: { scene: Scene; onChange: () => P
         </label>
         {error !== null && <ErrorNote error={error} />}
         <div class="buttons">
-          <button class="primary" disabled={busy}>
-            {texts.sceneName.save}
-          </button>
-          <button type="button" onClick={close}>
-            {texts.cancel}
-          </button>
+          <Button type="submit" class="primary" disabled={busy} text={texts.sceneName.save} />
+          <Button onClick={close} text={texts.cancel} />
         </div>
-      </form>
+      </Form>
     </>
   );
 }

@@ -32,7 +32,8 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
   const [first] = useState(route.value.page === "scene" ? route.value.view : "");
   const [changed, setChanged] = useState(false);
 
-  useJob(state);
+  const [leaving, setLeaving] = useState(false); // what becomes of the job of a scene that goes is no news
+  useJob(state, !leaving);
 
   const note = () => {
     const current = route.peek();
@@ -124,8 +125,14 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       label={texts.scene.remove}
       question={texts.scene.removeQuestion(name)}
       onDelete={async () => {
-        await deleteScene(sceneId);
-        go("#/");
+        setLeaving(true);
+        try {
+          await deleteScene(sceneId);
+          go("#/");
+        } catch (error) {
+          setLeaving(false);
+          throw error;
+        }
       }}
     />
   );

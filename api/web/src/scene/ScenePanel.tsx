@@ -20,7 +20,6 @@ import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import type { SceneState } from "../state/sceneState";
 import { SharedThing } from "../take/SharedThing";
-import { SharePanel } from "../take/SharePanel";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
 import { ThingList } from "../things/ThingList";
@@ -164,7 +163,6 @@ function Photos({ state, scene, onStand }: Properties) {
 function Share({ state, scene, view, remove }: Properties) {
   return (
     <>
-      {!isShared && <SharePanel sceneId={scene.id} />}
       <TakeAway state={state} scene={scene} view={view} />
       {!isShared && <div class="panel-end">{remove}</div>}
     </>

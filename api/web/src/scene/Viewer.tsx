@@ -17,6 +17,7 @@ import { ServerView } from "../serverView/ServerView";
 import { useServerView } from "../serverView/useServerView";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import type { Gesture } from "../viewer/cameraBound";
 import { aspectOf, CameraBound } from "../viewer/cameraBound";
@@ -303,10 +304,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       )}
       {unseen && share === null && (
         <p class="viewer-note unseen" role="status">
-          {texts.scene.unseen}{" "}
-          <button type="button" onClick={() => handle.current?.goHome()}>
-            {texts.scene.backToSeen}
-          </button>
+          {texts.scene.unseen} <Button onClick={() => handle.current?.goHome()} text={texts.scene.backToSeen} />
         </p>
       )}
       <ToolMarks state={state} />

@@ -5,8 +5,10 @@ import { deleteScene, listScenes, openSample } from "../api/calls";
 import type { SceneSummary } from "../api/types";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
-import { bytesText, dayText } from "../texts/figures";
+import { dayText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { DeleteButton } from "../ui/DeleteButton";
+import { Form } from "../ui/fields";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import type { Order } from "./arranged";
@@ -49,14 +51,7 @@ export function ScenesPage() {
         </div>
       )}
       {some && (
-        <form
-          role="search"
-          class="find-scenes"
-          onSubmit={(event) => {
-            event.preventDefault();
-            setAsked(text.trim());
-          }}
-        >
+        <Form role="search" class="find-scenes" onSubmit={() => setAsked(text.trim())}>
           <label class="sr-only" for="find">
             {texts.scenes.find}
           </label>
@@ -72,7 +67,7 @@ export function ScenesPage() {
               setAsked("");
             }}
           />
-          <button disabled={!text.trim()}>{texts.scenes.askAll}</button>
+          <Button type="submit" disabled={!text.trim()} text={texts.scenes.askAll} />
           <label class="sort">
             <span class="sr-only">{texts.scenes.sort}</span>
             <select value={order} onChange={(event) => setOrder(event.currentTarget.value as Order)}>
@@ -83,14 +78,12 @@ export function ScenesPage() {
               ))}
             </select>
           </label>
-          <button
-            type="button"
+          <Button
             aria-pressed={picked !== null}
             onClick={() => setPicked((before) => (before === null ? [] : null))}
-          >
-            {picked === null ? texts.scenes.select : texts.scenes.selectDone}
-          </button>
-        </form>
+            text={picked === null ? texts.scenes.select : texts.scenes.selectDone}
+          />
+        </Form>
       )}
       {picked !== null && chosen.length > 0 && (
         <DeleteButton
@@ -143,9 +136,7 @@ function OpenSample() {
   };
   return (
     <>
-      <button type="button" class="primary" disabled={busy} onClick={open}>
-        {texts.scenes.openSample}
-      </button>
+      <Button class="primary" disabled={busy} onClick={open} text={texts.scenes.openSample} />
       {error !== null && <ErrorNote error={error} />}
     </>
   );
@@ -157,7 +148,6 @@ function Card({ scene }: { scene: SceneSummary }) {
   const name = nameOf(scene);
   const ready = scene.state === "READY";
   const made = dayText(scene.created_at);
-  const size = told?.bytes ? bytesText(told.bytes) : texts.scenes.gaussians(scene.gaussians);
   return (
     <a class="card" href={sceneAddress(scene.id)}>
       <Thumbnail scene={scene} name={name} onLoaded={setTold} />
@@ -170,7 +160,7 @@ function Card({ scene }: { scene: SceneSummary }) {
           {texts.scenes.things(told?.things ?? scene.thing_count ?? null, told?.names ?? [])}
         </span>
       )}
-      <span class="hint">{[ready && size, made].filter(Boolean).join(" · ")}</span>
+      <span class="hint">{[ready && texts.scenes.gaussians(scene.gaussians), made].filter(Boolean).join(" · ")}</span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>
   );

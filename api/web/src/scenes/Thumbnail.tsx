@@ -4,7 +4,6 @@ import { getScene, renderPicture } from "../api/calls";
 import { isAbort } from "../api/http";
 import { listPhotos, photoAddress } from "../api/photoCalls";
 import type { Assessment, PosedCamera, SceneSummary } from "../api/types";
-import { exportBytes } from "../take/exportSizes";
 import { texts } from "../texts";
 import { Icon } from "../ui/Icon";
 import { middleCamera } from "../viewer/poses";
@@ -20,8 +19,6 @@ export interface Told {
   names: readonly string[];
   /** How many things it has; null where nobody could count them. */
   things: number | null;
-  /** Of the scene as a compressed file, about; null where that is not known. */
-  bytes: number | null;
 }
 
 interface Shown extends Told {
@@ -89,7 +86,6 @@ async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise
     grade: scene.assessment?.grade ?? null,
     names: namesIn(scene.dictionary),
     things: scene.thing_count ?? null,
-    bytes: exportBytes(scene, "spz"),
   };
   const camera = middleCamera(scene.cameras);
   if (!camera) return { address: "", ...told };

@@ -7,6 +7,7 @@ import type { Operation } from "../api/types";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
 import { momentText, percent } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
@@ -48,11 +49,7 @@ export function JobList({ canChange, onChange }: { canChange: boolean; onChange:
           />
         ))}
       </ul>
-      {jobs.value?.more && (
-        <button type="button" onClick={() => setCount(count + STEP)}>
-          {texts.server.more}
-        </button>
-      )}
+      {jobs.value?.more && <Button onClick={() => setCount(count + STEP)} text={texts.server.more} />}
     </section>
   );
 }
@@ -85,22 +82,18 @@ function Job({ operation, name, act }: JobProperties) {
       <span class="hint">{about.filter(Boolean).join(" · ")}</span>
       {operation.error && <span class="hint">{sentence(operation.error.message)}</span>}
       {act && !operation.done && (
-        <button
-          type="button"
+        <Button
           aria-label={texts.server.cancelOf(title)}
           onClick={() => act(cancelOperation, operation.id)}
-        >
-          {texts.job.cancel}
-        </button>
+          text={texts.job.cancel}
+        />
       )}
       {act && name !== undefined && (operation.state === "FAILED" || operation.state === "CANCELLED") && (
-        <button
-          type="button"
+        <Button
           aria-label={photos.length > 0 ? `${texts.job.leaveOut(photos)}: ${title}` : texts.server.retryOf(title)}
           onClick={() => act((id) => retryOperation(id, photos), operation.id)}
-        >
-          {photos.length > 0 ? texts.job.leaveOut(photos) : texts.job.retry}
-        </button>
+          text={photos.length > 0 ? texts.job.leaveOut(photos) : texts.job.retry}
+        />
       )}
     </li>
   );

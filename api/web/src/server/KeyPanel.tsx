@@ -1,10 +1,13 @@
-import { useRef, useState } from "preact/hooks";
+import { useState } from "preact/hooks";
 
 import { rolesUpTo } from "../api/roles";
 import { createKey, listKeys, revokeKey } from "../api/serverCalls";
 import type { AccessKey, NewKey, Role } from "../api/types";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
+import { Button } from "../ui/Button";
+import { CopyField } from "../ui/CopyField";
+import { Check, Form } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 
@@ -18,14 +21,13 @@ export function KeyPanel({ role }: { role: Role }) {
   const [failure, setFailure] = useState<unknown>(null);
   const [made, setMade] = useState<NewKey | null>(null);
   const [all, setAll] = useState(false);
-  const form = useRef<HTMLFormElement>(null);
-  const create = async () => {
-    const data = new FormData(form.current ?? undefined);
+  const create = async (form: HTMLFormElement) => {
+    const data = new FormData(form);
     setFailure(null);
     try {
       const lifetime = LIFETIMES[data.get("lifetime") as Lifetime];
       setMade(await createKey((data.get("name") as string).trim(), data.get("role") as Role, lifetime));
-      form.current?.reset();
+      form.reset();
       reload();
     } catch (problem) {
       setFailure(problem);
@@ -38,13 +40,7 @@ export function KeyPanel({ role }: { role: Role }) {
       <h2 id="keys-title">{texts.server.keys}</h2>
       {problem !== null && <ErrorNote error={problem} />}
       {made && <Made key={made.key.id} made={made} onClose={() => setMade(null)} />}
-      <form
-        ref={form}
-        onSubmit={(event) => {
-          event.preventDefault();
-          void create();
-        }}
-      >
+      <Form onSubmit={(form) => void create(form)}>
         <label>
           {texts.server.keyName}
           <input name="name" required maxLength={200} autocomplete="off" />
@@ -70,13 +66,10 @@ export function KeyPanel({ role }: { role: Role }) {
           </select>
         </label>
         <div class="buttons">
-          <button class="primary">{texts.server.createKey}</button>
+          <Button type="submit" class="primary" text={texts.server.createKey} />
         </div>
-      </form>
-      <label class="check">
-        <input type="checkbox" checked={all} onChange={(event) => setAll(event.currentTarget.checked)} />
-        {texts.server.allKeys}
-      </label>
+      </Form>
+      <Check label={texts.server.allKeys} checked={all} onChange={setAll} />
       <ul class="rows" aria-label={texts.server.keys}>
         {shown.map((key) => (
           <Key
@@ -94,32 +87,12 @@ export function KeyPanel({ role }: { role: Role }) {
 }
 
 function Made({ made, onClose }: { made: NewKey; onClose: () => void }) {
-  const [copied, setCopied] = useState(false);
   return (
     <div class="note" role="group" aria-label={texts.server.newKey(made.key.name)}>
       <p role="status">{texts.server.newKey(made.key.name)}</p>
-      <label>
-        {texts.server.secret}
-        <input readOnly value={made.secret} onFocus={(event) => event.currentTarget.select()} />
-      </label>
-      <div class="buttons">
-        {window.isSecureContext && ( // elsewhere there is no clipboard
-          <button
-            type="button"
-            onClick={() => {
-              navigator.clipboard.writeText(made.secret).then(
-                () => setCopied(true),
-                () => undefined, // it can still be selected
-              );
-            }}
-          >
-            {copied ? texts.server.copied : texts.server.copy}
-          </button>
-        )}
-        <button type="button" onClick={onClose}>
-          {texts.server.stored}
-        </button>
-      </div>
+      <CopyField label={texts.server.secret} text={made.secret}>
+        <Button onClick={onClose} text={texts.server.stored} />
+      </CopyField>
     </div>
   );
 }
@@ -143,22 +116,16 @@ function Key({ accessKey, onRevoke }: { accessKey: AccessKey; onRevoke: () => vo
       {accessKey.state === "VALID" &&
         (asked ? (
           <span class="buttons">
-            <button type="button" class="danger" onClick={onRevoke}>
-              {texts.server.revokeYes}
-            </button>
-            <button type="button" onClick={() => setAsked(false)}>
-              {texts.cancel}
-            </button>
+            <Button class="danger" onClick={onRevoke} text={texts.server.revokeYes} />
+            <Button onClick={() => setAsked(false)} text={texts.cancel} />
           </span>
         ) : (
-          <button
-            type="button"
+          <Button
             class="danger"
             aria-label={texts.server.revokeOf(accessKey.name)}
             onClick={() => setAsked(true)}
-          >
-            {texts.server.revoke}
-          </button>
+            text={texts.server.revoke}
+          />
         ))}
     </li>
   );

@@ -4,6 +4,7 @@ import { sceneAddress } from "../address/router";
 import { deleteKnownName, listKnownNames } from "../api/serverCalls";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 
@@ -27,17 +28,15 @@ export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
             </span>
             <span class="hint">{momentText(name.named_at)}</span>
             {canDelete && (
-              <button
-                type="button"
+              <Button
                 class="danger"
                 aria-label={texts.server.forgetOf(name.name)}
                 onClick={() => {
                   setFailure(null);
                   deleteKnownName(name.id).then(reload, setFailure);
                 }}
-              >
-                {texts.server.forget}
-              </button>
+                text={texts.server.forget}
+              />
             )}
           </li>
         ))}

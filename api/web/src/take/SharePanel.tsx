@@ -1,21 +1,52 @@
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 
 import { sceneAddress } from "../address/addresses";
+import { mayDo } from "../api/roles";
+import { serverStatus } from "../api/serverCalls";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { CopyField } from "../ui/CopyField";
+import { Form } from "../ui/fields";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { createShare, listShares, revokeShare } from "./shareCalls";
 
 const DAYS = [1, 7, 30, 365];
 
-/** Links that show this scene, read-only, to whoever has one: made, listed, taken back. */
-export function SharePanel({ sceneId }: { sceneId: string }) {
+interface Properties {
+  sceneId: string;
+  /** What saves the scene as one file, where no link can be made. */
+  instead: ComponentChildren;
+}
+
+/** Links that show this scene, read-only, to whoever has one; or why none can be made here, and what to send instead. */
+export function SharePanel({ sceneId, instead }: Properties) {
+  const { value: status } = useLoaded(serverStatus, []);
+  if (!status) return null;
+  const allowed = status.asks_for_keys && mayDo(status.role, "admin");
+  return (
+    <section class="share" aria-labelledby="share-title">
+      <h2 id="share-title">{texts.take.share}</h2>
+      {allowed ? (
+        <Links sceneId={sceneId} />
+      ) : (
+        <>
+          <p class="hint">{status.asks_for_keys ? texts.take.adminsLink : texts.take.noLink}</p>
+          {instead}
+        </>
+      )}
+    </section>
+  );
+}
+
+/** Links are made, listed, taken back. */
+function Links({ sceneId }: { sceneId: string }) {
   const links = useLoaded((signal) => listShares(sceneId, signal), [sceneId]);
   const [name, setName] = useState("");
   const [days, setDays] = useState(7);
   const [link, setLink] = useState("");
   const [error, setError] = useState<unknown>(null);
-  const [copied, setCopied] = useState(false);
   const attempt = (call: () => Promise<unknown>) => {
     setError(null);
     call().then(links.reload, setError);
@@ -25,18 +56,11 @@ export function SharePanel({ sceneId }: { sceneId: string }) {
       const made = await createShare(sceneId, name.trim() || texts.take.link, days);
       const page = location.href.replace(/#.*$/, "");
       setLink(`${page}${sceneAddress(sceneId, { share: made.secret })}`);
-      setCopied(false);
     });
   return (
-    <section class="share" aria-labelledby="share-title">
-      <h2 id="share-title">{texts.take.share}</h2>
+    <>
       <p class="hint">{texts.take.shareHelp}</p>
-      <form
-        onSubmit={(event) => {
-          event.preventDefault();
-          create();
-        }}
-      >
+      <Form onSubmit={() => create()}>
         <label>
           {texts.take.forWhom}
           <input
@@ -56,23 +80,12 @@ export function SharePanel({ sceneId }: { sceneId: string }) {
             ))}
           </select>
         </label>
-        <button class="primary">{texts.take.makeLink}</button>
-      </form>
+        <Button type="submit" class="primary" text={texts.take.makeLink} />
+      </Form>
       {error !== null && <ErrorNote error={error} />}
       {link && (
         <div class="note" role="status">
-          <label>
-            {texts.take.newLink}
-            <input readOnly value={link} onFocus={(event) => event.currentTarget.select()} />
-          </label>
-          <button
-            type="button"
-            onClick={() => {
-              navigator.clipboard.writeText(link).then(() => setCopied(true), setError);
-            }}
-          >
-            {copied ? texts.take.copied : texts.take.copy}
-          </button>
+          <CopyField label={texts.take.newLink} text={link} />
         </div>
       )}
       {links.error !== null && <ErrorNote error={links.error} />}
@@ -84,18 +97,16 @@ export function SharePanel({ sceneId }: { sceneId: string }) {
                 {key.name} <span class="hint">{texts.take.state(key.state, key.expires_at)}</span>
               </span>
               {key.state === "VALID" && (
-                <button
-                  type="button"
+                <Button
                   aria-label={texts.take.revokeLink(key.name)}
                   onClick={() => attempt(() => revokeShare(key.id))}
-                >
-                  {texts.take.revoke}
-                </button>
+                  text={texts.take.revoke}
+                />
               )}
             </li>
           ))}
         </ul>
       )}
-    </section>
+    </>
   );
 }

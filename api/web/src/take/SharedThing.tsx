@@ -1,5 +1,6 @@
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 
@@ -20,19 +21,11 @@ export function SharedThing({ state, onFly }: { state: SceneState; onFly: (middl
           <div class="thing-card" key={thing.id}>
             <h2>{texts.things.titleOf(thing)}</h2>
             <p class="hint">{facts.filter(Boolean).join(" · ")}</p>
-            {box && (
-              <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
-                {texts.things.lookAt}
-              </button>
-            )}
+            {box && <Button onClick={() => onFly(centerOf(box), boxSize(box))} text={texts.things.lookAt} />}
           </div>
         );
       })}
-      {things.length > 0 && (
-        <button type="button" onClick={() => state.clearSelection()}>
-          {texts.things.close}
-        </button>
-      )}
+      <Button onClick={() => state.clearSelection()} text={texts.things.close} />
     </section>
   );
 }

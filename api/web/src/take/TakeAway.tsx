@@ -1,17 +1,21 @@
 import { useState } from "preact/hooks";
 
-import { exportPath, maskPly } from "../api/calls";
+import { isShared } from "../address/share";
+import { exportPath, fileSize, maskPly, splatPath } from "../api/calls";
 import type { Scene } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { bytesText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { ErrorNote } from "../ui/parts";
+import { useLoaded } from "../ui/useLoaded";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
 import { exportBytes } from "./exportSizes";
 import { fileName } from "./fileName";
 import type { FileNaming } from "./save";
 import { keep, save } from "./save";
+import { SharePanel } from "./SharePanel";
 
 const SIZES = [
   [1280, 720],
@@ -42,6 +46,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   const [error, setError] = useState<unknown>(null);
   const [size, setSize] = useState(0);
   const version = state.version.value;
+  const { value: spz } = useLoaded((signal) => fileSize(splatPath(scene.id, version, false), signal), [version]);
   const path = `v1/scenes/${encodeURIComponent(scene.id)}`;
   const answer = state.answer.value;
   const named = (ending: string, of = scene.name, fallback = "scene") => fileName(of, fallback, ending);
@@ -66,15 +71,21 @@ export function TakeAway({ state, scene, view }: Properties) {
     bytes: number | null = null,
   ) => (
     <li key={label}>
-      <button type="button" disabled={running !== null} onClick={() => take(label, name, address, body?.())}>
-        {label}
-      </button>
+      <Button disabled={running !== null} onClick={() => take(label, name, address, body?.())} text={label} />
       {bytes !== null && <span class="hint"> {texts.take.about(bytesText(bytes))}</span>}
     </li>
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  return (
+  const instead = (
+    <Button
+      class="primary"
+      disabled={running !== null}
+      onClick={() => take(FORMATS.html, named, exportPath(scene.id, "html", version))}
+      text={texts.take.saveHtml}
+    />
+  );
+  const whatThereIs = (
     <section class="take" aria-labelledby="take-title">
       <h2 id="take-title">{texts.take.title}</h2>
       {running && (
@@ -87,7 +98,13 @@ export function TakeAway({ state, scene, view }: Properties) {
       <h3>{texts.take.whole}</h3>
       <ul class="chips">
         {names(FORMATS).map((format) =>
-          item(FORMATS[format], named, exportPath(scene.id, format, version), undefined, exportBytes(scene, format)),
+          item(
+            FORMATS[format],
+            named,
+            exportPath(scene.id, format, version),
+            undefined,
+            exportBytes(scene, spz, format),
+          ),
         )}
       </ul>
       {state.selectedThings.value.map((thing) => (
@@ -109,8 +126,7 @@ export function TakeAway({ state, scene, view }: Properties) {
           <h3>{texts.take.masks(answer.text)}</h3>
           <ul class="chips">
             <li>
-              <button
-                type="button"
+              <Button
                 disabled={running !== null}
                 onClick={() => {
                   setError(null);
@@ -119,9 +135,8 @@ export function TakeAway({ state, scene, view }: Properties) {
                     setError,
                   );
                 }}
-              >
-                {texts.take.maskPly}
-              </button>
+                text={texts.take.maskPly}
+              />
             </li>
             {item(
               texts.take.mask3d,
@@ -167,5 +182,11 @@ export function TakeAway({ state, scene, view }: Properties) {
         {item(texts.take.camerasJson, named, exportPath(scene.id, "camera_list", version))}
       </ul>
     </section>
+  );
+  return (
+    <>
+      {!isShared && <SharePanel sceneId={scene.id} instead={instead} />}
+      {whatThereIs}
+    </>
   );
 }

@@ -4,6 +4,8 @@ export const generalTexts = {
   skip: "Skip to the content",
   close: "Close",
   cancel: "Cancel",
+  copy: "Copy",
+  copied: "Copied",
   loading: "Loading",
   tryAgain: "Try again",
   limit: (limit: string) => `Limit: ${limit}.`,

@@ -4,7 +4,8 @@ import { plural } from "./figures";
 export const jobsTexts = {
   job: {
     title: "Progress",
-    queued: "Waiting for a worker.",
+    queued: (ahead: number, time: string) =>
+      `Waiting for a worker.${ahead > 0 ? ` ${plural(ahead, "job is", "jobs are")} ahead${time && `, about ${time}`}.` : ""}`,
     cancel: "Cancel the job",
     retry: "Try again",
     retryUnchanged: "Try again with the same photos",
@@ -65,7 +66,6 @@ export const jobsTexts = {
   },
   order: {
     states: {
-      QUEUED: "Waiting for a worker.",
       SUCCEEDED: "Done.",
       FAILED: "It failed.",
       CANCELLED: "It was cancelled.",

@@ -83,8 +83,6 @@ export const serverTexts = {
     keyStates: { VALID: "Valid", EXPIRED: "Expired", REVOKED: "Revoked" },
     newKey: (name: string) => `The key for ${name} is made. It is shown this once: store it now.`,
     secret: "New key",
-    copy: "Copy",
-    copied: "Copied",
     stored: "I have stored it",
     made: (moment: string) => `made ${moment}`,
     until: (moment: string) => `until ${moment}`,

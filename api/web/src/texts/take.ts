@@ -9,6 +9,7 @@ export const takeTexts = {
     formats: {
       ply: "PLY, exact",
       spz: "SPZ, compressed",
+      spz4: "SPZ, version 4",
       sog: "SOG, smallest",
       html: "One HTML file",
       points: "Labelled points, PLY",
@@ -44,14 +45,16 @@ export const takeTexts = {
     share: "Link to look at it",
     shareHelp:
       "Whoever has the link sees this scene with its versions, and nothing else; they change nothing. It ends by itself, or when you revoke it.",
+    noLink:
+      "This server asks nobody for a key, so a link could not show this scene alone: none is made. To send the scene, save it as one HTML file, which needs no server.",
+    adminsLink: "Admins of the project make links. You can save the scene as one HTML file, which needs no server.",
+    saveHtml: "Save as one HTML file",
     forWhom: "For whom",
     link: "link",
     validFor: "Valid for",
     days: (count: number) => plural(count, "day", "days"),
     makeLink: "Make a link",
     newLink: "The link; it is shown this once",
-    copy: "Copy",
-    copied: "Copied",
     revoke: "Revoke",
     revokeLink: (name: string) => `Revoke the link for ${name}`,
     state: (state: string, expires: string | null) =>

@@ -2,6 +2,7 @@ import { useState } from "preact/hooks";
 
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { wordsOf } from "./words";
 
 interface Properties {
@@ -30,12 +31,8 @@ export function AskKind({ state, thing, name, onSkip }: Properties) {
           onInput={(event) => setText(event.currentTarget.value)}
         />
       </label>
-      <button class="primary" disabled={state.busy.value || !kinds.length}>
-        {texts.things.saveKind}
-      </button>
-      <button type="button" onClick={onSkip}>
-        {texts.things.skipKind}
-      </button>
+      <Button type="submit" class="primary" disabled={state.busy.value || !kinds.length} text={texts.things.saveKind} />
+      <Button onClick={onSkip} text={texts.things.skipKind} />
     </form>
   );
 }

@@ -4,6 +4,8 @@ import { isShared } from "../address/share";
 import type { SceneThing } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { Check, Form } from "../ui/fields";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { filledIn, likelyNames, naming, othersSaying } from "./suggested";
@@ -49,27 +51,14 @@ export function ThingList({ state, onFly }: Properties) {
       {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
       {unnamed.length > 0 && !isShared && (!current || likely.length > 0) && (
         <div class="buttons">
-          {!current && (
-            <button type="button" onClick={() => next(0)}>
-              {texts.things.nameNext}
-            </button>
-          )}
+          {!current && <Button onClick={() => next(0)} text={texts.things.nameNext} />}
           {likely.length > 0 && (
-            <button type="button" disabled={state.busy.value} onClick={confirmAll}>
-              {texts.things.confirmLikely(likely.length)}
-            </button>
+            <Button disabled={state.busy.value} onClick={confirmAll} text={texts.things.confirmLikely(likely.length)} />
           )}
         </div>
       )}
       {nameless.length > 0 && (
-        <label class="check">
-          <input
-            type="checkbox"
-            checked={onlyUnnamed}
-            onChange={(event) => setOnlyUnnamed(event.currentTarget.checked)}
-          />
-          {texts.things.onlyUnnamed}
-        </label>
+        <Check label={texts.things.onlyUnnamed} checked={onlyUnnamed} onChange={setOnlyUnnamed} />
       )}
       <ul class="thing-list">
         {shown.map((thing) => (
@@ -80,16 +69,14 @@ export function ThingList({ state, onFly }: Properties) {
               checked={state.selected.value.includes(thing.id)}
               onChange={() => open(thing, true)}
             />
-            <button
-              type="button"
+            <Button
               class="plain"
               aria-pressed={state.selected.value.includes(thing.id)}
               onClick={() => open(thing)}
               onPointerEnter={() => (state.hovered.value = thing.id)}
               onPointerLeave={() => (state.hovered.value = 0)}
-            >
-              {texts.things.titleOf(thing)}
-            </button>
+              text={texts.things.titleOf(thing)}
+            />
           </li>
         ))}
       </ul>
@@ -105,9 +92,8 @@ function QuickName({ state, thing, onNamed }: { state: SceneState; thing: SceneT
     field.current?.select(); // typing replaces what is filled in
   }, []);
   return (
-    <form
-      onSubmit={(event) => {
-        event.preventDefault();
+    <Form
+      onSubmit={() => {
         const name = field.current?.value.trim();
         if (!name) onNamed();
         else void state.edit(naming(thing, name), texts.things.saved(name)).then((done) => done && onNamed());
@@ -133,9 +119,7 @@ function QuickName({ state, thing, onNamed }: { state: SceneState; thing: SceneT
           <option key={suggestion.name} value={suggestion.name} />
         ))}
       </datalist>
-      <button class="primary" disabled={state.busy.value}>
-        {texts.things.nameNext}
-      </button>
-    </form>
+      <Button type="submit" class="primary" disabled={state.busy.value} text={texts.things.nameNext} />
+    </Form>
   );
 }

@@ -4,7 +4,9 @@ import type { SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
 import { Chip } from "../ui/Chip";
+import { Form } from "../ui/fields";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { AskKind } from "./AskKind";
@@ -32,12 +34,8 @@ export function ThingPanel({ state, onFly }: Properties) {
           <h2>{texts.things.selected(things.length)}</h2>
           <p>{things.map(texts.things.titleOf).join(", ")}</p>
           <div class="buttons">
-            <button type="button" class="primary" disabled={state.busy.value} onClick={merge}>
-              {texts.things.merge}
-            </button>
-            <button type="button" onClick={() => state.clearSelection()}>
-              {texts.things.close}
-            </button>
+            <Button class="primary" disabled={state.busy.value} onClick={merge} text={texts.things.merge} />
+            <Button onClick={() => state.clearSelection()} text={texts.things.close} />
           </div>
         </div>
       )}
@@ -68,12 +66,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   return (
     <div class="thing-card">
       <h2>{texts.things.titleOf(thing)}</h2>
-      <form
-        onSubmit={(event) => {
-          event.preventDefault();
-          give(name);
-        }}
-      >
+      <Form onSubmit={() => give(name)}>
         <label>
           {texts.things.name}
           <input
@@ -86,10 +79,8 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           {texts.things.aliases}
           <input value={others} autocomplete="off" onInput={(event) => setOthers(event.currentTarget.value)} />
         </label>
-        <button class="primary" disabled={state.busy.value || !name.trim()}>
-          {texts.things.save}
-        </button>
-      </form>
+        <Button type="submit" class="primary" disabled={state.busy.value || !name.trim()} text={texts.things.save} />
+      </Form>
       {asksKind && <AskKind state={state} thing={thing.id} name={thing.name} onSkip={() => setSkipped(made.version)} />}
       {entry && entry.aliases.length > 0 && <p class="hint">{texts.things.alsoCalled(entry.aliases)}</p>}
       {thing.suggestions.length > 0 && (
@@ -117,30 +108,20 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
       {thing.reads.length > 0 && <p class="hint">{texts.things.says(thing.reads.map((read) => read.text))}</p>}
       <BestPhotos state={state} thing={thing.id} />
       <div class="buttons">
-        {box && (
-          <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>
-            {texts.things.lookAt}
-          </button>
-        )}
+        {box && <Button onClick={() => onFly(centerOf(box), boxSize(box))} text={texts.things.lookAt} />}
         {thing.name && (
-          <button
-            type="button"
+          <Button
             disabled={state.busy.value}
             onClick={() => act({ action: "unname" }, texts.things.unnamedNow)}
-          >
-            {texts.things.unname}
-          </button>
+            text={texts.things.unname}
+          />
         )}
-        <button
-          type="button"
+        <Button
           disabled={state.busy.value}
           onClick={() => act({ action: "discard" }, texts.things.discarded)}
-        >
-          {texts.things.discard}
-        </button>
-        <button type="button" onClick={() => state.clearSelection()}>
-          {texts.things.close}
-        </button>
+          text={texts.things.discard}
+        />
+        <Button onClick={() => state.clearSelection()} text={texts.things.close} />
       </div>
       <p class="hint">{texts.things.mergeHelp}</p>
     </div>

@@ -1,6 +1,7 @@
 import { useState } from "preact/hooks";
 
 import { texts } from "../texts";
+import { Button } from "./Button";
 import { ErrorNote } from "./parts";
 
 interface Properties {
@@ -14,30 +15,21 @@ interface Properties {
 export function DeleteButton({ label, question, onDelete }: Properties) {
   const [asked, setAsked] = useState(false);
   const [error, setError] = useState<unknown>(null);
-  if (!asked)
-    return (
-      <button type="button" class="danger" onClick={() => setAsked(true)}>
-        {label}
-      </button>
-    );
+  if (!asked) return <Button class="danger" onClick={() => setAsked(true)} text={label} />;
   return (
     <div class="note" role="group" aria-label={label}>
       <p>{question}</p>
       {error !== null && <ErrorNote error={error} />}
       <div class="buttons">
-        <button
-          type="button"
+        <Button
           class="danger"
           onClick={() => {
             setError(null);
             onDelete().catch(setError);
           }}
-        >
-          {texts.scene.removeYes}
-        </button>
-        <button type="button" onClick={() => setAsked(false)}>
-          {texts.cancel}
-        </button>
+          text={texts.scene.removeYes}
+        />
+        <Button onClick={() => setAsked(false)} text={texts.cancel} />
       </div>
     </div>
   );

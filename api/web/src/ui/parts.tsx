@@ -2,6 +2,7 @@ import type { ComponentChildren } from "preact";
 
 import { ApiError } from "../api/http";
 import { texts } from "../texts";
+import { Button } from "./Button";
 import { sentence } from "./sentence";
 
 interface Note {
@@ -19,11 +20,7 @@ export function ErrorNote({ error, onRetry, advises = true }: Note) {
       <p>{sentence(message, error instanceof ApiError ? error.field : "")}</p>
       {error instanceof ApiError && error.limit && <p>{texts.limit(error.limit)}</p>}
       {advises && error instanceof ApiError && error.hint && <p class="hint">{error.hint}</p>}
-      {onRetry && (
-        <button type="button" onClick={onRetry}>
-          {texts.tryAgain}
-        </button>
-      )}
+      {onRetry && <Button onClick={onRetry} text={texts.tryAgain} />}
     </div>
   );
 }

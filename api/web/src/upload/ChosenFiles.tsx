@@ -1,5 +1,6 @@
 import { texts } from "../texts";
 import { bytesText } from "../texts/figures";
+import { Button } from "../ui/Button";
 import { Icon } from "../ui/Icon";
 import type { ChosenFile } from "./choose";
 import { isPhoto, remarkOn, totalBytes } from "./choose";
@@ -29,17 +30,13 @@ export function ChosenFiles({ files, checks, busy, onRemove }: Properties) {
           {texts.upload.files(files.length, bytesText(totalBytes(files)))}{" "}
           {!done && texts.upload.looking(seen.size, files.filter(({ path }) => isPhoto(path)).length)}
         </p>
-        <button type="button" disabled={busy} onClick={() => onRemove(files)}>
-          {texts.upload.clear}
-        </button>
+        <Button disabled={busy} onClick={() => onRemove(files)} text={texts.upload.clear} />
       </div>
       {remark && <p class="note">{remark}</p>}
       {done && doubtful.length > 0 && (
         <div class="note title-row">
           <p role="status">{texts.upload.doubtful(doubtful.length)}</p>
-          <button type="button" disabled={busy} onClick={() => onRemove(doubtful)}>
-            {texts.upload.removeDoubtful}
-          </button>
+          <Button disabled={busy} onClick={() => onRemove(doubtful)} text={texts.upload.removeDoubtful} />
         </div>
       )}
       <ul class="chosen-files" aria-label={texts.upload.chosen}>

@@ -4,6 +4,8 @@ import { isLoopback, linkFor } from "../address/uploadLink";
 import { createUploadKey } from "../api/serverCalls";
 import type { NewKey } from "../api/types";
 import { texts } from "../texts";
+import { Button } from "../ui/Button";
+import { CopyField } from "../ui/CopyField";
 import { ErrorNote } from "../ui/parts";
 import { QrCode } from "./QrCode";
 
@@ -31,9 +33,11 @@ export function PhoneLink({ addresses }: { addresses: readonly string[] }) {
       {!made && (
         <div class="buttons">
           {reachable.map((page) => (
-            <button key={page} type="button" onClick={() => make(page)}>
-              {page === here ? texts.phone.make : texts.phone.makeFor(page)}
-            </button>
+            <Button
+              key={page}
+              onClick={() => make(page)}
+              text={page === here ? texts.phone.make : texts.phone.makeFor(page)}
+            />
           ))}
         </div>
       )}
@@ -44,15 +48,9 @@ export function PhoneLink({ addresses }: { addresses: readonly string[] }) {
             {texts.phone.scan}{" "}
             {expires && texts.phone.valid(new Date(expires).toLocaleTimeString("en", { timeStyle: "short" }))}
           </p>
-          <label>
-            {texts.phone.link}
-            <input readOnly value={made.link} onFocus={(event) => event.currentTarget.select()} />
-          </label>
-          <div class="buttons">
-            <button type="button" onClick={() => setMade(null)}>
-              {texts.phone.another}
-            </button>
-          </div>
+          <CopyField label={texts.phone.link} text={made.link}>
+            <Button onClick={() => setMade(null)} text={texts.phone.another} />
+          </CopyField>
         </>
       )}
     </section>

@@ -1,12 +1,12 @@
 import { linkRefused, uploadKey } from "../address/uploadLink";
 import { getOperation } from "../api/calls";
 import { serverStatus } from "../api/serverCalls";
+import { JobError } from "../jobs/JobPanel";
 import { LeftOutFiles } from "../jobs/LeftOutFiles";
 import { duration, stageCountdown } from "../jobs/timing";
 import { useTimeLeft } from "../jobs/useTimeLeft";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
-import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
 import { UploadPage } from "./UploadPage";
 
@@ -48,12 +48,7 @@ function PhoneJob({ operationId }: { operationId: string }) {
       {error !== null && <ErrorNote error={error} />}
       {value && <p role="status">{texts.server.states[value.state]}</p>}
       <LeftOutFiles files={value?.left_out} />
-      {value?.error && (
-        <div class="note error" role="alert">
-          <p>{sentence(value.error.message, value.error.details["field"])}</p>
-          {value.error.details["hint"] && <p class="hint">{value.error.details["hint"]}</p>}
-        </div>
-      )}
+      {value && <JobError operation={value} />}
       {value && !value.done && stage && (
         <div>
           <p>{texts.job.stages[stage.stage] ?? stage.stage}</p>

@@ -1,21 +1,21 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 
 import { go, sceneAddress } from "../address/router";
-import { newRequestId } from "../api/calls";
-import { isAbort, OfflineError, send } from "../api/http";
 import { serverStatus } from "../api/serverCalls";
 import type { Operation, ServerStatus } from "../api/types";
 import { texts } from "../texts";
-import { bytesText } from "../texts/figures";
-import { ErrorNote } from "../ui/parts";
+import { Button } from "../ui/Button";
+import { Form } from "../ui/fields";
 import type { ChosenFile } from "./choose";
-import { chosen, dropped, joined, problemOf, sorted, totalBytes } from "./choose";
+import { chosen, dropped, joined, problemOf, sorted } from "./choose";
 import { ChosenFiles } from "./ChosenFiles";
 import { Estimate } from "./Estimate";
+import { UploadState } from "./LeftUploads";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
 import { PhotoGuide } from "./PhotoGuide";
-import { discard, forget, sendFile, wasBegun } from "./tus";
+import { discard, wasBegun } from "./tus";
+import { leftUploads, Uploading } from "./uploading";
 import { usePhotoChecks } from "./usePhotoChecks";
 import { WithholdPeople } from "./WithholdPeople";
 import "./upload.css";
@@ -28,58 +28,45 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
   const [refused, setRefused] = useState<string[]>([]);
   const [status, setStatus] = useState<ServerStatus | null>(null);
   const [over, setOver] = useState(false);
-  const [sent, setSent] = useState<{ bytes: number; speed: number } | null>(null);
-  const [stopped, setStopped] = useState(false);
-  const [error, setError] = useState<unknown>(null);
+  const [upload, setUpload] = useState<Uploading | null>(null);
   const [preset, setPreset] = useState<Preset>("");
-  const running = useRef<AbortController | null>(null);
-  const requestId = useRef(newRequestId());
-  const form = useRef<HTMLFormElement>(null);
   const checks = usePhotoChecks(files);
 
   useEffect(() => {
     serverStatus().then(setStatus, () => undefined); // the server says so itself when the file is announced
-    return () => running.current?.abort();
   }, []);
+  useEffect(
+    () => () => {
+      if (upload?.busy.peek()) leftUploads.value = [...leftUploads.peek(), upload];
+    },
+    [upload],
+  );
 
   const add = (more: ChosenFile[]) => {
     const { taken, refused } = sorted(more);
-    requestId.current = newRequestId();
     setFiles((before) => joined(before, taken));
     setRefused(refused);
-    setError(null);
-    setStopped(false);
+    setUpload(null);
   };
   const remove = (gone: readonly ChosenFile[]) => {
-    requestId.current = newRequestId();
     setFiles((before) => before.filter((each) => !gone.includes(each)));
-    setError(null);
+    setUpload(null);
     void discard(gone);
   };
   const problem = problemOf(files, status && limitsOf(status));
   const refusal = status ? refusalOf(status) : "";
-  const total = totalBytes(files);
+  const busy = upload?.busy.value ?? false;
 
-  const upload = async () => {
-    const controller = (running.current = new AbortController());
-    setError(null);
-    setStopped(false);
-    try {
-      const ids = await sendAll(files, controller.signal, (bytes, speed) => setSent({ bytes, speed }));
-      const operation = await createScene(new FormData(form.current ?? undefined), ids, requestId.current);
-      forget(files);
-      if (onCreated) onCreated(operation);
-      else go(sceneAddress(operation.scene_id));
-    } catch (problem) {
-      setStopped(true);
-      if (!isAbort(problem)) setError(problem);
-    } finally {
-      running.current = null;
-      setSent((before) => before && { ...before, speed: 0 });
-    }
+  const send = async (form: HTMLFormElement) => {
+    const begun = upload ?? new Uploading(files, form);
+    setUpload(begun);
+    await begun.run();
+    const operation = begun.operation.peek();
+    if (!operation || leftUploads.peek().includes(begun)) return; // the page shows something else by now
+    if (onCreated) onCreated(operation);
+    else go(sceneAddress(operation.scene_id));
   };
 
-  const busy = running.current !== null && !stopped;
   return (
     <section class="sheet upload">
       <h1>{texts.upload.title}</h1>
@@ -89,33 +76,33 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
           {refusal} {!onCreated && <a href="#/server">{texts.quota.toServer}</a>}
         </p>
       )}
-      <form
-        ref={form}
-        onSubmit={(event) => {
-          event.preventDefault();
-          if (!busy && files.length && !problem && !refusal) void upload();
+      <Form
+        onSubmit={(form) => {
+          if (!busy && files.length && !problem && !refusal) void send(form);
         }}
       >
-        <div
-          class={over ? "drop over" : "drop"}
-          onDragOver={(event) => {
-            event.preventDefault();
-            setOver(true);
-          }}
-          onDragLeave={() => setOver(false)}
-          onDrop={(event) => {
-            event.preventDefault();
-            setOver(false);
-            if (event.dataTransfer) dropped(event.dataTransfer).then(add, setError);
-          }}
-        >
-          <p>{texts.upload.drop}</p>
-          <div class="buttons">
-            <FileButton text={texts.upload.choose} onChoose={add} />
-            <FileButton text={texts.upload.chooseFolder} onChoose={add} kind="folder" />
-            <FileButton text={texts.upload.camera} onChoose={add} kind="camera" />
+        {!busy && (
+          <div
+            class={over ? "drop over" : "drop"}
+            onDragOver={(event) => {
+              event.preventDefault();
+              setOver(true);
+            }}
+            onDragLeave={() => setOver(false)}
+            onDrop={(event) => {
+              event.preventDefault();
+              setOver(false);
+              if (event.dataTransfer) dropped(event.dataTransfer).then(add, () => setRefused([texts.errors.failed]));
+            }}
+          >
+            <p>{texts.upload.drop}</p>
+            <div class="buttons">
+              <FileButton text={texts.upload.choose} onChoose={add} />
+              <FileButton text={texts.upload.chooseFolder} onChoose={add} kind="folder" />
+              <FileButton text={texts.upload.camera} onChoose={add} kind="camera" />
+            </div>
           </div>
-        </div>
+        )}
         {refused.length > 0 && (
           <div class="note error" role="alert">
             <p>{texts.upload.left}</p>
@@ -153,31 +140,18 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
         </label>
         {status && !problem && <Estimate files={files} checks={checks} preset={preset} />}
         <WithholdPeople />
-        {sent && (
-          <div class="sending">
-            <progress max={total} value={sent.bytes} aria-label={texts.upload.progress} />
-            <p class="hint">{texts.upload.sending(bytesText(sent.bytes), bytesText(total), bytesText(sent.speed))}</p>
-          </div>
-        )}
-        {!busy && !stopped && files.some(wasBegun) && <p class="note">{texts.upload.resumed}</p>}
-        {error instanceof OfflineError ? (
-          <p class="note error" role="alert">
-            {texts.upload.interrupted}
-          </p>
-        ) : (
-          error !== null && <ErrorNote error={error} />
-        )}
+        {upload && <UploadState upload={upload} />}
+        {!upload && files.some(wasBegun) && <p class="note">{texts.upload.resumed}</p>}
         <div class="buttons">
-          <button class="primary" disabled={busy || files.length === 0 || problem !== "" || refusal !== ""}>
-            {stopped ? texts.upload.resume : texts.upload.submit}
-          </button>
-          {busy && (
-            <button type="button" onClick={() => running.current?.abort()}>
-              {texts.upload.pause}
-            </button>
-          )}
+          <Button
+            type="submit"
+            class="primary"
+            disabled={busy || files.length === 0 || problem !== "" || refusal !== ""}
+            text={upload && !busy ? texts.upload.resume : texts.upload.submit}
+          />
+          {busy && <Button onClick={() => upload?.pause()} text={texts.upload.pause} />}
         </div>
-      </form>
+      </Form>
       {!onCreated && !refusal && status && <PhoneLink addresses={status.addresses} />}
     </section>
   );
@@ -209,36 +183,4 @@ function FileButton({ text, onChoose, kind = "files" }: FileButtonProperties) {
       />
     </label>
   );
-}
-
-async function sendAll(
-  files: readonly ChosenFile[],
-  signal: AbortSignal,
-  sent: (bytes: number, speed: number) => void,
-): Promise<string[]> {
-  const ids: string[] = [];
-  const begin = performance.now();
-  let done = 0;
-  let there = 0; // bytes that an earlier attempt has sent
-  for (const each of files) {
-    let first = true;
-    const before = done;
-    const id = await sendFile(each, signal, (bytes) => {
-      if (first) there += bytes;
-      first = false;
-      const seconds = Math.max((performance.now() - begin) / 1000, 0.1);
-      sent(before + bytes, Math.max(0, before + bytes - there) / seconds);
-    });
-    ids.push(id);
-    done += each.file.size;
-  }
-  return ids;
-}
-
-async function createScene(chosen: FormData, uploads: readonly string[], requestId: string): Promise<Operation> {
-  const form = new FormData();
-  for (const [name, value] of chosen) if (typeof value === "string" && value) form.append(name, value);
-  form.append("request_id", requestId);
-  for (const id of uploads) form.append("uploads", id);
-  return (await (await send("v1/scenes", { method: "POST", body: form })).json()) as Operation;
 }

@@ -10,7 +10,8 @@ export interface ChosenFile {
 
 const PHOTOS = /\.(jpe?g|png|webp|bmp|tiff?|heic|heif)$/i;
 const FEW_PHOTOS = 20;
-const WHOLE = /\.(zip|r3d|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
+const WHOLE = /\.(zip|r3d|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz|sog|k?splat)$/i;
+const SPLAT = /\.(ply|spz|sog|k?splat)$/i;
 // Poses, depth maps, label maps and models in a capture's folder; Record3D's metadata has no suffix.
 const BESIDE = /(\.(json|txt|bin|ply|spz|npy|depth|conf)|(^|\/)metadata)$/i;
 
@@ -62,7 +63,7 @@ export function problemOf(files: readonly ChosenFile[], limits: Limits | null): 
     if (bytesLeft !== null && total > bytesLeft) return texts.quota.tooLittle(bytesText(total), bytesText(bytesLeft));
     if (images > 2 * maxImages) return texts.quota.tooMany(images, maxImages); // every one may have a mask or labels
   }
-  const wholes = files.filter(({ path }) => WHOLE.test(path) && !/\.(ply|spz)$/i.test(path));
+  const wholes = files.filter(({ path }) => WHOLE.test(path) && !SPLAT.test(path));
   return wholes.length > 0 && files.length > 1 ? texts.upload.oneArchive : "";
 }
 
