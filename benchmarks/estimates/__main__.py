@@ -27,7 +27,7 @@ import cv2
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, put_row
 from benchmarks.whole_jobs import run_job
-from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds
+from fastsplat.service.planning.job_time import PhotoSet, job_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import Operation, SceneOptions

@@ -55,7 +55,9 @@ def demo(
         from fastsplat.api.rest.page import BUILT_PAGE
 
         is_built = (BUILT_PAGE / "index.html").is_file()
-        goal = "see the scene" if is_built else "serve the scene to programs alone, as its page is not built (make page)"
+        goal = (
+            "see the scene" if is_built else "serve the scene to programs alone, as its page is not built (make page)"
+        )
         typer.echo(f"To {goal}: {seen_by(folder)}")
         return
     prepare(folder)

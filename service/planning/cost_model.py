@@ -44,6 +44,10 @@ class Speed:
     serial: float = 1.0
     networks: float = 1.0
 
+    def slowed(self, times: float) -> Speed:
+        """Of a machine on which everything takes so many times as long."""
+        return Speed(self.steps / times, self.serial / times, self.networks / times)
+
 
 @dataclass(frozen=True)
 class SceneSize:

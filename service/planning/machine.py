@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,8 +24,8 @@ from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
-_STEP_S, _IMAGE_S, _NETWORK_S = 0.0077, 0.0012, 0.0060
-"""Seconds of a round of each kind on the reference machine, chosen by whole jobs on others (`benchmarks.estimates`)."""
+_STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
+"""CPU seconds of a round of each kind, by whole jobs on other machines (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
@@ -35,16 +36,19 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
 
     A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
-    photo; one of `networks` is a convolution and a product of matrices. The mean counts, so that other work slows the
-    figures as it will slow the run.
+    photo; one of `networks` is a convolution and a product of matrices. The CPU's clock counts, as what else runs in
+    this second says little of the minutes to come. By the load of the last minute, everything would take so many times
+    as long: of that the square root counts, half way between load that ends and load that stays.
     """
-    threads = torch.get_num_threads()
-    networks = _NETWORK_S / _mean(_network())
+    threads, load = torch.get_num_threads(), os.getloadavg()[0]
+    networks = _NETWORK_S / _mean(_network(), time.thread_time)
     torch.set_num_threads(1)  # as in training
     try:
-        return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()), networks)
+        step = _mean(_step(backend), time.thread_time if backend != "cuda" else time.monotonic)
+        alone = Speed(_STEP_S / step, _IMAGE_S / _mean(_image(), time.thread_time), networks)
     finally:
         torch.set_num_threads(threads)
+    return alone.slowed(max(1.0, (load + threads) / (os.cpu_count() or 1)) ** 0.5)
 
 
 def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
@@ -79,13 +83,13 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     )
 
 
-def _mean(work: Callable[[], None]) -> float:
+def _mean(work: Callable[[], None], clock: Callable[[], float]) -> float:
     work()
-    rounds, begun = 0, time.monotonic()
+    rounds, begun, started = 0, time.monotonic(), clock()
     while rounds < _FEWEST_ROUNDS or time.monotonic() - begun < _SECONDS:
         work()
         rounds += 1
-    return (time.monotonic() - begun) / rounds
+    return (clock() - started) / rounds
 
 
 def _step(backend: Backend) -> Callable[[], None]:

@@ -12,7 +12,8 @@ from typing import Generic, TypeVar
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.planning.cost_model import Speed, export_seconds, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.cost_model import Speed, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.job_time import placed_seconds
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.raster.types import Backend
@@ -92,7 +93,7 @@ def plan_training(
         time_budget_s,
         speed=speed,
         spent_s=spent_s + time.monotonic() - begun,
-        tail_s=whole_export_seconds(capture, settings, labels, speed),
+        tail_s=placed_seconds(capture, settings, settings.training, speed, labels)["export"],
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)
 
@@ -112,17 +113,6 @@ def clock_tradeoff(
     if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:
         return ()
     return (f"training ended by the time asked for, after {steps:.0f} steps in place of at least {fewest:,}",)
-
-
-def whole_export_seconds(capture: Capture, settings: Settings, labels: int, speed: Speed) -> float:
-    """Seconds of the export stage on a machine, the discovery of things among them; where label maps came with the
-    capture, nobody has looked for masks yet."""
-    given_labels, views = capture.given_labels is not None, len(capture.views)
-    seen = min(settings.perception.proposal_views or views, views)
-    if given_labels and not settings.discovery.proposes(given_labels=True):
-        seen = 0
-    proposed = seen if given_labels else 0
-    return export_seconds(settings.training, scene_size(capture, labels), labels, seen, proposed, speed)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:

@@ -35,7 +35,9 @@ def test_the_two_commands_of_the_readme_build_the_page_and_call_it(target: str, 
 
 
 @pytest.mark.parametrize("on_path", [True, False])
-def test_what_a_training_ends_with_can_be_pasted(on_path: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_training_ends_with_can_be_pasted(
+    on_path: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scripts = Path(sys.executable).parent
     monkeypatch.setenv("PATH", f"{scripts}{os.pathsep}/usr/bin:/bin" if on_path else "/usr/bin:/bin")
     monkeypatch.chdir(scripts.parent)

@@ -1,0 +1,169 @@
+"""Laws of what a job is expected to take, before it begins and while it runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.planning import machine
+from fastsplat.service.planning.cost_model import SceneSize, Speed, fit_training, run_seconds
+from fastsplat.service.planning.job_time import (
+    PACED,
+    STAGES,
+    JobTime,
+    PhotoSet,
+    job_seconds,
+    times_as_long,
+    with_time_left,
+)
+from fastsplat.service.planning.presets import apply_preset
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.settings import TrainingSettings
+
+photo_sets = st.builds(PhotoSet, st.integers(2, 1_000), st.integers(100, 8_000), st.integers(100, 8_000))
+slownesses = st.floats(0.5, 6.0)
+
+
+@settings(max_examples=40)
+@given(photo_sets, st.floats(0.1, 10))
+def test_more_photos_and_larger_ones_take_longer_and_faster_machines_are_faster(photos: PhotoSet, speed: float) -> None:
+    chosen, measured = Settings(), Speed(speed, speed, speed)
+    here = job_seconds(photos, chosen, measured)
+    assert tuple(here) == STAGES and min(here.values()) > 0
+    more = job_seconds(replace(photos, count=photos.count + 40), chosen, measured)
+    larger = job_seconds(replace(photos, width=2 * photos.width, height=2 * photos.height), chosen, measured)
+    assert all(more[stage] >= here[stage] for stage in here) and more["capture"] > here["capture"]
+    assert larger["capture"] > here["capture"]
+    faster = job_seconds(photos, chosen, measured.slowed(0.5))
+    assert all(faster[stage] <= here[stage] for stage in here)
+    assert faster["capture"] == pytest.approx(here["capture"] / 2)
+
+
+def test_a_preset_changes_what_is_expected_of_training() -> None:
+    photos = PhotoSet(26, 480, 360)
+    draft, balanced, best = (
+        job_seconds(photos, apply_preset(Settings(), name), Speed()) for name in ("draft", "balanced", "best")
+    )
+    assert draft["training"] < balanced["training"] < best["training"]
+    assert draft["perception"] < balanced["perception"]
+    assert draft["capture"] == balanced["capture"] == best["capture"]
+
+
+def test_the_masks_of_many_photos_are_looked_for_in_some_of_them() -> None:
+    few, many = (job_seconds(PhotoSet(count, 4_000, 3_000), Settings(), Speed()) for count in (16, 160))
+    assert many["perception"] < 2 * few["perception"] and many["export"] == few["export"]
+
+
+def test_a_run_is_as_long_as_its_plan_says() -> None:
+    scene = SceneSize(views=26, width=640, height=480, points=3_000, labels=20)
+    for speed in (Speed(), Speed(0.5, 0.7)):
+        plan = fit_training(TrainingSettings(), scene, 120.0, speed=speed)
+        assert run_seconds(plan.settings, scene, speed) == pytest.approx(plan.seconds, rel=1e-6)
+    unbounded = TrainingSettings(time_budget_s=None)
+    slow, fast = run_seconds(unbounded, scene, Speed(0.5, 0.5)), run_seconds(unbounded, scene)
+    assert slow == pytest.approx(2 * fast, rel=1e-6)
+
+
+def test_load_that_may_end_counts_by_half_and_does_not_disturb_the_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
+    threads = machine.torch.get_num_threads()
+    monkeypatch.setattr(machine, "_mean", lambda work, clock: 0.01)
+    monkeypatch.setattr(machine.os, "cpu_count", lambda: threads)
+    speeds = []
+    for load in (0.0, 3.0 * threads):
+        monkeypatch.setattr(machine.os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+        speeds.append(machine.machine_speed())
+    assert speeds[1] == speeds[0].slowed(2.0)
+
+
+def _event(fraction: float, **metrics: float) -> ProgressEvent:
+    return ProgressEvent("training", fraction, "", metrics)
+
+
+def _known(seconds: Mapping[str, float], **more: object) -> JobTime:
+    def at(speed: Speed) -> dict[str, float]:
+        return {stage: each / speed.steps for stage, each in seconds.items()}
+
+    return JobTime(at, Speed(), **more)
+
+
+def _told(stage: str, known: JobTime, *events: tuple[float, ProgressEvent]) -> list[float | None]:
+    """Seconds left as they are told with events at these seconds after the stage began; None: unknown."""
+    now, told = [0.0], []
+    tell = with_time_left(told.append, stage, known, lambda: now[0])
+    for now[0], event in events:
+        tell(event)
+    return [None if (left := event.metrics["job_seconds_left"]) == -1 else left for event in told]
+
+
+@settings(max_examples=40, deadline=None)
+@given(photo_sets, slownesses)
+@example(PhotoSet(44, 4_000, 3_000), 6.0)
+@example(PhotoSet(25, 779, 520), 0.5)
+def test_after_one_stage_the_time_left_is_within_a_factor_of_two_of_the_truth(photos: PhotoSet, k: float) -> None:
+    def expected(speed: Speed) -> dict[str, float]:
+        return job_seconds(photos, Settings(), speed)
+
+    truth, begun = expected(Speed().slowed(k)), []
+    for number, stage in enumerate(STAGES):
+        known = JobTime(expected, Speed(), tuple(begun))
+        later = sum(truth[after] for after in STAGES[number + 1 :])
+        events = [(share * truth[stage], _event(share)) for share in (0.25, 0.5, 0.75, 1.0)]
+        for (at, _), left in zip(events, _told(stage, known, *events), strict=True):
+            true = truth[stage] - at + later
+            assert left is not None and left >= 0
+            assert (number == 0 and at < truth[stage]) or true / 2 - 0.1 <= left <= 2 * true + 0.1
+        if stage in PACED:
+            begun.append((expected(Speed())[stage], truth[stage], 1.0))
+
+
+@given(slownesses, slownesses)
+def test_more_stages_are_believed_more_than_one(k: float, other: float) -> None:
+    one, two = times_as_long([(10.0, 10.0 * k, 1.0)]), times_as_long([(10.0, 10.0 * k, 1.0), (7.0, 7.0 * k, 1.0)])
+    assert min(1.0, k) <= min(one, two) and max(one, two) <= max(1.0, k)
+    assert abs(two - k) <= abs(one - k) and times_as_long([]) == 1.0
+    assert times_as_long([(1.0, other, 0.0), (0.0, 5.0, 1.0)]) == 1.0  # nothing seen of it, or nothing expected
+
+
+@given(st.floats(20, 500), st.floats(0, 500))
+def test_it_goes_down_while_a_stage_comes_forward_as_expected(own: float, later: float) -> None:
+    known = _known({"perception": own, "training": later, "export": 1.0})
+    told = _told("perception", known, *((share / 50 * own, _event(share / 50)) for share in range(51)))
+    assert all(now < before for before, now in pairwise(told)) and told[-1] == pytest.approx(later + 1.0, abs=0.1)
+
+
+@given(st.floats(1, 200), st.floats(0, 0.99), st.one_of(st.none(), st.floats(0, 300)))
+def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(own, fraction, said) -> None:
+    metrics = {} if said is None else {"seconds_left": said}
+    events = [(20.0, _event(fraction, **metrics)), *((20.0 + 5 * tick, _event(fraction)) for tick in range(1, 80))]
+    told = _told("training", _known({"training": own, "export": 5.0}), *events)
+    assert all(left is not None and left >= 0 for left in told)
+    assert told[-1] >= 0.5 * (1 - fraction) * events[-1][0] - 0.1  # as long as it has taken, so long it may still take
+
+
+def test_what_the_stage_says_goes_before_what_was_expected() -> None:
+    known = _known({"training": 60.0, "export": 20.0}, finish=lambda speed: 5.0)
+    assert _told("training", known, (10.0, _event(0.0))) == [70.0]
+    said = (90.0, _event(0.5, seconds_left=200.0))
+    assert _told("training", known, said, (100.0, _event(0.5))) == [225.0, 215.0]  # as those of previews are without it
+
+
+def test_a_rate_alone_says_something_only_after_a_while_and_only_if_the_rest_is_known() -> None:
+    known = _known({"training": 80.0, "export": 20.0})
+    assert _told("perception", known, (30.0, _event(0.25))) == [190.0]
+    assert _told("perception", known, (30.0, _event(0.01))) == _told("perception", known, (0.5, _event(0.25))) == [None]
+    assert _told("perception", _known({"training": 80.0}), (30.0, _event(0.25))) == [None]
+    assert _told("perception", known, (30.0, _event(1.0))) == [100.0]
+
+
+def test_a_time_budget_bounds_what_follows_the_capture_until_it_is_spent() -> None:
+    ends = (20.0, _event(0.0)), (121.0, _event(0.0))
+    assert _told("perception", _known({}, budget_s=120.0), *ends) == [100.0, None]
+    whole = _known({"capture": 50.0, "perception": 80.0, "training": 200.0, "export": 9.0}, budget_s=120.0)
+    assert _told("capture", whole, (20.0, _event(0.0))) == [150.0]
+    assert _told("perception", whole, (20.0, _event(0.0))) == [100.0]
