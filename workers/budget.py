@@ -11,7 +11,7 @@ from dataclasses import asdict
 
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.planning.cost_model import Speed, finish_seconds, scene_size
+from fastsplat.service.planning.cost_model import Speed, scene_size
 from fastsplat.service.planning.job_time import PACED, JobTime, PhotoSet, job_seconds, placed_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.time_budget import StagePlan, plan_training
@@ -55,14 +55,12 @@ def job_time(
         before = {} if photos is None else job_seconds(photos, settings, speed)
         return before if capture is None else {**before, **placed_seconds(capture, settings, training, speed, labels)}
 
-    def finish(speed: Speed) -> float:
-        return 0.0 if capture is None else finish_seconds(training, scene_size(capture, labels), speed)
-
     speed = job_speed(job)
     expected = seconds(speed)
     done = [stage for stage in PACED if stage in expected and job.result(stage).is_dir()]
     ran = tuple((expected[stage], stage_seconds(job, stage), 1.0) for stage in done)
-    return JobTime(seconds, speed, ran, finish, job.options.time_budget_s)
+    run = None if capture is None or capture.splat is not None else (training, scene_size(capture, labels))
+    return JobTime(seconds, speed, ran, run, job.options.time_budget_s)
 
 
 def _photos(job: Job) -> PhotoSet | None:

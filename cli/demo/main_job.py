@@ -23,7 +23,7 @@ from fastsplat_contract.scenes import Scene
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
 """The sample capture: 26 photos of a table with things on it."""
-_FIGURES = ("loss", "psnr", "iterations_per_second", "seconds_left")
+_FIGURES = ("loss", "psnr", "iterations_per_second")
 
 
 def run_main_job(

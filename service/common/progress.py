@@ -15,8 +15,8 @@ class ProgressEvent:
         stage: name of a stage, see `workers.job_kinds`.
         fraction: share of this stage that is done, 0..1.
         message: a short line for people, e.g. "matching image pairs 120/276".
-        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left; and
-            job_seconds_left, until the whole job is done).
+        metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second; and job_seconds_left,
+            until the whole job is done).
         files: what can be looked at from now on, by kind, see `OperationRecord.progress_files`.
     """
 

@@ -27,6 +27,7 @@ _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
 _DRAWN_A_VIEW = 6  # in times that a training step takes
+_BELIEVED = 0.1
 _LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
 
 
@@ -206,6 +207,28 @@ def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tu
     if least * mean_s > clock_s:
         return least * mean_s, least
     return clock_s, min(bound, max(1, int(steps_per_second(settings, scene) * speed.steps * clock_s)))
+
+
+def run_seconds_left(
+    settings: TrainingSettings, scene: SceneSize, speed: Speed, iteration: int, elapsed_s: float
+) -> float:
+    """Seconds until a run is written: its later steps take as many times as long as those so far as the model says.
+
+    Args:
+        speed: of the machine, believed as much as a tenth of the run.
+        iteration, elapsed_s: steps of the run so far, and their seconds.
+    """
+    steps = _steps_of_run(settings, scene)
+
+    def until(bound: int) -> float:
+        whole, at = bound * mean(steps), min(iteration / bound, 1.0) * _SHARES
+        done = bound / _SHARES * (sum(steps[: int(at)]) + at % 1 * steps[min(int(at), _SHARES - 1)])
+        return (whole - done) * (elapsed_s + _BELIEVED * whole / speed.steps) / (done + _BELIEVED * whole)
+
+    left, least = until(settings.iterations), min(settings.min_iterations, settings.iterations)
+    if settings.time_budget_s is not None:
+        left = min(left, max(settings.time_budget_s - elapsed_s, until(least) if least else 0.0, 0.0))
+    return left + finish_seconds(settings, scene, speed)
 
 
 def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:

@@ -16,6 +16,7 @@ from fastsplat.service.planning.cost_model import (
     Speed,
     export_seconds,
     run_seconds,
+    run_seconds_left,
     scene_size,
 )
 from fastsplat.service.settings import Settings
@@ -64,14 +65,14 @@ class JobTime:
         seconds: of each stage at a speed, by name; one that cannot be predicted, as the capture of a video, is missing.
         speed: measured when the job began.
         ran: expected and actual seconds of the stages before, and the share of each that was seen, 0..1.
-        finish: seconds of the stage after the work whose end it predicts itself by the metric seconds_left.
+        run: what trains, and the size of its scene; None: not known yet.
         budget_s: what is left of the seconds for all stages after the capture; None: no bound.
     """
 
     seconds: Callable[[Speed], Mapping[str, float]]
     speed: Speed
     ran: tuple[tuple[float, float, float], ...] = ()
-    finish: Callable[[Speed], float] = lambda speed: 0.0
+    run: tuple[TrainingSettings, SceneSize] | None = None
     budget_s: float | None = None
 
     @property
@@ -150,14 +151,14 @@ def times_as_long(ran: Iterable[tuple[float, float, float]]) -> float:
 
 
 class _TimeLeft:
-    """When a stage ends: as it says itself, or between what was expected and its rate, by how far it has come."""
+    """When a stage ends: by the steps of a training, or between what was expected and its rate, by how far it is."""
 
     def __init__(self, stage: str, known: JobTime) -> None:
         self._stage, self._known = stage, known
         self._later = STAGES[STAGES.index(stage) + 1 :]
         self._at_first = known.seconds(known.speed).get(stage)
         self._expected = self._ends_s = known.seconds(known.speed_now).get(stage)
-        self._fraction, self._told = 0.0, False
+        self._fraction = 0.0
 
     def seconds(self, event: ProgressEvent, elapsed_s: float) -> float | None:
         """Seconds until the whole job is done, `elapsed_s` seconds after the stage began; None: unknown."""
@@ -177,12 +178,12 @@ class _TimeLeft:
         return min(known.budget_s - elapsed_s, math.inf if left is None else left)
 
     def _hear(self, event: ProgressEvent, elapsed_s: float) -> None:
-        if "seconds_left" in event.metrics:
-            finish_s = self._known.finish(self._known.speed_now)
-            self._ends_s, self._told = elapsed_s + event.metrics["seconds_left"] + finish_s, True
+        if self._known.run is not None and "iteration" in event.metrics:
+            iteration, ran_s = int(event.metrics["iteration"]), event.metrics["elapsed_s"]
+            self._ends_s = elapsed_s + run_seconds_left(*self._known.run, self._known.speed_now, iteration, ran_s)
         elif self._fraction < event.fraction and event.fraction >= _LEAST_FRACTION and elapsed_s >= _LEAST_SECONDS:
             self._fraction = min(event.fraction, 1.0)
-            if not self._told:
+            if self._stage != "training" or self._known.run is None:
                 rate_s = elapsed_s / self._fraction
                 self._ends_s = (self._expected or rate_s) ** (1 - self._fraction) * rate_s**self._fraction
 

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.planning import machine
-from fastsplat.service.planning.cost_model import SceneSize, Speed, fit_training, run_seconds
+from fastsplat.service.planning.cost_model import (
+    SceneSize,
+    Speed,
+    _steps_of_run,
+    fit_training,
+    run_seconds,
+    run_seconds_left,
+)
 from fastsplat.service.planning.job_time import (
     PACED,
     STAGES,
@@ -137,20 +144,32 @@ def test_it_goes_down_while_a_stage_comes_forward_as_expected(own: float, later:
     assert all(now < before for before, now in pairwise(told)) and told[-1] == pytest.approx(later + 1.0, abs=0.1)
 
 
-@given(st.floats(1, 200), st.floats(0, 0.99), st.one_of(st.none(), st.floats(0, 300)))
-def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(own, fraction, said) -> None:
-    metrics = {} if said is None else {"seconds_left": said}
-    events = [(20.0, _event(fraction, **metrics)), *((20.0 + 5 * tick, _event(fraction)) for tick in range(1, 80))]
-    told = _told("training", _known({"training": own, "export": 5.0}), *events)
+@given(st.floats(1, 200), st.floats(0, 0.99))
+def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(own: float, fraction: float) -> None:
+    events = [(20.0 + 5 * tick, _event(fraction)) for tick in range(80)]
+    told = _told("perception", _known({"perception": own, "training": 5.0, "export": 5.0}), *events)
     assert all(left is not None and left >= 0 for left in told)
     assert told[-1] >= 0.5 * (1 - fraction) * events[-1][0] - 0.1  # as long as it has taken, so long it may still take
 
 
-def test_what_the_stage_says_goes_before_what_was_expected() -> None:
-    known = _known({"training": 60.0, "export": 20.0}, finish=lambda speed: 5.0)
-    assert _told("training", known, (10.0, _event(0.0))) == [70.0]
-    said = (90.0, _event(0.5, seconds_left=200.0))
-    assert _told("training", known, said, (100.0, _event(0.5))) == [225.0, 215.0]  # as those of previews are without it
+@pytest.mark.parametrize("requested", [TrainingSettings(), TrainingSettings(time_budget_s=None, iterations=2_000)])
+@given(slownesses, st.floats(0.2, 1.0))
+def test_the_rest_of_a_run_is_known_by_its_steps_though_late_ones_take_longer(
+    requested, k: float, share: float
+) -> None:
+    scene = SceneSize(views=26, width=640, height=480, points=300, labels=0)
+    measured = Speed(0.2, 0.2, 0.2)
+    run = requested.model_copy(update={"min_iterations": min(1_000, requested.iterations)})
+    steps, bound = _steps_of_run(run, scene), 1_000 if run.time_budget_s else run.iterations
+    at = round(share * len(steps))
+    ran_s, whole_s = (bound / len(steps) * sum(part) * k / 0.2 for part in (steps[:at], steps))
+    true_s = max(whole_s, run.time_budget_s or 0.0) - ran_s + run_seconds_left(run, scene, measured, 10**6, 10**6)
+    said_s = run_seconds_left(run, scene, measured, round(bound * at / len(steps)), ran_s)
+    assert true_s / 2 <= said_s <= 2 * true_s
+    known = replace(_known({"training": 60.0, "export": 20.0}), speed=measured, run=(run, scene))
+    event = _event(share, iteration=bound * at / len(steps), elapsed_s=ran_s)
+    told = _told("training", known, (ran_s + 3.0, event), (ran_s + 4.0, _event(share)))  # as those of previews
+    assert told == pytest.approx([said_s + 100.0, said_s + 99.0], abs=0.2)
 
 
 def test_a_rate_alone_says_something_only_after_a_while_and_only_if_the_rest_is_known() -> None:
