@@ -11,12 +11,8 @@ logger = logging.getLogger(__name__)
 
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:
-    """Name the models that the job of a scene would open and that have no files, each with its setting.
-
-    Args:
-        given_labels: label maps come with the photos.
-        named: the poster says what is looked for.
-    """
+    """Name the models that the job of a scene would open and that have no files, each with its setting; label maps may
+    come with the photos (`given_labels`), and the poster may say what is looked for (`named`)."""
     from fastsplat.service.perception.models.model_manifest import Role, has_files  # loads with the first upload
 
     perception, roles = settings.perception, list[Role](("text_encoder",))
@@ -33,11 +29,7 @@ def missing_models(settings: Settings, *, given_labels: bool = False, named: boo
 
 
 def check_models(settings: Settings, *, given_labels: bool, named: bool) -> None:
-    """Raise where `missing_models` names any.
-
-    Raises:
-        ModelUnavailableError: names them, their settings and the directory's.
-    """
+    """Raise `ModelUnavailableError`, with their settings, where `missing_models` names any."""
     if missing := missing_models(settings, given_labels=given_labels, named=named):
         raise ModelUnavailableError(
             f"a scene needs models that are not in the server's model directory: {', '.join(missing)}",
@@ -49,8 +41,5 @@ def check_models(settings: Settings, *, given_labels: bool, named: bool) -> None
 def log_missing_models(settings: Settings) -> None:
     """Warn once of what this process's model directory lacks for new scenes."""
     if missing := missing_models(settings):
-        logger.warning(
-            "new scenes will fail: %s (FASTSPLAT_MODELS) lacks %s; run: fastsplat models pull",
-            settings.models,
-            ", ".join(missing),
-        )
+        lack = f"{settings.models} (FASTSPLAT_MODELS) lacks {', '.join(missing)}"
+        logger.warning("new scenes will fail: %s; run: fastsplat models pull", lack)

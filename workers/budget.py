@@ -35,18 +35,11 @@ def job_speed(job: Job) -> Speed:
 
 
 def job_time(
-    job: Job,
-    capture: Capture | None = None,
-    labels: int = 0,
-    planned: TrainingSettings | None = None,
+    job: Job, capture: Capture | None = None, labels: int = 0, planned: TrainingSettings | None = None
 ) -> JobTime:
-    """What is known of a job's time when its next stage begins.
+    """What is known of a job's time when its next stage begins: what its finished stages say of the others.
 
-    Args:
-        job: whose finished stages correct what is expected of the others.
-        capture: once there is one; before, photos without poses are all that can be predicted.
-        labels: entries of its dictionary; 0: not known yet.
-        planned: what it trains with; None: its settings.
+    Before there is a `capture`, photos without poses are all that can be predicted; 0 `labels` are not known yet.
     """
     settings, training = job.settings, planned or job.settings.training
     photos = _photos(job)
@@ -72,14 +65,8 @@ def _photos(job: Job) -> PhotoSet | None:
 
 
 def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:
-    """The plan of the job's training: an earlier attempt's if there is one, else a new one, which is then stored.
-
-    Args:
-        job: what is trained.
-        capture: of the job.
-        labels: entries of its dictionary.
-        started: `time.monotonic()` at the start of the training stage.
-    """
+    """The plan of the job's training, which began at `started` (`time.monotonic()`): an earlier attempt's if there is
+    one, else a new one, which is then stored."""
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
         spent, speed = stage_seconds(job, "perception") + time.monotonic() - started, job_time(job, capture).speed_now

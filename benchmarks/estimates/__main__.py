@@ -97,17 +97,13 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
         "speed": {name: round(times, 2) for name, times in asdict(speed).items()},
         **{name: job.quality[name] for name in ("registered_images", "iterations", "psnr") if name in job.quality},
         "load": round(job.load, 1),
+        "niceness": settings.jobs.niceness,
         **provenance(start, settings=options, chosen_on=NOT_CHOSEN),
     }
 
 
 def _time_left(told: list[tuple[float, float]], whole_s: float) -> dict[str, Any]:
-    """What was told of the time left against the truth, while ten seconds were left.
-
-    Args:
-        told: seconds since the job was posted, and seconds that were said to be left.
-        whole_s: seconds that the job took.
-    """
+    """Seconds that were said to be left, so many after the job was posted, against the truth."""
     told = [(at, left) for at, left in told if whole_s - at >= _LEAST_LEFT_S]
     times = [left / (whole_s - at) for at, left in told]
     firsts = {int(at / whole_s * _LINES): (at, left) for at, left in reversed(told)}

@@ -45,12 +45,7 @@ _LEAST_SHARE = 0.5
 
 @dataclass(frozen=True)
 class PhotoSet:
-    """Photos of which no more is known.
-
-    Attributes:
-        count: of the photos.
-        width, height: of most, pixels.
-    """
+    """Photos of which no more is known than their number and the pixels of most."""
 
     count: int
     width: int
@@ -82,12 +77,7 @@ class JobTime:
 
 
 def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str, float]:
-    """Seconds of each stage of a job on a machine, by its name, in order.
-
-    Args:
-        photos: without poses.
-        settings: of all rooms, with the preset applied.
-    """
+    """Seconds of each stage of photos without poses, by its name, in order; `settings` have the preset applied."""
     capture, count = settings.capture, photos.count
     width, height = _reduced(photos, capture.sfm_max_side)
     megapixels, sent = width * height / 1e6, photos.width * photos.height / 1e6
@@ -106,12 +96,8 @@ def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str,
 def placed_seconds(
     capture: Capture, settings: Settings, training: TrainingSettings, speed: Speed, labels: int = 0
 ) -> dict[str, float]:
-    """As `job_seconds`, of the stages after the capture; of a splat that is imported, of the export alone.
-
-    Args:
-        training: as planned.
-        labels: in the dictionary, as far as it is known.
-    """
+    """As `job_seconds`, of the stages after the capture, with so many labels in the dictionary if that is known; of a
+    splat that is imported, of the export alone."""
     given = capture.given_labels is not None
     labels = labels or _USUAL_LABELS
     stages = _placed_seconds(scene_size(capture, labels), settings, training, speed, labels, given)
@@ -140,12 +126,8 @@ def _reduced(photos: PhotoSet, side: int) -> tuple[int, int]:
 
 
 def times_as_long(ran: Iterable[tuple[float, float, float]]) -> float:
-    """How many times as long as expected the next stages take: the likeliest value for errors of speed and of stages
-    that are log-normal.
-
-    Args:
-        ran: expected and actual seconds of stages, and the share of each that was seen, 0..1.
-    """
+    """How many times as long as expected the next stages take, by those that `ran`, see `JobTime`: the likeliest value
+    where the errors of a speed and of a stage are log-normal."""
     seen = [(math.log(actual / expected), share) for expected, actual, share in ran if min(expected, actual) > 0]
     return math.exp(sum(ratio * share for ratio, share in seen) / (1 / _TRUST + sum(share for _, share in seen)))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,31 +37,25 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
 
     A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
     photo; one of `networks` is a convolution and a product of matrices. The CPU's clock counts, as what else runs in
-    this second says little of the minutes to come. By the load of the last minute, everything would take so many times
-    as long: of that the square root counts, half way between load that ends and load that stays.
+    this second says little of the minutes to come. Of how many times as long the rounds took by the wall's clock, the
+    square root counts: half way between other work that ends and other work that stays.
     """
-    threads, load = torch.get_num_threads(), os.getloadavg()[0]
-    networks = _NETWORK_S / _mean(_network(), time.thread_time)
-    torch.set_num_threads(1)  # as in training
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in training; and threads that wait for each other would count as busy
     try:
-        step = _mean(_step(backend), time.thread_time if backend != "cuda" else time.monotonic)
-        alone = Speed(_STEP_S / step, _IMAGE_S / _mean(_image(), time.thread_time), networks)
+        network, network_wall = _mean(_network())
+        step, step_wall = _mean(_step(backend))
+        image, image_wall = _mean(_image())
     finally:
         torch.set_num_threads(threads)
-    return alone.slowed(max(1.0, (load + threads) / (os.cpu_count() or 1)) ** 0.5)
+    step = step_wall if backend == "cuda" else step
+    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views are looked at side by side
+    return alone.slowed(math.sqrt(max(1.0, (network_wall + image_wall) / (network + image))))
 
 
 def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
-    """What perception of this capture costs on this machine, measured by labelling its middle view.
-
-    Args:
-        settings: of all rooms; those of perception and the model directory count.
-        labels: names to look for, see `label_capture`.
-        progress: hears of the trial, always at fraction 0.
-
-    Raises:
-        FastSplatError: as `label_capture`.
-    """
+    """What perception of this capture costs on this machine, measured by labelling its middle view; `progress` hears
+    of that at fraction 0. Errors as `label_capture`."""
     middle = len(capture.views) // 2
     one_view = replace(capture, views=capture.views[middle : middle + 1])
     times: list[float] = []
@@ -83,13 +77,14 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     )
 
 
-def _mean(work: Callable[[], None], clock: Callable[[], float]) -> float:
+def _mean(work: Callable[[], None]) -> tuple[float, float]:
+    """Seconds of a round by the clock of this thread's CPU, and by the wall's."""
     work()
-    rounds, begun, started = 0, time.monotonic(), clock()
+    rounds, begun, cpu_begun = 0, time.monotonic(), time.thread_time()
     while rounds < _FEWEST_ROUNDS or time.monotonic() - begun < _SECONDS:
         work()
         rounds += 1
-    return (clock() - started) / rounds
+    return (time.thread_time() - cpu_begun) / rounds, (time.monotonic() - begun) / rounds
 
 
 def _step(backend: Backend) -> Callable[[], None]:

@@ -26,11 +26,7 @@ _FEW_VIEWS = 3
 
 @dataclass(frozen=True)
 class StagePlan(Generic[S]):
-    """How a stage runs.
-
-    Attributes:
-        tradeoffs: what the time budget reduces against the requested settings, in words.
-    """
+    """How a stage runs, and what the time budget reduces against the requested settings, in words."""
 
     settings: S
     tradeoffs: tuple[str, ...] = ()
@@ -49,11 +45,8 @@ def plan_perception(
 
     Args:
         settings: of all rooms, with the preset applied.
-        time_budget_s: seconds for everything after the capture stage; None: no bound.
+        time_budget_s: for everything after the capture; None: no bound.
         started: `time.monotonic()` when the budget began to count.
-
-    Raises:
-        FastSplatError: as `label_capture`.
     """
     perception = settings.perception
     if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
@@ -78,8 +71,7 @@ def plan_training(
     """How training runs.
 
     Args:
-        settings: of all rooms, with the preset applied.
-        time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
+        settings, time_budget_s: as of `plan_perception`.
         spent_s: seconds of the budget that are spent already.
         speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.
     """
@@ -101,13 +93,7 @@ def plan_training(
 def clock_tradeoff(
     requested: TrainingSettings, time_budget_s: float | None, quality: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """How many steps a time that was asked for has cost a training, in words; empty where it cost none.
-
-    Args:
-        requested: settings of the training without that time.
-        time_budget_s: what was asked for; None: nothing.
-        quality: of the training, see `TrainedSplats`.
-    """
+    """How many steps a time that was asked for has cost a training of this `quality`, in words, if any."""
     fewest = min(requested.min_iterations, requested.iterations)
     steps = quality.get("iterations", math.inf)  # a splat of another tool is not trained
     if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -16,8 +17,6 @@ from fastsplat.service.planning.cost_model import (
     SceneSize,
     Speed,
     _steps_of_run,
-    fit_training,
-    run_seconds,
     run_seconds_left,
 )
 from fastsplat.service.planning.job_time import (
@@ -67,25 +66,12 @@ def test_the_masks_of_many_photos_are_looked_for_in_some_of_them() -> None:
     assert many["perception"] < 2 * few["perception"] and many["export"] == few["export"]
 
 
-def test_a_run_is_as_long_as_its_plan_says() -> None:
-    scene = SceneSize(views=26, width=640, height=480, points=3_000, labels=20)
-    for speed in (Speed(), Speed(0.5, 0.7)):
-        plan = fit_training(TrainingSettings(), scene, 120.0, speed=speed)
-        assert run_seconds(plan.settings, scene, speed) == pytest.approx(plan.seconds, rel=1e-6)
-    unbounded = TrainingSettings(time_budget_s=None)
-    slow, fast = run_seconds(unbounded, scene, Speed(0.5, 0.5)), run_seconds(unbounded, scene)
-    assert slow == pytest.approx(2 * fast, rel=1e-6)
-
-
 def test_load_that_may_end_counts_by_half_and_does_not_disturb_the_measurement(monkeypatch: pytest.MonkeyPatch) -> None:
-    threads = machine.torch.get_num_threads()
-    monkeypatch.setattr(machine, "_mean", lambda work, clock: 0.01)
-    monkeypatch.setattr(machine.os, "cpu_count", lambda: threads)
     speeds = []
-    for load in (0.0, 3.0 * threads):
-        monkeypatch.setattr(machine.os, "getloadavg", lambda load=load: (load, 0.0, 0.0))
+    for wall_s in (0.01, 0.09):
+        monkeypatch.setattr(machine, "_mean", lambda work, wall_s=wall_s: (0.01, wall_s))
         speeds.append(machine.machine_speed())
-    assert speeds[1] == speeds[0].slowed(2.0)
+    assert dataclasses.astuple(speeds[1]) == pytest.approx(dataclasses.astuple(speeds[0].slowed(3.0)))
 
 
 def _event(fraction: float, **metrics: float) -> ProgressEvent:
@@ -137,22 +123,25 @@ def test_more_stages_are_believed_more_than_one(k: float, other: float) -> None:
     assert times_as_long([(1.0, other, 0.0), (0.0, 5.0, 1.0)]) == 1.0  # nothing seen of it, or nothing expected
 
 
+@settings(max_examples=40)
 @given(st.floats(20, 500), st.floats(0, 500))
 def test_it_goes_down_while_a_stage_comes_forward_as_expected(own: float, later: float) -> None:
     known = _known({"perception": own, "training": later, "export": 1.0})
-    told = _told("perception", known, *((share / 50 * own, _event(share / 50)) for share in range(51)))
+    told = _told("perception", known, *((share / 20 * own, _event(share / 20)) for share in range(21)))
     assert all(now < before for before, now in pairwise(told)) and told[-1] == pytest.approx(later + 1.0, abs=0.1)
 
 
-@given(st.floats(1, 200), st.floats(0, 0.99))
+@settings(max_examples=40)
+@given(st.floats(1, 100), st.floats(0, 0.99))
 def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(own: float, fraction: float) -> None:
-    events = [(20.0 + 5 * tick, _event(fraction)) for tick in range(80)]
+    events = [(20.0 + 5 * tick, _event(fraction)) for tick in range(25)]
     told = _told("perception", _known({"perception": own, "training": 5.0, "export": 5.0}), *events)
     assert all(left is not None and left >= 0 for left in told)
     assert told[-1] >= 0.5 * (1 - fraction) * events[-1][0] - 0.1  # as long as it has taken, so long it may still take
 
 
 @pytest.mark.parametrize("requested", [TrainingSettings(), TrainingSettings(time_budget_s=None, iterations=2_000)])
+@settings(max_examples=40, deadline=None)
 @given(slownesses, st.floats(0.2, 1.0))
 def test_the_rest_of_a_run_is_known_by_its_steps_though_late_ones_take_longer(
     requested, k: float, share: float
@@ -164,10 +153,11 @@ def test_the_rest_of_a_run_is_known_by_its_steps_though_late_ones_take_longer(
     at = round(share * len(steps))
     ran_s, whole_s = (bound / len(steps) * sum(part) * k / 0.2 for part in (steps[:at], steps))
     true_s = max(whole_s, run.time_budget_s or 0.0) - ran_s + run_seconds_left(run, scene, measured, 10**6, 10**6)
-    said_s = run_seconds_left(run, scene, measured, round(bound * at / len(steps)), ran_s)
+    iteration = round(bound * at / len(steps))
+    said_s = run_seconds_left(run, scene, measured, iteration, ran_s)
     assert true_s / 2 <= said_s <= 2 * true_s
     known = replace(_known({"training": 60.0, "export": 20.0}), speed=measured, run=(run, scene))
-    event = _event(share, iteration=bound * at / len(steps), elapsed_s=ran_s)
+    event = _event(share, iteration=float(iteration), elapsed_s=ran_s)
     told = _told("training", known, (ran_s + 3.0, event), (ran_s + 4.0, _event(share)))  # as those of previews
     assert told == pytest.approx([said_s + 100.0, said_s + 99.0], abs=0.2)
 
