@@ -41,13 +41,8 @@ def plan_perception(
     *,
     started: float,
 ) -> StagePlan[PerceptionSettings]:
-    """How perception runs; with a budget, one view is labelled on trial where a detector will run.
-
-    Args:
-        settings: of all rooms, with the preset applied.
-        time_budget_s: for everything after the capture; None: no bound.
-        started: `time.monotonic()` when the budget began to count.
-    """
+    """How perception runs; with a budget for everything after the capture, which began to count at `started`
+    (`time.monotonic()`), one view is labelled on trial where a detector will run."""
     perception = settings.perception
     if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
         return StagePlan(perception)
@@ -71,7 +66,7 @@ def plan_training(
     """How training runs.
 
     Args:
-        settings, time_budget_s: as of `plan_perception`.
+        time_budget_s: as of `plan_perception`.
         spent_s: seconds of the budget that are spent already.
         speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.
     """
