@@ -105,18 +105,18 @@ def placed_seconds(
 
 
 def _placed_seconds(
-    size: SceneSize, settings: Settings, training: TrainingSettings, speed: Speed, labels: int, given: bool = False
+    size: SceneSize, settings: Settings, training: TrainingSettings, speed: Speed, labels: int, has_maps: bool = False
 ) -> dict[str, float]:
-    """Where label maps came with the capture (`given`), masks are looked for in the export."""
+    """Where label maps came with the capture (`has_maps`), masks are looked for in the export."""
     perception, views = settings.perception, size.views
-    masks = settings.discovery.proposes(given_labels=given)
-    seen = min(perception.proposal_views or views, views) if masks or not given else 0
+    masks = settings.discovery.proposes(given_labels=has_maps)
+    seen = min(perception.proposal_views or views, views) if masks or not has_maps else 0
     cost = PerceptionCost(_MODELS_S + _DRAFT_S, _SEARCH_S, _SEGMENT_S, perception.proposal_views if masks else 0)
-    looked_at = 0 if given else min(perception.max_views or views, views)
+    looked_at = 0 if has_maps else min(perception.max_views or views, views)
     return {
         "perception": cost.seconds(looked_at) / speed.networks,
         "training": run_seconds(training, size, speed),
-        "export": export_seconds(settings.training, size, labels, seen, seen if given else 0, speed),
+        "export": export_seconds(settings.training, size, labels, seen, seen if has_maps else 0, speed),
     }
 
 
