@@ -50,7 +50,7 @@ $(PAGE): $(PAGE_SOURCES)
 models: $(VENV)/.product $(PAGE)  ## fetch and verify the default models
 	$(BIN)/fastsplat models pull
 
-demo: $(VENV)/.product  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
+demo: $(VENV)/.product $(PAGE)  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
 	$(BIN)/fastsplat demo --train $(if $(PHOTOS),--photos "$(PHOTOS)")
 
 look: page-can-be-built $(VENV)/.product $(PAGE)  ## the page with a trained scene, without keys: the sample's, or that of `make demo`

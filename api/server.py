@@ -25,6 +25,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.application.uploading.validation_slots import CONCURRENT_VALIDATIONS
+from fastsplat.service.needed_models import log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
 
@@ -93,6 +94,7 @@ async def serve(
     admin = service.admin if isinstance(service, SceneService) else None
     metrics = Metrics()
     if admin is not None:
+        log_missing_models(settings)
         metrics.watch_jobs(admin.metrics)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)

@@ -48,14 +48,7 @@ def chosen_on(data: str, split: str) -> str:
 
 @dataclass(frozen=True)
 class Start:
-    """The moment before the first measurement.
-
-    Attributes:
-        commit: see `commit`.
-        load: the machine's load average over the last minute.
-        date: UTC, ISO 8601.
-        clock: of `time.monotonic`.
-    """
+    """The moment before the first measurement: load average over the last minute, UTC, `time.monotonic`."""
 
     commit: str
     load: float
@@ -87,14 +80,7 @@ class UncommittedError(SystemExit):
 
 def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace, chosen_on: str) -> dict[str, Any]:
     """command, settings, chosen_on, machine, commit, date, seconds, load_before and load_after of what was measured
-    since `start`.
-
-    Args:
-        start: see `begin`.
-        settings: what was measured with: the script's options, or the settings themselves. Paths are cut to their last
-            part.
-        chosen_on: what the settings were chosen on, see `benchmarks.splits`.
-    """
+    since `start`, with settings or a script's options, whose paths are cut to their last part."""
     named = vars(settings) if isinstance(settings, argparse.Namespace) else settings
     return {
         "command": command(),
@@ -128,12 +114,8 @@ def put_row(path: Path, name: str, row: Mapping[str, Any]) -> None:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Replace a file of results, whole or not at all. Rows of it that do not say where they come from are left
-    out, and named on stdout.
-
-    Args:
-        path: the file.
-        document: with what `provenance` says; or its `rows`, or its own values, have that each.
+    """Replace a file of results, whole or not at all, by a document that says of itself, or of each of its `rows` or
+    values, what `provenance` does. Rows that do not are left out and named on stdout.
 
     Raises:
         ValueError: nothing in it says where it comes from.

@@ -21,13 +21,8 @@ _POLL_S = 0.3
 
 @dataclass(frozen=True)
 class DoneJob:
-    """A job that succeeded.
-
-    Attributes:
-        quality: of its scene, with the `stage_seconds` of the stages' own clocks.
-        seconds: from its posting to its end.
-        load: the machine's load average over the last minute when it was posted.
-    """
+    """A job that succeeded: its scene's quality, seconds from its posting to its end, and the machine's load average
+    over the last minute when it was posted."""
 
     quality: Mapping[str, Any]
     seconds: float
@@ -40,17 +35,8 @@ def run_job(
     settings: Settings,
     watch: Callable[[Operation], None] = lambda operation: None,
 ) -> DoneJob:
-    """Post files to a data folder for which a worker is started, and wait for the scene.
-
-    Args:
-        files: of the upload, by name.
-        options: of the scene.
-        settings: of all rooms, with the data folder.
-        watch: is given the job about three times a second while it runs.
-
-    Raises:
-        SystemExit: the job did not succeed.
-    """
+    """Post files, by name, to a data folder for which a worker is started, and wait for the scene; `watch` is given the
+    job about three times a second. Raises `SystemExit` where the job does not succeed."""
     worker = subprocess.Popen(
         [Path(sys.executable).parent / "fastsplat", "worker"],
         env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},

@@ -16,7 +16,7 @@ def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it st
     """Say which photos are blurred, dark, alike or without overlap, whether they are too few (status 1 if so), and how
     long a scene of them takes."""
     from fastsplat.service.capture.uploads.photo_check import check_photos  # loads OpenCV
-    from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds
+    from fastsplat.service.planning.job_time import PhotoSet, job_seconds
     from fastsplat.service.planning.machine import machine_speed
 
     settings = load_settings()

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from fastsplat.service.needed_models import log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
 from fastsplat.workers.job_kinds import KINDS, JobKind
@@ -29,6 +30,7 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     wait_for_space(settings.data_dir, stop_requested.wait)
     worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
     start(worker)
+    log_missing_models(settings)
     logger.info("worker %s is ready", worker.executor_id)
     stop_requested.wait()
     logger.info("worker %s is stopping", worker.executor_id)

@@ -1,20 +1,24 @@
 """How long photos take to become a scene, said before, against what their job took.
 
-    python -m benchmarks.estimates FOLDER[:COUNT] ...
+    python -m benchmarks.estimates [--beside LOOPS] FOLDER[:COUNT] ...
 
 FOLDER holds photos without poses; of COUNT they are taken evenly from the folder. Each is estimated as the page and
-`fastsplat check` do before anything is sent, then posted to a worker process, whose job says how long it still takes.
-A row says both, stage by stage, and how far the time left was off from a fifth of the job on: as a share of the true
-time left, while at least ten seconds were left. Every row replaces itself in benchmarks/results/estimates.json.
+`fastsplat check` do before anything is sent, then posted to a worker process, whose job says how long it still takes;
+LOOPS processes that do nothing but count run beside from the estimate on. A row says both, stage by stage, and the time
+left that was said, as a multiple of the true one: while at least ten seconds were left, with the first line of each
+twentieth of the job. Every row replaces itself in benchmarks/results/estimates.json.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import math
+import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,24 +27,39 @@ import cv2
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, put_row
 from benchmarks.whole_jobs import run_job
-from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds
+from fastsplat.service.planning.job_time import PhotoSet, job_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import Operation, SceneOptions
 
-_LEAST_LEFT_S, _FROM, _GOAL = 10.0, 0.2, 0.25
+_LEAST_LEFT_S, _GOAL, _LINES = 10.0, 2.0, 20
 
 
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER[:COUNT]")
+    parser.add_argument("--beside", type=int, default=0, metavar="LOOPS")
     for words in (options := parser.parse_args()).folders:
         folder, _, count = str(words).partition(":")
         name = Path(folder).parent.name if Path(folder).name == "images" else Path(folder).name
-        row = _measured(_photos(Path(folder), int(count or 0)), options)
-        put_row(RESULTS / "estimates.json", f"{name} {row['photos']}", row)
+        with _busy(options.beside):
+            row = _measured(_photos(Path(folder), int(count or 0)), options)
+        beside = f", {options.beside} busy loops beside" if options.beside else ""
+        put_row(RESULTS / "estimates.json", f"{name} {row['photos']}{beside}", row)
         print(json.dumps(row, ensure_ascii=False), flush=True)
+
+
+@contextmanager
+def _busy(loops: int) -> Iterator[None]:
+    """So many processes that each keep a core busy while the block runs."""
+    running = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(loops)]
+    try:
+        yield
+    finally:
+        for process in running:
+            process.kill()
+            process.wait()
 
 
 def _photos(folder: Path, count: int) -> list[Path]:
@@ -78,28 +97,25 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
         "speed": {name: round(times, 2) for name, times in asdict(speed).items()},
         **{name: job.quality[name] for name in ("registered_images", "iterations", "psnr") if name in job.quality},
         "load": round(job.load, 1),
+        "niceness": settings.jobs.niceness,
         **provenance(start, settings=options, chosen_on=NOT_CHOSEN),
     }
 
 
 def _time_left(told: list[tuple[float, float]], whole_s: float) -> dict[str, Any]:
-    """How far what was told of the time left was off, from a fifth of the job on while ten seconds were left.
-
-    Args:
-        told: seconds since the job was posted, and seconds that were said to be left.
-        whole_s: seconds that the job took.
-    """
-    errors = [left / (whole_s - at) - 1 for at, left in told if at >= _FROM * whole_s and whole_s - at >= _LEAST_LEFT_S]
-    tenths = {}
-    for tenth in range(1, 10):
-        near = [(abs(at - tenth * whole_s / 10), left) for at, left in told]
-        gap, left = min(near, default=(math.inf, 0.0))
-        tenths[f"0.{tenth}"] = round(left / (whole_s * (1 - tenth / 10)) - 1, 3) if gap < 0.02 * whole_s else None
-    within = sum(abs(error) <= _GOAL for error in errors)
+    """Seconds that were said to be left, so many after the job was posted, against the truth."""
+    told = [(at, left) for at, left in told if whole_s - at >= _LEAST_LEFT_S]
+    times = [left / (whole_s - at) for at, left in told]
+    firsts = {int(at / whole_s * _LINES): (at, left) for at, left in reversed(told)}
     return {
-        "said": len(errors),
-        "within_25_percent": round(within / len(errors), 3) if errors else None,
-        "error": tenths,
+        "said": len(told),
+        "within_a_factor_of_two": round(sum(1 / _GOAL <= each <= _GOAL for each in times) / max(len(times), 1), 3),
+        "least": round(min(times, default=0.0), 2),
+        "most": round(max(times, default=0.0), 2),
+        "lines": [
+            {"at_s": round(at), "said_s": round(left), "true_s": round(whole_s - at)}
+            for at, left in (firsts[line] for line in sorted(firsts))
+        ],
     }
 
 

@@ -80,16 +80,8 @@ def _main() -> None:
 def drawn_index(
     room: Room, draw: Callable[[PosedCamera], Shown], seed: int, views: int, folder: Path, encoder: TextEncoder
 ) -> SceneIndex:
-    """A room whose true things are known and have no names, with photos in a version's folder.
-
-    Args:
-        room: what stands where.
-        draw: a view of it.
-        seed: of the faults of its photos.
-        views: photos, evenly spread over the room's.
-        folder: of the version.
-        encoder: embeds what is asked.
-    """
+    """A room whose true things are known and have no names, with so many photos, evenly spread, in a version's folder;
+    the seed is of their faults."""
     camera, rng = camera_of(), np.random.default_rng([seed, 1])
     size = np.sort(np.ptp(np.concatenate([mesh.points for thing in room.things for mesh in thing.meshes]), axis=0))
     gaussians, things = true_things(room, float(np.sqrt(size[1] * size[2] / _POINTS)))
@@ -114,15 +106,7 @@ def drawn_index(
 
 
 def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: int) -> dict[str, Any]:
-    """A room named by a person, whom so many namers help.
-
-    Args:
-        index: of the room, see `drawn_index`.
-        room: what stands where.
-        folder: of the photos.
-        seed: of the namers' errors.
-        namers: how many.
-    """
+    """A room of `drawn_index` named by a person, whom so many namers help, with errors by this seed."""
     truth = {number: thing.label for number, thing in enumerate(room.things, start=1)}
     sheets = list(sheets_of(index, folder, "drawn"))
     shown = [each.thing for sheet in sheets for each in sheet.things]

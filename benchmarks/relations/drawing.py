@@ -41,15 +41,8 @@ class Slab:
 
 @dataclass(frozen=True)
 class Placed:
-    """A thing where it was placed.
-
-    Attributes:
-        name: of the thing.
-        slabs: what it is made of.
-        base: meters, the middle of its base, z up.
-        yaw: radians, how it is turned about the vertical.
-        color: sRGB, 0..1.
-    """
+    """A thing of slabs where it was placed: the middle of its base in meters, z up; turned by `yaw` radians about the
+    vertical; sRGB, 0..1."""
 
     name: str
     slabs: tuple[Slab, ...]

@@ -35,13 +35,7 @@ _TRIES = 400
 
 @dataclass(frozen=True)
 class Placed:
-    """A thing in a room.
-
-    Attributes:
-        label: what it is; the detector's word where it has one.
-        meshes: at their place.
-        surface: "" for what is none.
-    """
+    """A thing in a room, at its place; its label is the detector's word where it has one."""
 
     label: str
     meshes: Meshes
@@ -76,13 +70,7 @@ class Room:
 
 
 class Ground:
-    """What is left of a level surface: things are put where nothing stands yet.
-
-    Args:
-        rng: draws places.
-        low, high: corners of the surface, x and y.
-        height: of the surface.
-    """
+    """What is left of a level surface with these corners: things are put where nothing stands yet."""
 
     def __init__(self, rng: Random, low: tuple[float, float], high: tuple[float, float], height: float = 0.0) -> None:
         self._rng, self._low, self._high, self.height = rng, np.array(low), np.array(high), height
@@ -147,8 +135,6 @@ def arc(
     """Poses on rings before a target, as somebody takes photos who walks around it.
 
     Args:
-        rng: of the unsteady hand.
-        target: meters.
         rings: each its elevation in degrees, its distance in meters, its number of views and the degrees it reaches to
             either side.
         jitter: meters, of eyes and of what they look at.

@@ -45,11 +45,7 @@ _TEST_EVERY, _FIRST_TEST = 5, 2
 
 
 def room_of(name: str) -> tuple[Room, int]:
-    """A room, and the seed of its light and photos.
-
-    Args:
-        name: `KIND-NUMBER`.
-    """
+    """The room `KIND-NUMBER`, and the seed of its light and photos."""
     kind, number = name.split("-")
     seed = 100 * (1 + list(KINDS).index(kind)) + int(number)
     return KINDS[kind](np.random.default_rng(seed)), seed
@@ -63,12 +59,7 @@ def camera_of(width: int = WIDTH) -> Camera:
 
 
 class Studio:
-    """A room with its triangles, their ids, and its light.
-
-    Args:
-        room: what stands where.
-        seed: of the light.
-        width: of the photos, pixels: shadows are as fine.
+    """A room with its triangles, their ids, and its light, with shadows as fine as photos of this width.
 
     Attributes:
         meshes: all of them.
@@ -101,13 +92,8 @@ class Studio:
 def write_room(name: str, folder: Path, *, views: int | None = None, width: int = WIDTH) -> None:
     """Draw a room's photos with their truth: a `transforms.json` as nerfstudio's, and `truth.npz`.
 
-    Training photos have a phone's faults; those to measure by are taken in even light.
-
-    Args:
-        name: of the room.
-        folder: of the result; see `demo/sample/README.md`, and `parts/` with ids of parts.
-        views: only so many, the first.
-        width: of the photos, pixels.
+    Training photos have a phone's faults; those to measure by are taken in even light. The folder is as of
+    `demo/sample/README.md`, and has `parts/` with ids of parts; with `views`, of only so many.
     """
     room, seed = room_of(name)
     studio, camera, rng = Studio(room, seed, width), camera_of(width), np.random.default_rng([seed, 1])

@@ -39,15 +39,8 @@ class Picture:
 
 @dataclass(frozen=True)
 class Faults:
-    """What a phone does to a photo.
-
-    Attributes:
-        ev: exposure, powers of two.
-        balance: gains of red, green and blue.
-        blur: pixels, standard deviation.
-        vignette: share of the light that the corners lose.
-        noise: whether there is any.
-    """
+    """What a phone does to a photo: exposure in powers of two, gains of red, green and blue, blur's standard deviation
+    in pixels, the share of light that corners lose, and noise."""
 
     ev: float = 0.0
     balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -89,14 +82,7 @@ def photo_of(light: F32, faults: Faults, rng: np.random.Generator) -> NDArray[np
 
 
 def picture_of(meshes: Sequence[Mesh], soup: Soup, light: Light, posed: PosedCamera) -> Picture:
-    """The light that a camera sees, smoothed at edges, and what the centers of its pixels show.
-
-    Args:
-        meshes: of the room.
-        soup: the same meshes.
-        light: that falls on them.
-        posed: the camera.
-    """
+    """The light that a camera sees of meshes (and their soup), smoothed at edges, and what its pixels' centers show."""
     projected, front, size = projected_into(soup, posed.camera, posed.camera_from_world(), _STEPS)
     hits = rasterized(projected, soup.triangles, front, size)
     rows, columns = np.nonzero(hits.triangle >= 0)

@@ -84,16 +84,8 @@ def truth_of(
     train: Sequence[Shown],
     test: Sequence[Shown],
 ) -> Truth:
-    """The truth of a room.
-
-    Args:
-        room: what stands where.
-        soup: its triangles.
-        thing_of: int64 [T], their things.
-        part_names: of each part, from 1.
-        train: views that show what can be known.
-        test: views to measure by, at least one.
-    """
+    """The truth of a room, whose triangles belong to `thing_of` (int64 [T]), by views that show what can be known
+    (`train`) and views to measure by (`test`, at least one)."""
     rng = np.random.default_rng(0)
     boxes = [_upright_box(np.concatenate([mesh.points for mesh in thing.meshes])) for thing in room.things]
     points, owners = [], []

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import stat
+import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated
@@ -50,8 +52,13 @@ def demo(
         clear(folder)
         pull_defaults()
         run_main_job(folder, load_settings(), photos=photos, ask=ask or (), seconds=seconds)
-        shown = "" if folder == FOLDER else f" --folder {folder}"
-        typer.echo(f"To see the scene: fastsplat demo{shown}")
+        from fastsplat.api.rest.page import BUILT_PAGE
+
+        is_built = (BUILT_PAGE / "index.html").is_file()
+        goal = (
+            "see the scene" if is_built else "serve the scene to programs alone, as its page is not built (make page)"
+        )
+        typer.echo(f"To {goal}: {seen_by(folder)}")
         return
     prepare(folder)
     try:
@@ -59,6 +66,17 @@ def demo(
     except FastSplatError as error:  # without a network all but questions works
         typer.echo(f"{error.message}: questions are not answered, all else works", err=True)
     serve_in_browser(data)
+
+
+def seen_by(folder: Path) -> str:
+    """Name the command that shows a demonstration's folder, for the shell and the directory that this one ran in."""
+    script = shutil.which("fastsplat", path=str(Path(sys.executable).parent)) or "fastsplat"
+    found = shutil.which("fastsplat")
+    if found and Path(found).samefile(script):
+        script = "fastsplat"
+    elif Path(script).is_relative_to(Path.cwd()):
+        script = os.path.relpath(script)
+    return shlex.join([script, "demo", *(() if folder == FOLDER else ("--folder", str(folder)))])
 
 
 def prepare(folder: Path) -> None:

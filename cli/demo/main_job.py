@@ -23,24 +23,23 @@ from fastsplat_contract.scenes import Scene
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
 """The sample capture: 26 photos of a table with things on it."""
-_FIGURES = ("loss", "psnr", "iterations_per_second", "seconds_left")
+_FIGURES = ("loss", "psnr", "iterations_per_second")
 
 
 def run_main_job(
     folder: Path, settings: Settings, *, photos: Path | None, ask: Sequence[str], seconds: float | None
 ) -> None:
-    """From photos to answers; `folder` then has report.json, pictures, PLY files, and in `service` the data folder.
+    """From photos to answers; `folder`, empty before, then has report.json, pictures, PLY files, and in `service` the
+    data folder.
 
     Args:
-        folder: is there and empty.
         settings: its ports and model directory count.
-        photos: a folder of photos, a zip or tar, or a video; None: the sample.
+        photos: None: the sample.
         ask: questions; none: those of the sample, or some made of the scene's names.
-        seconds: of all that comes after structure from motion; None: the server's.
+        seconds: as of `demo`.
 
     Raises:
-        ResourceError: a port is taken, or the service does not start.
-        FastSplatError: what the service answers.
+        FastSplatError: a port is taken, the service does not start, or what it answers.
         typer.Exit: the job failed; says why.
     """
     console = Console()

@@ -16,12 +16,7 @@ _GAP = 6
 
 
 def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
-    """Write captioned pictures in rows of three as a JPEG.
-
-    Args:
-        panels: caption and picture file, in reading order; all pictures have the aspect of the first.
-        target: where to write.
-    """
+    """Write pictures (caption and file, in reading order, of one aspect) in rows of three as a JPEG."""
     pictures = [(caption, Image.open(path).convert("RGB")) for caption, path in panels]
     first = pictures[0][1]
     height = round(_WIDTH * first.height / first.width)

@@ -51,6 +51,7 @@ from fastsplat.service.application.uploading.validation_slots import ValidationS
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.needed_models import check_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
@@ -177,7 +178,8 @@ class SceneService:
         Raises:
             ConflictError: the request id was used before for other content, or the key has made a scene before.
             InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
-            ModelUnavailableError: people or movers are to be withheld, and no configured detector knows them.
+            ModelUnavailableError: a model that the job would open is missing; or people or movers are to be withheld,
+                and no configured detector knows them.
             FastSplatError: the files are refused by `validate_upload`; nothing is left.
         """
         with upload.committing():
@@ -191,6 +193,7 @@ class SceneService:
                 validated = self._check_files(upload.raw, self._settings.capture, options.strict)
                 upload.check_names(validated.source, validated.has_labels)
                 check_labels(options, validated, self._settings)
+            check_models(self._settings, given_labels=validated.has_labels, named=bool(options.labels))
             check_splat_options(validated, options)
             predicted = self.estimates.predicted(validated, options)
             upload.replace_files(validated.folder)

@@ -12,7 +12,7 @@ class ProgressEvent:
     """Progress of one stage at one moment.
 
     Attributes:
-        metrics: loss, psnr, gaussians, iterations_per_second, seconds_left, and job_seconds_left for the whole job.
+        metrics: loss, psnr, gaussians, iterations_per_second, and job_seconds_left until the whole job is done.
         files: files that can be viewed from now on, by kind, see `OperationRecord.progress_files`.
     """
 

@@ -27,6 +27,7 @@ _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
 _DRAWN_A_VIEW = 6  # in times that a training step takes
+_BELIEVED = 0.05
 _LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
 
 
@@ -34,26 +35,22 @@ _LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside 
 class Speed:
     """How many times as fast as the reference machine a machine is: at 0.5 everything takes twice as long.
 
-    Attributes:
-        steps: of rendering and differentiating, on all threads.
-        serial: of everything else, which runs on one thread.
-        networks: of detectors and segmenters, on all threads.
+    `steps` of rendering and differentiating and `networks` run on all threads, everything else (`serial`) on one.
     """
 
     steps: float = 1.0
     serial: float = 1.0
     networks: float = 1.0
 
+    def slowed(self, times: float) -> Speed:
+        """Of a machine on which everything takes so many times as long."""
+        return Speed(self.steps / times, self.serial / times, self.networks / times)
+
 
 @dataclass(frozen=True)
 class SceneSize:
-    """The properties of a capture that decide how long its training takes.
-
-    Attributes:
-        width, height: of the largest image, pixels.
-        points: of the sparse reconstruction.
-        labels: that codes learn: those of the capture's own label maps.
-    """
+    """What decides how long a training takes: pixels of the largest image, points of the sparse reconstruction, labels
+    that codes learn (those of the capture's own label maps)."""
 
     views: int
     width: int
@@ -64,14 +61,8 @@ class SceneSize:
 
 @dataclass(frozen=True)
 class PerceptionCost:
-    """Seconds that perception takes on a machine.
-
-    Attributes:
-        overhead_s: that do not depend on the number of views: models loaded.
-        search_s: for each view that objects are detected in.
-        segment_s: for each view that is segmented as well.
-        segmented: views that are segmented at most; 0: all.
-    """
+    """Seconds that perception takes on a machine: to load models, for each view that is searched, and for each of the
+    `segmented` (0: all) that are segmented as well."""
 
     overhead_s: float
     search_s: float
@@ -92,10 +83,9 @@ class TrainingPlan:
 
     Attributes:
         settings: of the run; its `time_budget_s` are the seconds of optimization that fit.
-        seconds: predicted for everything that the budget covers.
-        parts: `seconds` by name: "spent", "load", "optimize", "finish" (measuring and writing), "tail".
-        steps: optimization steps that are predicted to fit.
-        tradeoffs: what is reduced against the requested settings, in words; empty if nothing is.
+        seconds: of everything that the budget covers; in `parts`: spent, load, optimize, finish (measure, write), tail.
+        steps: that fit.
+        tradeoffs: what is reduced against the requested settings, in words.
     """
 
     settings: TrainingSettings
@@ -120,16 +110,13 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
 def views_within_budget(
     requested: int, views: int, time_budget_s: float, *, overhead_s: float, cost: PerceptionCost
 ) -> tuple[int, tuple[str, ...]]:
-    """The number of views that perception may look at within its share of the budget, 40 %, and the tradeoffs.
+    """The number of views that perception may look at within 40 % of the budget, 3 at least; and what that reduces.
 
     Args:
-        requested: views it would look at; 0 means all.
-        time_budget_s: for everything from the start of perception on, seconds.
+        requested: views it would look at; 0: all.
+        time_budget_s: for everything from the start of perception on.
         overhead_s: seconds that are spent already.
         cost: of perception on this machine.
-
-    Returns:
-        The number of views, 3 at least where there are so many; and what is reduced, in words.
     """
     requested = min(requested or views, views)
     bound = _PERCEPTION_SHARE * time_budget_s - overhead_s
@@ -153,11 +140,9 @@ def fit_training(
     along the measured frontier until they fit; spherical harmonics stay.
 
     Args:
-        settings: as requested: a preset, or the operator's own.
-        time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
-        speed: of this machine, as `service.planning.machine.machine_speed` measures it.
-        spent_s: seconds of the budget that are spent.
-        tail_s: seconds that the caller needs after the run, on this machine.
+        settings: as requested.
+        time_budget_s: for everything: what is spent already (`spent_s`), the run, and what follows it (`tail_s`).
+        speed: of this machine.
 
     Raises:
         InvalidInputError: a budget or speed that is not positive, or negative seconds.
@@ -204,6 +189,24 @@ def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tu
     return clock_s, min(bound, max(1, int(steps_per_second(settings, scene) * speed.steps * clock_s)))
 
 
+def run_seconds_left(
+    settings: TrainingSettings, scene: SceneSize, speed: Speed, iteration: int, elapsed_s: float
+) -> float:
+    """Seconds until a run is written whose `iteration` steps took `elapsed_s`: later ones take longer as the model
+    says. The measured speed is believed as much as a twentieth of the run."""
+    steps = _steps_of_run(settings, scene)
+
+    def until(bound: int) -> float:
+        whole, at = bound * mean(steps), min(iteration / bound, 1.0) * _SHARES
+        done = bound / _SHARES * (sum(steps[: int(at)]) + at % 1 * steps[min(int(at), _SHARES - 1)])
+        return (whole - done) * (elapsed_s + _BELIEVED * whole / speed.steps) / (done + _BELIEVED * whole)
+
+    left, least = until(settings.iterations), min(settings.min_iterations, settings.iterations)
+    if settings.time_budget_s is not None:
+        left = min(left, max(settings.time_budget_s - elapsed_s, until(least) if least else 0.0, 0.0))
+    return left + finish_seconds(settings, scene, speed)
+
+
 def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
     """Seconds of a run after its last step, on a machine."""
     return measure_seconds(settings, scene) / speed.steps + write_seconds(settings) / speed.serial
@@ -211,11 +214,7 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
     """One optimization step on the reference machine, fitted to 15 pairs of image size and number of Gaussians of the
-    table-top benchmark within 20 %; what a pixel blends grows with the number of Gaussians to the 0.8.
-
-    Args:
-        pixels: of the image. gaussians: in use. channels: of the code. sh_degree: of the color's harmonics.
-    """
+    table-top benchmark within 20 %; what a pixel blends grows with the number of Gaussians to the 0.8."""
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)
     return 1e-3 * (1.8 + (1.9e-4 + harmonics) * gaussians + blended * (0.8 + 0.025 * channels))
@@ -275,14 +274,8 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
 def export_seconds(
     settings: TrainingSettings, scene: SceneSize, labels: int, views: int, proposed: int, speed: Speed
 ) -> float:
-    """The last stage: the dictionary of so many labels embedded and the scene written; and things, if views tell of
-    them: their masks lifted and grouped, codes fitted to them, what each looks like encoded.
-
-    Args:
-        settings: of the training. scene: that it trained.
-        labels: in the dictionary. views: that tell of things; 0: none are looked for.
-        proposed: views whose masks a segmenter proposes first.
-    """
+    """The last stage: the dictionary of so many labels embedded and the scene written; and the things that `views`
+    tell of lifted, grouped and encoded, of which masks of `proposed` views are looked for first."""
     written = (1.0 + 0.01 * labels) / speed.serial
     if not views:
         return written

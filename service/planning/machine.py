@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,8 +24,8 @@ from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
-_STEP_S, _IMAGE_S, _NETWORK_S = 0.0077, 0.0012, 0.0060
-"""Seconds of a round of each kind on the reference machine, chosen by whole jobs on others (`benchmarks.estimates`)."""
+_STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
+"""CPU seconds of a round of each kind, by whole jobs on other machines (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
@@ -35,29 +36,26 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
 
     A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
-    photo; one of `networks` is a convolution and a product of matrices. The mean counts, so that other work slows the
-    figures as it will slow the run.
+    photo; one of `networks` is a convolution and a product of matrices. The CPU's clock counts, as what else runs in
+    this second says little of the minutes to come. Of how many times as long the rounds took by the wall's clock, the
+    square root counts: half way between other work that ends and other work that stays.
     """
     threads = torch.get_num_threads()
-    networks = _NETWORK_S / _mean(_network())
-    torch.set_num_threads(1)  # as in training
+    torch.set_num_threads(1)  # as in training; and threads that wait for each other would count as busy
     try:
-        return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()), networks)
+        network, network_wall = _mean(_network())
+        step, step_wall = _mean(_step(backend))
+        image, image_wall = _mean(_image())
     finally:
         torch.set_num_threads(threads)
+    step = step_wall if backend == "cuda" else step
+    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views are looked at side by side
+    return alone.slowed(math.sqrt(max(1.0, (network_wall + image_wall) / (network + image))))
 
 
 def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
-    """What perception of this capture costs on this machine, measured by labelling its middle view.
-
-    Args:
-        settings: of all rooms; those of perception and the model directory count.
-        labels: names to look for, see `label_capture`.
-        progress: hears of the trial, always at fraction 0.
-
-    Raises:
-        FastSplatError: as `label_capture`.
-    """
+    """What perception of this capture costs on this machine, measured by labelling its middle view; `progress` hears
+    of that at fraction 0. Errors as `label_capture`."""
     middle = len(capture.views) // 2
     one_view = replace(capture, views=capture.views[middle : middle + 1])
     times: list[float] = []
@@ -79,13 +77,14 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     )
 
 
-def _mean(work: Callable[[], None]) -> float:
+def _mean(work: Callable[[], None]) -> tuple[float, float]:
+    """Seconds of a round by the clock of this thread's CPU, and by the wall's."""
     work()
-    rounds, begun = 0, time.monotonic()
+    rounds, begun, cpu_begun = 0, time.monotonic(), time.thread_time()
     while rounds < _FEWEST_ROUNDS or time.monotonic() - begun < _SECONDS:
         work()
         rounds += 1
-    return (time.monotonic() - begun) / rounds
+    return (time.thread_time() - cpu_begun) / rounds, (time.monotonic() - begun) / rounds
 
 
 def _step(backend: Backend) -> Callable[[], None]:

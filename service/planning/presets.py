@@ -16,44 +16,16 @@ if TYPE_CHECKING:  # the settings of all rooms load with the service, the names 
     from fastsplat.service.settings import Settings
 
 
+_FIELDS = ("time_budget_s", "min_iterations", "max_gaussians", "max_side", "max_sh_degree", "evaluations")
+_VALUES: Mapping[PresetName, tuple[Any, ...]] = {
+    "draft": (30.0, 500, 20_000, 480, 3, 3),
+    "balanced": tuple(TrainingSettings.model_fields[name].default for name in _FIELDS),
+    "best": (480.0, 1_000, 100_000, 960, 3, 10),
+}
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
-    {
-        "draft": MappingProxyType(
-            {
-                "time_budget_s": 30.0,
-                "min_iterations": 500,
-                "max_gaussians": 20_000,
-                "max_side": 480,
-                "max_sh_degree": 3,
-                "evaluations": 3,
-            }
-        ),
-        "balanced": MappingProxyType(
-            {
-                name: TrainingSettings.model_fields[name].default
-                for name in (
-                    "time_budget_s",
-                    "min_iterations",
-                    "max_gaussians",
-                    "max_side",
-                    "max_sh_degree",
-                    "evaluations",
-                )
-            }
-        ),
-        "best": MappingProxyType(
-            {
-                "time_budget_s": 480.0,
-                "min_iterations": 1_000,
-                "max_gaussians": 100_000,
-                "max_side": 960,
-                "max_sh_degree": 3,
-                "evaluations": 10,
-            }
-        ),
-    }
+    {preset: MappingProxyType(dict(zip(_FIELDS, values, strict=True))) for preset, values in _VALUES.items()}
 )
-"""What each preset changes of `TrainingSettings`; "balanced" is the settings' own defaults, said explicitly."""
+"""What each preset changes of `TrainingSettings`; "balanced" is the settings' own defaults."""
 
 PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
@@ -66,10 +38,7 @@ PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
 
 
 def apply_preset(settings: Settings, name: str | None) -> Settings:
-    """The settings with a preset's values for training and perception in place of their own.
-
-    Args:
-        name: a `PresetName`; None changes nothing.
+    """The settings with a preset's values for training and perception in place of their own; None changes nothing.
 
     Raises:
         InvalidInputError: no preset of this name.

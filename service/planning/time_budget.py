@@ -12,7 +12,8 @@ from typing import Generic, TypeVar
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.planning.cost_model import Speed, export_seconds, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.cost_model import Speed, fit_training, scene_size, views_within_budget
+from fastsplat.service.planning.job_time import placed_seconds
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.raster.types import Backend
@@ -25,11 +26,7 @@ _FEW_VIEWS = 3
 
 @dataclass(frozen=True)
 class StagePlan(Generic[S]):
-    """How a stage runs.
-
-    Attributes:
-        tradeoffs: what the time budget reduces against the requested settings, in words.
-    """
+    """How a stage runs, and what the time budget reduces against the requested settings, in words."""
 
     settings: S
     tradeoffs: tuple[str, ...] = ()
@@ -44,16 +41,8 @@ def plan_perception(
     *,
     started: float,
 ) -> StagePlan[PerceptionSettings]:
-    """How perception runs; with a budget, one view is labelled on trial where a detector will run.
-
-    Args:
-        settings: of all rooms, with the preset applied.
-        time_budget_s: seconds for everything after the capture stage; None: no bound.
-        started: `time.monotonic()` when the budget began to count.
-
-    Raises:
-        FastSplatError: as `label_capture`.
-    """
+    """How perception runs; with a budget for everything after the capture, which began to count at `started`
+    (`time.monotonic()`), one view is labelled on trial where a detector will run."""
     perception = settings.perception
     if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
         return StagePlan(perception)
@@ -77,8 +66,7 @@ def plan_training(
     """How training runs.
 
     Args:
-        settings: of all rooms, with the preset applied.
-        time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
+        time_budget_s: as of `plan_perception`.
         spent_s: seconds of the budget that are spent already.
         speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.
     """
@@ -92,7 +80,7 @@ def plan_training(
         time_budget_s,
         speed=speed,
         spent_s=spent_s + time.monotonic() - begun,
-        tail_s=whole_export_seconds(capture, settings, labels, speed),
+        tail_s=placed_seconds(capture, settings, settings.training, speed, labels)["export"],
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)
 
@@ -100,29 +88,12 @@ def plan_training(
 def clock_tradeoff(
     requested: TrainingSettings, time_budget_s: float | None, quality: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """How many steps a time that was asked for has cost a training, in words; empty where it cost none.
-
-    Args:
-        requested: settings of the training without that time.
-        time_budget_s: what was asked for; None: nothing.
-        quality: of the training, see `TrainedSplats`.
-    """
+    """How many steps a time that was asked for has cost a training of this `quality`, in words, if any."""
     fewest = min(requested.min_iterations, requested.iterations)
     steps = quality.get("iterations", math.inf)  # a splat of another tool is not trained
     if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:
         return ()
     return (f"training ended by the time asked for, after {steps:.0f} steps in place of at least {fewest:,}",)
-
-
-def whole_export_seconds(capture: Capture, settings: Settings, labels: int, speed: Speed) -> float:
-    """Seconds of the export stage on a machine, the discovery of things among them; where label maps came with the
-    capture, nobody has looked for masks yet."""
-    given_labels, views = capture.given_labels is not None, len(capture.views)
-    seen = min(settings.perception.proposal_views or views, views)
-    if given_labels and not settings.discovery.proposes(given_labels=True):
-        seen = 0
-    proposed = seen if given_labels else 0
-    return export_seconds(settings.training, scene_size(capture, labels), labels, seen, proposed, speed)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:

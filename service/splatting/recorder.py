@@ -32,8 +32,8 @@ class Recorder:
     The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`.
 
     Args:
-        progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr
-            and seconds_left, each once it is known.
+        progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss and
+            psnr, each once it is known.
         held_out: views whose PSNR is measured; without any, that of training images is.
         random_points: start points that were placed at random.
         save: writes a checkpoint of a state after so many seconds; None for no checkpoints.
@@ -122,11 +122,6 @@ class Recorder:
 
     def report(self, state: SplatState, elapsed_s: float, progress: float) -> None:
         """Sends one progress event."""
-        settings = self._settings
-        left = (settings.iterations - state.iteration) / self._speed if self._speed else math.inf
-        if settings.time_budget_s is not None:
-            floor = max(0, settings.min_iterations - state.iteration) / self._speed if self._speed else 0.0
-            left = min(left, max(0.0, settings.time_budget_s - elapsed_s, floor))
         metrics = {
             "iteration": float(state.iteration),
             "elapsed_s": elapsed_s,
@@ -136,8 +131,6 @@ class Recorder:
         }
         if self.loss is not None:
             metrics["loss"] = self.loss
-        if math.isfinite(left):
-            metrics["seconds_left"] = left
         if math.isfinite(self._psnr):
             metrics["psnr"] = self._psnr
         message = f"iteration {state.iteration}, {state.count} Gaussians"

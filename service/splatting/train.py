@@ -62,7 +62,7 @@ def train(
         labelling: one label map per view; an empty dictionary trains without semantics (codes of size 0).
         settings: how long, how large and how fine.
         progress: called with metrics loss, psnr (held-out views, or the last training view when none is held out),
-            gaussians, iterations_per_second, seconds_left; may raise `CancelledError`, which ends the run at once.
+            gaussians, iterations_per_second; may raise `CancelledError`, which ends the run at once.
         checkpoint_dir: where the run's state is kept; a checkpoint there is continued, to the bit when the run is
             bounded by iterations alone.
         watch: is shown pictures of the training, and may end it once it has 250 steps; by default nobody.

@@ -21,7 +21,7 @@ from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.observation_messages import Observation
-from tests.scenes import add_photos, labelled_scene, store_scene
+from tests.scenes import add_photos, labelled_scene, stand_in_models, store_scene
 
 
 def _png(picture: Image.Image) -> bytes:
@@ -54,7 +54,7 @@ _CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
 
 
 def write_words(models: Path, *more: str) -> None:
-    """A text encoder's folder: kindred words close together, strangers (and `more` of them) far from all."""
+    """A text encoder: kindred words close together, strangers (and `more` of them) far from all; stand-ins beside."""
     rng = np.random.default_rng(7)
     vectors: dict[str, np.ndarray] = {}
     for word in (*LABELS, *STRANGERS, *QuerySettings().negatives, *more, *PHRASES):
@@ -64,7 +64,7 @@ def write_words(models: Path, *more: str) -> None:
     templates = QuerySettings().templates
     names = [template.format(word) for word in vectors for template in templates]
     embeds = np.repeat(np.array(list(vectors.values())), len(templates), axis=0).astype(np.float32)
-    (models / "words").mkdir(parents=True)
+    (stand_in_models(models) / "words").mkdir()
     np.savez(models / "words" / "words.npz", names=np.array(names), embeds=embeds)
 
 

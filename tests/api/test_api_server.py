@@ -27,8 +27,10 @@ from fastsplat.service.settings import Settings
 from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2
-from tests.api.made_scene import write_words
+from tests.api.made_scene import ENCODER, write_words
 from tests.api.served import Faces, served
+from tests.api.uploaded import photos, post
+from tests.color_segmenter import write_color_segmenter
 from tests.waiting import wait_for
 
 
@@ -41,9 +43,13 @@ def test_health_answers_on_both_ports(faces: Faces) -> None:
         assert answer.status == health_pb2.HealthCheckResponse.SERVING
 
 
-def test_not_ready_without_models_until_they_come(api_settings: Settings, tmp_path: Path) -> None:
+def test_not_ready_without_models_until_they_come(
+    api_settings: Settings, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     settings = api_settings.model_copy(update={"data_dir": tmp_path / "data", "models": tmp_path / "models"})
     with open_service(settings) as service, served(service, settings) as faces:
+        (warning,) = [line for line in caplog.messages if "fastsplat models pull" in line]
+        assert f"{settings.models} (FASTSPLAT_MODELS) lacks {ENCODER} (perception.text_encoder)" in warning
         stub = health_pb2_grpc.HealthStub(faces.channel)
 
         def told() -> tuple[int, int]:
@@ -55,6 +61,26 @@ def test_not_ready_without_models_until_they_come(api_settings: Settings, tmp_pa
         assert faces.rest.get("/livez").status_code == 200
         write_words(settings.models)
         wait_for(lambda: told() == (200, health_pb2.HealthCheckResponse.SERVING))
+
+
+def test_photos_whose_job_would_lack_a_model_are_refused_when_they_are_posted(
+    api_settings: Settings, tmp_path: Path
+) -> None:
+    settings = api_settings.model_copy(update={"data_dir": tmp_path / "data", "models": tmp_path / "models"})
+    write_words(settings.models)
+    write_color_segmenter(settings.models)
+    shutil.rmtree(settings.models / "grounding_dino_tiny")
+    with open_service(settings) as service, served(service, settings) as faces:
+        refused = post(faces, photos(3))
+        assert (refused.status_code, refused.json()["reason"]) == (409, "MODEL_UNAVAILABLE")
+        assert "grounding_dino_tiny (perception.open_set_detector)" in refused.json()["detail"]
+        assert refused.json()["field"] == "models" and "FASTSPLAT_MODELS" in refused.json()["hint"]
+        states = {model["role"]: model["state"] for model in faces.rest.get("/v1/server/status").json()["models"]}
+        assert states["open_set_detector"] == "missing" and states["closed_set_detector"] == "ready"
+        assert faces.rest.get("/v1/scenes").json()["scenes"] == []
+        (settings.models / "grounding_dino_tiny").mkdir()
+        (settings.models / "grounding_dino_tiny" / "model.onnx").touch()
+        assert post(faces, photos(3)).status_code == 202
 
 
 def _gone_database(service: SceneService, settings: Settings) -> None:

@@ -21,7 +21,7 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CorruptImageError
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.scenes import Scene as SceneInfo
-from tests.scenes import finish_job, labelled_scene
+from tests.scenes import finish_job, labelled_scene, stand_in_models
 
 LABELS = ("mug", "banana")
 ENCODER = "minilm_l6_int8"
@@ -45,6 +45,7 @@ def settings(tmp_path: Path) -> Settings:
     """Small limits, the readable rasterizer."""
     return Settings(
         data_dir=tmp_path / "data",
+        models=stand_in_models(tmp_path / "stand-ins", ENCODER),
         capture=CaptureSettings(max_upload_bytes=1000, max_entries=5),
         query=QuerySettings(backend="reference", max_poses=3),
         store=StoreOptions(max_page_size=4, max_labels=3, max_gaussians=100),

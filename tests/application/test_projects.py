@@ -13,6 +13,7 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat_contract.operations import Operation, SceneOptions
+from tests.scenes import stand_in_models
 
 
 def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
@@ -21,7 +22,8 @@ def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUp
 
 @pytest.fixture
 def opened(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
-    with open_service(Settings(data_dir=tmp_path, database_url=database_url), _admit) as service:
+    models = stand_in_models(tmp_path / "models", "minilm_l6_int8")
+    with open_service(Settings(data_dir=tmp_path, models=models, database_url=database_url), _admit) as service:
         service.admin.projects.create("a")
         service.admin.projects.create("b")
         yield service

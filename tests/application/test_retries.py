@@ -26,6 +26,7 @@ from fastsplat_contract.errors import (
     WorkerCrashedError,
 )
 from fastsplat_contract.operations import Operation, SceneOptions
+from tests.scenes import stand_in_models
 
 _NAMES = tuple(f"IMG_{number}.png" for number in range(4))
 
@@ -37,7 +38,8 @@ def service(tmp_path: Path) -> Iterator[SceneService]:
     def admit(folder: Path, settings: Any, *more: Any) -> Any:
         return validate_upload(folder, settings, *more)
 
-    with open_service(Settings(data_dir=tmp_path / "data"), admit) as service:
+    models = stand_in_models(tmp_path / "models", "minilm_l6_int8")
+    with open_service(Settings(data_dir=tmp_path / "data", models=models), admit) as service:
         yield service
 
 

@@ -18,6 +18,7 @@ from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat.service.store.records import NewJob
 from tests.api.served import served
+from tests.scenes import stand_in_models
 
 _DASHBOARD = Path(__file__).parents[2] / "docker/grafana.json"
 _MINUTES = 120
@@ -37,7 +38,10 @@ def scrape(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Of a server that answered, refused, and has a job that failed and one that waits."""
     limits = LimitSettings(burst=3, rate_per_s=0.001)
     folder = tmp_path_factory.mktemp("metrics")
-    settings = Settings(data_dir=folder, http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)
+    models = stand_in_models(folder / "models", "minilm_l6_int8")
+    settings = Settings(
+        data_dir=folder, models=models, http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits
+    )
     with open_service(settings) as service, served(service, settings) as faces:
         address = f"http://127.0.0.1:{faces.ports.metrics}/metrics"
         for name in ("a", "b"):

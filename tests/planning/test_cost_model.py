@@ -116,11 +116,6 @@ def test_a_plan_counts_on_the_steps_that_no_clock_ends() -> None:
     assert free.parts["optimize"] == free.settings.time_budget_s < optimized
 
 
-def test_one_gaussian_and_one_view_can_be_planned() -> None:
-    planned = fit_training(TrainingSettings(max_gaussians=1), SceneSize(1, 8, 8, 0, 0), 10.0)
-    assert planned.settings.max_gaussians == 1 and planned.seconds <= 10.001
-
-
 costs = st.builds(PerceptionCost, st.floats(0, 100), st.floats(0, 1), st.floats(0, 10), st.integers(0, 20))
 
 
@@ -156,17 +151,6 @@ def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, ch
     assert cost < step_seconds(pixels, 2 * gaussians, channels, degree)
     assert cost < step_seconds(pixels, gaussians, channels + 1, degree)
     assert cost < step_seconds(pixels, gaussians, channels, degree + 1)
-
-
-def test_harmonics_of_a_higher_degree_leave_time_for_fewer_steps() -> None:
-    rates = [steps_per_second(TrainingSettings(max_sh_degree=degree), TABLE) for degree in range(4)]
-    assert rates == sorted(rates, reverse=True) and len(set(rates)) == 4
-
-
-def test_the_mean_rate_lies_between_the_cheapest_and_the_dearest_step() -> None:
-    settings = TrainingSettings()
-    rate = steps_per_second(settings, TABLE)
-    assert 1 / step_seconds(480 * 360, 40_000, 8, 3) < rate < 1 / step_seconds(240 * 180, 4_955, 8)
 
 
 def test_the_measured_speed_of_this_machine_is_plausible() -> None:

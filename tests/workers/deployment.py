@@ -28,6 +28,7 @@ from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
+from tests.scenes import stand_in_models
 from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
 
@@ -95,7 +96,10 @@ class Deployment:
 
     def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
         jobs = JobSettings(poll_interval_s=0.1, stalled_worker_timeout_s=3.0, niceness=1)
-        self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
+        models = stand_in_models(changes.pop("models", folder / "models"), "minilm_l6_int8")
+        self.settings = Settings(
+            data_dir=folder / "data", models=models, database_url=database_url, jobs=jobs, auth="off", **changes
+        )
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
         self.http = f"http://127.0.0.1:{_free_port()}"
@@ -119,7 +123,7 @@ class Deployment:
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
         """`fastsplat api`, once it answers at `http`."""
         # Never opened: labels are orders here.
-        api = APIS.run(_API, {**self.environment(), "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR": "any"})
+        api = APIS.run(_API, {**self.environment(), "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR": "grounding_dino_tiny"})
         self._processes.append(api)
         if wait:
             self.wait_for(lambda: _answers(f"{self.http}/livez"))
@@ -131,6 +135,7 @@ class Deployment:
         return {
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(self.settings.data_dir),
+            "FASTSPLAT_MODELS": str(self.settings.models),
             "FASTSPLAT_DATABASE_URL": self.settings.database_url,
             "FASTSPLAT_ARTEFACTS__URL": self.settings.artefacts.url,
             "FASTSPLAT_ARTEFACTS__ENDPOINT_URL": self.settings.artefacts.endpoint_url,

@@ -36,7 +36,6 @@ class Asked(NamedTuple):
 
     def start_worker(self) -> subprocess.Popen[bytes]:
         return self.deployment.start_worker(
-            FASTSPLAT_MODELS=str(self.deployment.settings.models),
             FASTSPLAT_QUERY__BACKEND="reference",
             FASTSPLAT_NAMER__URL=self.namer.url,
             FASTSPLAT_NAMER__MODEL="eyes",

@@ -62,12 +62,10 @@ class Admin:
             ) from error
 
     def _check_models(self) -> None:
-        from fastsplat.service.perception.models.model_manifest import find_model
+        from fastsplat.service.perception.models.model_manifest import has_files
 
         name = self._settings.perception.text_encoder
-        _, inside = find_model(name, "text_encoder")
-        folder = self._settings.models / inside
-        if not folder.is_dir() or not any(folder.iterdir()):
+        if not has_files(name, "text_encoder", self._settings.models):
             raise ModelUnavailableError(
                 f"text encoder {name} is not in the model directory", field="models", hint="Run: fastsplat models pull"
             )

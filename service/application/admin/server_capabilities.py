@@ -152,17 +152,11 @@ def _models(settings: Settings) -> tuple[ModelStatus, ...]:
 
 
 def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
-    from fastsplat.service.perception.models.model_manifest import find_model  # as in `Admin`
+    from fastsplat.service.perception.models.model_manifest import has_files  # as in `Admin`
 
     if not name:
         return ModelStatus(role, "", "unset", None)
-    try:
-        _, inside = find_model(name, role)
-        folder = settings.models / inside
-        ready = folder.is_dir() and any(folder.iterdir())
-    except (FastSplatError, OSError):
-        ready = False
-    calibrated = None
+    ready, calibrated = has_files(name, role, settings.models), None
     if role == "text_encoder" and ready:
         query = settings.query
         calibrated = _calibrated(name, settings.models, query.score, query.templates, query.negatives)

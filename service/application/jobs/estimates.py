@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
@@ -25,11 +24,7 @@ _USUAL_WIDTH, _USUAL_HEIGHT = 4_000, 3_000
 
 
 class JobEstimates:
-    """Estimates of jobs on this machine, which is measured by the first: a second.
-
-    Where a machine was measured more than once, the fastest counts: a job waits until those before it are done, and
-    does not share the machine with what ran while it was measured.
-    """
+    """Estimates of jobs on this machine, which is measured by the first: a second."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -57,7 +52,7 @@ class JobEstimates:
         return {PREDICTED_S: self._of(upload.images, first.width, first.height, options).seconds}
 
     def _of(self, count: int, width: int, height: int, options: SceneOptions) -> JobEstimate:
-        from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds  # loads torch
+        from fastsplat.service.planning.job_time import PhotoSet, job_seconds  # loads torch
 
         settings = chosen_settings(self._settings, options)
         seconds = job_seconds(PhotoSet(count, width, height), settings, self._measured())
@@ -65,12 +60,9 @@ class JobEstimates:
         return JobEstimate(round(sum(stages.values()), 1), stages)
 
     def _measured(self) -> Speed:
-        from fastsplat.service.planning.cost_model import Speed
         from fastsplat.service.planning.machine import machine_speed
 
         with self._lock:
             if self._speed is None or time.monotonic() - self._measured_at > _AGAIN_S:
-                new, old = machine_speed(self._settings.training.backend), self._speed or Speed(0.0, 0.0, 0.0)
-                self._speed = Speed(*map(max, astuple(new), astuple(old)))
-                self._measured_at = time.monotonic()
+                self._speed, self._measured_at = machine_speed(self._settings.training.backend), time.monotonic()
             return self._speed

@@ -179,6 +179,15 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
     )
 
 
+def has_files(name: str, role: Role, models: Path) -> bool:
+    """Whether a model of the role that a setting names has files in the model directory."""
+    try:
+        folder = models / find_model(name, role)[1]
+        return folder.is_dir() and any(folder.iterdir())
+    except (ModelUnavailableError, OSError):
+        return False
+
+
 def select_adapter(adapters: Mapping[Adapter, T], adapter: Adapter, name: str, role: Role) -> T:
     """Looks up an adapter's class or function; an unknown one raises `ModelUnavailableError`."""
     if adapter not in adapters:
