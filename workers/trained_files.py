@@ -22,6 +22,7 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
         "quality": dict(trained.quality),
         "held_out": list(trained.held_out),
         "photometric": dict(trained.photometric),
+        "warnings": list(trained.warnings),
     }
     (folder / "report.json").write_text(json.dumps(report, default=float))
 
@@ -37,4 +38,5 @@ def load_trained(folder: Path) -> TrainedSplats:
     with intact(folder / "report.json"):
         report = json.loads((folder / "report.json").read_text())
         photometric = {name: tuple(row) for name, row in report["photometric"].items()}
-        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence, photometric)
+        held_out, warnings = tuple(report["held_out"]), tuple(report["warnings"])
+        return TrainedSplats(gaussians, head, report["quality"], held_out, evidence, photometric, warnings)

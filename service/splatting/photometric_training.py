@@ -1,9 +1,10 @@
 """When and how a run corrects its photos' exposure and white balance (`photometric`).
 
-Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. So a run with `photometric =
-"auto"` notes each photo's fit to its rendered picture until `_DECIDED_AT`, and corrects the photos from then on where
-the fits differ, or their EXIF says so. A correction follows the fit of the median, which draws it near in a few visits,
-and the gradient.
+Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. But photos that differ contradict
+each other, and a run that is left to them for some thousand steps may explain each by Gaussians before its own camera.
+So a run with `photometric = "auto"` looks at its photos after so many steps, whatever the time: it notes each photo's
+fit to its rendered picture, corrects the photos where they may differ or their EXIF says so, and drops corrections that
+turn out to be small. A correction follows the fit of the median, which draws it near in a few visits, and the gradient.
 """
 
 from __future__ import annotations
@@ -28,15 +29,21 @@ gradient of the loss refines it all along."""
 CORRECTIONS = "photometric"
 """Name of the corrections [V, 3] among the parameters of a run: exposure, red, blue of each training view, EV."""
 FITS = "photometric_fits"
-"""Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
+"""Name of what was noted of photos that are not corrected so far [V, 4]: their fits, and how many there were."""
 STEPS = "photometric_steps"
 """Name of how many steps of Adam each correction has had [V]; corrections may begin late in a run."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
-_DECIDED_AT = 0.2
+_LOOKS, _VISITS = 5, 2
+_FEWEST_STEPS, _MOST_STEPS = 50, 200
+"""The photos are looked at so many times in a run, once each has been visited twice more, but never after fewer or more
+steps than these."""
 _EXPOSURE_SPREAD, _BALANCE_SPREAD = 0.12, 0.08
-"""Standard deviations over the photos, EV, from which they are taken to differ."""
+"""Standard deviations over the photos, EV, from which they are taken to differ; the bounds are in these units."""
+_IN_DOUBT, _KEPT, _BEGUN_LATER = 0.5, 1.0, 1.5
+"""At the first look, when the pictures are crude, corrections begin from the first bound on. Later ones drop those below
+the second, and begin them above the third."""
 _FIT_SHARE = 0.5
 """How far a fit draws a correction towards itself."""
 
@@ -50,7 +57,7 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
     corrections = torch.zeros(len(views), 3)
     corrections[:, 0] = (exposures - exposures.nanmean()).nan_to_num()
     corrections = zero_mean(corrections)
-    if settings.photometric == "on" or _differ(corrections):
+    if settings.photometric == "on" or _spread(corrections) > _KEPT:
         return {CORRECTIONS: corrections}
     return {FITS: torch.zeros(len(views), 4)}
 
@@ -61,17 +68,24 @@ class PhotometricTraining:
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
 
-    def decide_if_due(self, state: SplatState, progress: float) -> None:
-        """In a run that has only looked at its photos so far: corrects them from now on, or never, once it is time."""
-        if FITS not in state.parameters or progress < _DECIDED_AT:
+    def decide_if_due(self, state: SplatState) -> None:
+        """Begins or drops the corrections of a run that decides by itself, if the photos are to be looked at now."""
+        known = state.parameters.get(CORRECTIONS, state.parameters.get(FITS))
+        if known is None or self._settings.photometric != "auto":
             return
-        fits = state.parameters.pop(FITS).detach()
-        del state.exp_avg[FITS], state.exp_avg_sq[FITS]
-        seen, fits = fits[:, 3] > 0, fits[:, :3].contiguous()
-        fits[seen] = zero_mean(fits[seen])
-        if _differ(fits):
-            state.parameters[CORRECTIONS] = fits.requires_grad_()
-            state.exp_avg[CORRECTIONS], state.exp_avg_sq[CORRECTIONS] = torch.zeros_like(fits), torch.zeros_like(fits)
+        gap = min(max(_VISITS * len(known), _FEWEST_STEPS), _MOST_STEPS)
+        look, rest = divmod(state.iteration - _WARM_UP, gap)
+        if rest or not 1 <= look <= _LOOKS:
+            return
+        if FITS in state.parameters:
+            if _spread(_noted_fits(state)) > (_IN_DOUBT if look == 1 else _BEGUN_LATER):
+                begin_corrections(state)
+            elif look == _LOOKS:
+                _forget(state, FITS)
+        elif look > 1 and _spread(known) < _KEPT:
+            _forget(state, CORRECTIONS, STEPS)
+            if look < _LOOKS:
+                _add(state, FITS, known.new_zeros(len(known), 4))
 
     def correction(self, state: SplatState, number: int) -> Tensor | None:
         """[3] of a training view, differentiable; None where photos are not corrected."""
@@ -126,6 +140,38 @@ def photo_corrections(state: SplatState, views: Sequence[TrainingView]) -> dict[
     return {view.name: (row[0], row[1], row[2]) for view, row in zip(views, rows, strict=True)}
 
 
-def _differ(corrections: Tensor) -> bool:
-    exposure, red, blue = corrections.std(dim=0, correction=0).tolist()
-    return bool(exposure > _EXPOSURE_SPREAD or max(red, blue) > _BALANCE_SPREAD)
+def begin_corrections(state: SplatState, views: int = 0) -> None:
+    """Corrects the photos of a run from now on, by what was noted of them; changes nothing where they already are.
+
+    Args:
+        views: how many photos there are, if none were noted.
+    """
+    if CORRECTIONS not in state.parameters:
+        fits = _noted_fits(state) if FITS in state.parameters else state.parameters["means"].new_zeros(views, 3)
+        _forget(state, FITS)
+        _add(state, CORRECTIONS, fits.detach())
+
+
+def _noted_fits(state: SplatState) -> Tensor:
+    """[V, 3] of mean zero; zero for a photo that could not be fitted."""
+    noted = state.parameters[FITS].detach()
+    seen, fits = noted[:, 3] > 0, noted[:, :3].clone()
+    fits[seen] = zero_mean(fits[seen])
+    return fits
+
+
+def _add(state: SplatState, name: str, value: Tensor) -> None:
+    state.parameters[name] = value.requires_grad_()
+    state.exp_avg[name], state.exp_avg_sq[name] = torch.zeros_like(value), torch.zeros_like(value)
+
+
+def _forget(state: SplatState, *names: str) -> None:
+    for name in names:
+        for tensors in (state.parameters, state.exp_avg, state.exp_avg_sq):
+            tensors.pop(name, None)
+
+
+def _spread(corrections: Tensor) -> float:
+    """How far photos differ, 1 from where they are taken to."""
+    exposure, red, blue = corrections.detach().std(dim=0, correction=0).tolist()
+    return max(exposure / _EXPOSURE_SPREAD, red / _BALANCE_SPREAD, blue / _BALANCE_SPREAD)

@@ -13,11 +13,15 @@ from torch import Tensor
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.photometric import corrected_for
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.errors import TrainingDivergedError
 
 _SATURATED = 254.5 / 255
 _MIN_FIT = 16
+_JUDGED, _UNLIKE_DB = 8, 20.0
+"""Views of a kind that a run is judged by, at most; a picture is judged only where its PSNR is below the second."""
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
@@ -54,6 +58,51 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
     fit = torch.linalg.solve(gram, rows.T @ target[inside].double())
     corrected: Tensor = (colors @ fit).clamp(0, 1).to(image.dtype)
     return corrected
+
+
+@torch.no_grad()
+def require_likeness(
+    parameters: Mapping[str, Tensor],
+    views: Sequence[TrainingView],
+    held_out: Sequence[TrainingView],
+    corrections: Tensor | None,
+    backend: Backend,
+) -> None:
+    """Refuses a scene most of whose pictures are less like their photos than one color, each photo's own mean, is.
+
+    Pictures of 20 dB and more pass, so that photos of one color do.
+
+    Args:
+        parameters: as for `measure_views`.
+        views: training views, of which some are rendered.
+        held_out: other views, of which some are, too, unless photos are corrected, as theirs are not known.
+        corrections: [V, 3] of the training views (`photometric`), or None.
+
+    Raises:
+        TrainingDivergedError: more than half of the pictures are that bad.
+    """
+    rows = range(0, len(views), math.ceil(len(views) / _JUDGED))
+    judged = [(views[row], None if corrections is None else corrections[row]) for row in rows]
+    if corrections is None and held_out:
+        judged += [(view, None) for view in held_out[:: math.ceil(len(held_out) / _JUDGED)]]
+    degree, splats = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1, splats_of(parameters)
+    figures: list[tuple[float, float]] = []
+    for view, correction in judged:
+        frame = view.frames[-1]
+        if frame.has_content:
+            image = render_frame(parameters, splats, view, frame, degree=degree, backend=backend).image
+            target = frame.target()
+            mean = (target if frame.valid is None else target[frame.valid]).reshape(-1, 3).mean(dim=0)
+            shown = image if correction is None else corrected_for(image, correction, target)
+            figures.append((psnr(shown, target, frame.valid), psnr(mean.expand_as(target), target, frame.valid)))
+    if 2 * sum(found < min(mean, _UNLIKE_DB) for found, mean in figures) > len(figures):
+        found, mean = np.median(figures, axis=0)
+        raise TrainingDivergedError(
+            f"after the last step the scene's pictures have a PSNR of {found:.1f} dB",
+            field="quality.psnr",
+            limit=f"at least {min(mean, _UNLIKE_DB):.1f} dB, as one color for each photo has",
+            hint="Check that poses belong to their photos, and leave out photos in which things moved.",
+        )
 
 
 @torch.no_grad()

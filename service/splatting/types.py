@@ -27,6 +27,7 @@ class TrainedSplats:
         evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
         photometric: exposure, white balance of red and of blue of each training photo by its name, EV, of mean zero
             (see `service.splatting.photometric`); empty where photos were not corrected.
+        warnings: what a person should know of the run, in sentences.
     """
 
     gaussians: Gaussians
@@ -35,3 +36,4 @@ class TrainedSplats:
     held_out: tuple[str, ...]
     evidence: Evidence | None = None
     photometric: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()

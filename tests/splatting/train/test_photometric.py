@@ -28,11 +28,18 @@ from fastsplat.service.splatting.photometric import (
     to_light,
     zero_mean,
 )
-from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, PhotometricTraining, start_corrections
+from fastsplat.service.splatting.photometric_training import (
+    CORRECTIONS,
+    FITS,
+    PhotometricTraining,
+    begin_corrections,
+    start_corrections,
+)
+from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.splatting.quality import color_corrected
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.state import new_state
+from fastsplat.service.splatting.state import SplatState, new_state
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat.service.splatting.types import TrainedSplats
@@ -158,20 +165,51 @@ def test_a_run_with_corrections_resumes_to_the_bit(
     assert _same(train(capture, world[1], settings, silent, tmp_path / "run"), whole)
 
 
-def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
-    settings = TrainingSettings(iterations=1000, time_budget_s=None)
-    training = PhotometricTraining(settings)
-    for spread, differs in ((0.5, True), (0.02, False)):
-        state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(4, 4)})
-        for number, sign in enumerate((-1.0, 1.0, -1.0, 1.0)):
-            training.step(state, number, 0.1, torch.tensor([3 + sign * spread, 0.0, 0.0]))
-        training.decide_if_due(state, 0.1)
-        assert FITS in state.parameters, "not before it is time"
-        training.decide_if_due(state, 0.3)
-        assert FITS not in state.parameters and FITS not in state.exp_avg
-        assert (CORRECTIONS in state.parameters) == differs
-        if differs:
-            assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+def test_photos_that_differ_are_corrected_after_as_many_steps_however_long_the_run_is_to_be(
+    world, quick, tmp_path: Path
+) -> None:
+    capture, truth = _perturbed(world[0], tmp_path)
+    settings = quick(iterations=40_000, held_out_every=0)
+    rows = _rows(train(capture, world[1], settings, silent, watch=TrainingWatch(finish=lambda: True)))
+    assert (rows - truth)[:, 0].square().mean().sqrt() < 0.4 * truth[:, 0].square().mean().sqrt()
+
+
+def _noted(spread: float, iteration: int, name: str = FITS) -> SplatState:
+    """A state whose four photos were found to differ by so many EV."""
+    rows = torch.tensor([[3 + sign * spread, 0.0, 0.0, 2.0] for sign in (-1.0, 1.0, -1.0, 1.0)])
+    state = new_state({"means": torch.zeros(1, 3), name: rows if name == FITS else zero_mean(rows[:, :3])})
+    state.iteration = iteration
+    return state
+
+
+@pytest.mark.parametrize(
+    ("spread", "iteration", "before", "after"),
+    [
+        (0.5, 99, FITS, FITS),  # not before each photo has been seen
+        (0.5, 100, FITS, CORRECTIONS),
+        (0.02, 100, FITS, FITS),
+        (0.08, 100, FITS, CORRECTIONS),  # in doubt, at first
+        (0.08, 150, CORRECTIONS, FITS),
+        (0.15, 150, CORRECTIONS, CORRECTIONS),
+        (0.15, 150, FITS, FITS),  # what was dropped begins again where photos differ by more
+        (0.2, 150, FITS, CORRECTIONS),
+        (0.02, 300, FITS, None),  # the last look
+        (0.02, 300, CORRECTIONS, None),
+        (0.02, 350, CORRECTIONS, CORRECTIONS),
+    ],
+)
+def test_corrections_begin_in_doubt_and_are_dropped_where_photos_agree(
+    spread: float, iteration: int, before: str, after: str | None
+) -> None:
+    state = _noted(spread, iteration, before)
+    PhotometricTraining(TrainingSettings()).decide_if_due(state)
+    assert [name for name in (FITS, CORRECTIONS) if name in state.parameters] == ([after] if after else [])
+    assert state.exp_avg.keys() == state.parameters.keys()
+    if (before, after) == (FITS, CORRECTIONS):
+        assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+    asked = _noted(0.02, 150, CORRECTIONS)
+    PhotometricTraining(TrainingSettings(photometric="on")).decide_if_due(asked)
+    assert CORRECTIONS in asked.parameters
 
 
 @pytest.mark.parametrize("looked_at", [0, 40])
@@ -182,7 +220,7 @@ def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_fir
     for visit in range(looked_at * 3):
         training.step(state, visit % 3, 0.1, torch.zeros(3))
     state.parameters[FITS].detach()[:] = torch.tensor([[0.5, 0, 0, 1], [-0.5, 0, 0, 1], [0, 0.5, 0, 1]])
-    training.decide_if_due(state, 0.2)
+    begin_corrections(state)
     corrections, random = state.parameters[CORRECTIONS], torch.Generator().manual_seed(5)
     expected = [torch.nn.Parameter(row.clone()) for row in corrections.detach()]
     rate = settings.rates.photometric_at(0.3)
