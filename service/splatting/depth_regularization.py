@@ -31,12 +31,7 @@ _STEP_SHARE = 0.015
 
 @dataclass(frozen=True)
 class AnchorPoints:
-    """Points of the capture that lie on surfaces.
-
-    Attributes:
-        points: float32 [P, 3], world frame.
-        colors: float32 [P, 3], 0..1.
-    """
+    """Points of the capture that lie on surfaces, float32 [P, 3], world frame, and their colors [P, 3], 0..1."""
 
     points: Tensor
     colors: Tensor
@@ -44,12 +39,7 @@ class AnchorPoints:
 
 @dataclass(frozen=True)
 class DepthAnchors:
-    """Points that a frame shows.
-
-    Attributes:
-        rows, columns: int64 [A], their pixels.
-        depths: float32 [A], their camera z, scene units.
-    """
+    """Points that a frame shows: their pixels, int64 [A], and camera z, float32 [A], scene units."""
 
     rows: Tensor
     columns: Tensor
@@ -118,13 +108,8 @@ def surface_loss(
 
 def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
     """Mean over pixels of Σ_ij w_i w_j ((z_i − z_j) / z̄)² / 2, z̄ the expected depth, without a gradient of it: the
-    distortion loss of Mip-NeRF 360 (Barron et al. 2022) and 2DGS (Huang et al. 2024), in shares of the depth.
-
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
-        squared: [H, W], Σ w z².
-    """
+    distortion loss of Mip-NeRF 360 (Barron et al. 2022) and 2DGS (Huang et al. 2024), in shares of the depth. The
+    arguments are [H, W]: Σ w, Σ w z and Σ w z²."""
     covered = alpha.detach() > _ALPHA_MIN
     expected = torch.where(covered, depth / alpha.clamp_min(_ALPHA_MIN), 1.0).detach()
     spread = (alpha * squared - depth * depth).clamp_min(0.0) / (expected * expected)
@@ -137,8 +122,7 @@ def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor 
     at most 1.
 
     Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
+        alpha, depth: [H, W], Σ w and Σ w z.
         target: [H, W, 3], the photo, 0..1; where its colors differ, a surface may end.
         valid: bool [H, W], pixels that count; None where all do.
     """
@@ -171,12 +155,7 @@ def _bend_step(image: Tensor) -> int:
 
 def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
     """Mean over the anchors of |expected depth / anchor's depth − 1|, where it is below 0.3 (beyond, the pixel shows
-    something else, which counts 0); 0 without anchors.
-
-    Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
-    """
+    something else, which counts 0), with alpha Σ w and depth Σ w z, [H, W]; 0 without anchors."""
     if not len(anchors.depths):
         return depth.new_zeros(())
     covered = alpha[anchors.rows, anchors.columns]

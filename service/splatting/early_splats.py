@@ -20,16 +20,8 @@ from fastsplat.service.splatting.view_evidence import views_evidence
 def splats_under_way(
     parameters: Mapping[str, Tensor], labelling: Labelling, views: Sequence[TrainingView], settings: TrainingSettings
 ) -> TrainedSplats:
-    """A scene of parameters as they are, without what a finished run measures, corrects and leaves out.
-
-    Args:
-        parameters: see `SplatState`.
-        labelling: see `Labelling.learnt`.
-        views: on the backend's device, with label maps if there are labels.
-
-    Raises:
-        TrainingDivergedError: a parameter is not finite.
-    """
+    """A scene of parameters as they are (see `SplatState`), of views on the backend's device; without what a finished
+    run measures, corrects and leaves out. `TrainingDivergedError` where a parameter is not finite."""
     gaussians, head = final_gaussians(parameters, settings.cull_opacity)
     quality = {"gaussians": float(len(gaussians)), "sh_degree": float(gaussians.sh_degree)}
     supervision = LabelSupervision(labelling, settings, device_of(settings.backend))

@@ -58,10 +58,9 @@ def refit_codes(
         state: of a finished run, G Gaussians.
         views: the training views; those without a label map are left out, and without any nothing changes.
         class_codes: [N + 1, D], for labels with which no code agrees.
-        class_weights: [N + 1], what pixels weigh in the cross-entropy.
-        undetected_weight: what a pixel of class 0 weighs as evidence.
+        class_weights: [N + 1], what pixels weigh in the cross-entropy; as evidence, those of class 0 weigh
+            `undetected_weight`.
         epochs: more sharpen the borders in pictures.
-        seed: of the order of the views.
     """
     maps = [view.frames[-1].labels for view in views]
     labeled = [(view, labels) for view, labels in zip(views, maps, strict=True) if labels is not None]
@@ -97,13 +96,8 @@ def refit_codes(
 
 
 class LabeledView(NamedTuple):
-    """One view's label map.
-
-    Attributes:
-        viewmat: float32 [4, 4], camera from world.
-        labels: integers [H, W], the class of each pixel.
-        valid: bool [H, W]; pixels that are False say nothing. None: all speak.
-    """
+    """One view's label map: camera from world, float32 [4, 4], integers [H, W], and which pixels say anything, bool
+    [H, W], or None for all."""
 
     viewmat: Tensor
     camera: Camera
@@ -131,8 +125,7 @@ def fit_codes(
         splats: G activated Gaussians; features are not read.
         views: looked at one a step, all once before any one again, in orders drawn from `seed`.
         starts: codes [G, D], weight [C, D] and bias [C]; they are not changed.
-        classes: int64 [G], each Gaussian's own class, 0..C − 1.
-        pixels: float32 [G], that each Gaussian fills.
+        classes, pixels: [G], each Gaussian's own class, int64, 0..C − 1, and how many pixels it fills, float32.
         class_weights: [C], what pixels weigh in the cross-entropy.
         after_step: called with the number of each step, from 1, and its loss; may raise, as to cancel.
     """
@@ -177,13 +170,8 @@ def consensus_codes(
 
 
 def gaussian_label_loss(parameters: Mapping[str, Tensor], classes: Tensor, weights: Tensor) -> Tensor:
-    """Mean of the weighted cross-entropies of the Gaussians' own codes.
-
-    Args:
-        parameters: codes [G, D], weight [N + 1, D] and bias [N + 1].
-        classes: int64 [G], 0..N.
-        weights: float32 [G].
-    """
+    """Mean of the cross-entropies of the Gaussians' own codes [G, D], weighted by float32 [G], with int64 classes [G],
+    0..N, under weight [N + 1, D] and bias [N + 1]."""
     logits = torch.addmm(parameters["bias"], parameters["codes"], parameters["weight"].T)
     entropies = torch.nn.functional.cross_entropy(logits, classes, reduction="none")
     return (weights * entropies).mean()

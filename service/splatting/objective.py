@@ -102,12 +102,8 @@ def loss_terms(
 
 
 def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSettings) -> dict[str, Tensor]:
-    """The weighted term of what a sensor measured, by name; none for a frame without measurements or a weight of 0.
-
-    Args:
-        rendering: alpha and depth of a frame.
-        settings: the weight, and `depth_every`, by which it is multiplied because it enters only so often.
-    """
+    """The term of what a sensor measured, by name, times its weight and `depth_every`, as it enters only so often; none
+    for a frame without measurements or a weight of 0."""
     if frame.depth is None or not settings.sensor_depth_weight:
         return {}
     error = sensor_depth_error(rendering.alpha, rendering.depth, frame.depth, frame.valid)
@@ -121,8 +117,7 @@ def sensor_depth_error(alpha: Tensor, depth: Tensor, measured: Tensor, valid: Te
     measurements, at edges and on glass, pull no harder than right ones.
 
     Args:
-        alpha: [H, W], Σ w.
-        depth: [H, W], Σ w z.
+        alpha, depth: [H, W], Σ w and Σ w z.
         measured: [H, W] camera z, scene units; 0 where unknown.
         valid: bool [H, W], pixels that count; None where all do.
     """

@@ -1,10 +1,10 @@
 """When and how a run corrects its photos' exposure and white balance (`photometric`).
 
-Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. But photos that differ contradict
-each other, and a run that is left to them for some thousand steps may explain each by Gaussians before its own camera.
-So a run with `photometric = "auto"` looks at its photos after so many steps, whatever the time: it notes each photo's
-fit to its rendered picture, corrects the photos where they may differ or their EXIF says so, and drops corrections that
-turn out to be small. A correction follows the fit of the median, which draws it near in a few visits, and the gradient.
+Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. A run that is left to photos that
+differ may explain each by Gaussians before its own camera. So with `photometric = "auto"` it looks at its photos after
+so many steps, whatever the time: it notes each photo's fit to its rendered picture, corrects the photos where they may
+differ or their EXIF says so, and drops corrections that turn out small. A correction follows the fit of the median,
+which draws it near in a few visits, and the gradient.
 """
 
 from __future__ import annotations
@@ -35,15 +35,13 @@ STEPS = "photometric_steps"
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
-_LOOKS, _VISITS = 5, 2
-_FEWEST_STEPS, _MOST_STEPS = 50, 200
-"""The photos are looked at so many times in a run, once each has been visited twice more, but never after fewer or more
-steps than these."""
+_LOOKS, _VISITS, _FEWEST_STEPS, _MOST_STEPS = 5, 2, 50, 200
+"""Looks at the photos in a run; each comes after so many more visits of each photo, within these bounds of steps."""
 _EXPOSURE_SPREAD, _BALANCE_SPREAD = 0.12, 0.08
-"""Standard deviations over the photos, EV, from which they are taken to differ; the bounds are in these units."""
+"""Standard deviations over the photos, EV, from which they are taken to differ."""
 _IN_DOUBT, _KEPT, _BEGUN_LATER = 0.5, 1.0, 1.5
-"""At the first look, when the pictures are crude, corrections begin from the first bound on. Later ones drop those below
-the second, and begin them above the third."""
+"""Shares of these. At the first look, of crude pictures, corrections begin above the first; later ones drop those below
+the second and begin them above the third."""
 _FIT_SHARE = 0.5
 """How far a fit draws a correction towards itself."""
 
@@ -79,13 +77,13 @@ class PhotometricTraining:
             return
         if FITS in state.parameters:
             if _spread(_noted_fits(state)) > (_IN_DOUBT if look == 1 else _BEGUN_LATER):
-                begin_corrections(state)
+                begin_corrections(state, len(known))
             elif look == _LOOKS:
                 _forget(state, FITS)
         elif look > 1 and _spread(known) < _KEPT:
             _forget(state, CORRECTIONS, STEPS)
             if look < _LOOKS:
-                _add(state, FITS, known.new_zeros(len(known), 4))
+                state.begin(FITS, known.detach().new_zeros(len(known), 4))
 
     def correction(self, state: SplatState, number: int) -> Tensor | None:
         """[3] of a training view, differentiable; None where photos are not corrected."""
@@ -140,16 +138,12 @@ def photo_corrections(state: SplatState, views: Sequence[TrainingView]) -> dict[
     return {view.name: (row[0], row[1], row[2]) for view, row in zip(views, rows, strict=True)}
 
 
-def begin_corrections(state: SplatState, views: int = 0) -> None:
-    """Corrects the photos of a run from now on, by what was noted of them; changes nothing where they already are.
-
-    Args:
-        views: how many photos there are, if none were noted.
-    """
+def begin_corrections(state: SplatState, views: int) -> None:
+    """Corrects the photos of a run from now on, by what was noted of them, if they are not corrected already."""
     if CORRECTIONS not in state.parameters:
         fits = _noted_fits(state) if FITS in state.parameters else state.parameters["means"].new_zeros(views, 3)
         _forget(state, FITS)
-        _add(state, CORRECTIONS, fits.detach())
+        state.begin(CORRECTIONS, fits)
 
 
 def _noted_fits(state: SplatState) -> Tensor:
@@ -160,18 +154,13 @@ def _noted_fits(state: SplatState) -> Tensor:
     return fits
 
 
-def _add(state: SplatState, name: str, value: Tensor) -> None:
-    state.parameters[name] = value.requires_grad_()
-    state.exp_avg[name], state.exp_avg_sq[name] = torch.zeros_like(value), torch.zeros_like(value)
-
-
 def _forget(state: SplatState, *names: str) -> None:
-    for name in names:
-        for tensors in (state.parameters, state.exp_avg, state.exp_avg_sq):
+    for tensors in (state.parameters, state.exp_avg, state.exp_avg_sq):
+        for name in names:
             tensors.pop(name, None)
 
 
 def _spread(corrections: Tensor) -> float:
     """How far photos differ, 1 from where they are taken to."""
     exposure, red, blue = corrections.detach().std(dim=0, correction=0).tolist()
-    return max(exposure / _EXPOSURE_SPREAD, red / _BALANCE_SPREAD, blue / _BALANCE_SPREAD)
+    return float(max(exposure / _EXPOSURE_SPREAD, max(red, blue) / _BALANCE_SPREAD))

@@ -19,7 +19,7 @@ from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState
 from fastsplat.service.splatting.training_views import TrainingView
 
 _WINDOW = 100
-"""The loss is averaged over so many steps, rounded up to whole epochs, so that the order of the views does not count."""
+"""Steps that the loss is averaged over, rounded up to whole epochs, so that the order of the views does not count."""
 _RISE, _RISES = 1.2, 2
 """The loss has risen when it was so many times the lowest in so many windows in a row."""
 _NEAR, _GATHERED = 0.15, 0.05
@@ -104,9 +104,7 @@ class RunWatch:
         noted = state.parameters[_WATCH].detach()
         noted[_RISEN], noted[_PHASE] = 0, -1
         for name in GAUSSIAN_PARAMETERS:
-            good = state.parameters[_GOOD + name].clone()
-            state.parameters[name] = good.requires_grad_()
-            state.exp_avg[name], state.exp_avg_sq[name] = torch.zeros_like(good), torch.zeros_like(good)
+            state.begin(name, state.parameters[_GOOD + name].clone())
         if self._settings.photometric != "off" and len(self._cameras) > 1:
             begin_corrections(state, len(self._cameras))
         row = noted.new_tensor([[state.iteration, noted[_GOOD_AT]]])
@@ -117,7 +115,7 @@ def return_warnings(state: SplatState) -> tuple[str, ...]:
     """A sentence for each time that a run was taken back."""
     corrected = " and with each photo's exposure corrected" if CORRECTIONS in state.parameters else ""
     return tuple(
-        f"Training went astray: at step {at:.0f} it went back to step {good:.0f}, with lower learning rates{corrected}. "
-        "Look whether photos differ in light, things moved or poses are wrong."
+        f"Training went astray: at step {at:.0f} it went back to step {good:.0f}, with lower learning rates{corrected}."
+        " Look whether photos differ in light, things moved or poses are wrong."
         for at, good in state.parameters.get(_RETURNS, torch.zeros(0, 2)).tolist()
     )

@@ -61,13 +61,7 @@ def views_evidence(
     undetected_weight: float = 1.0,
     backend: Backend = "cpu",
 ) -> Evidence:
-    """The evidence of all views that have a label map, at their training size.
-
-    Args:
-        views: training views; what is held out must not be among them.
-        classes: N + 1.
-        undetected_weight: what a pixel of class 0 counts, in pixels.
-    """
+    """The evidence of all views that have a label map, at their training size; arguments as for `view_evidence`."""
     splats = splats_of(gaussians, device=device_of(backend))
     parts = [no_evidence(len(gaussians))]
     for view in views:

@@ -57,15 +57,12 @@ def rasterize_bands(
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Iterator[tuple[slice, Rendering]]:
-    """Renders one view in bands of whole rows from top to bottom, each with its slice of rows: the same pixels as
-    `rasterize` on a zero background, without a gradient, and never the whole image in memory.
+    """Renders one view in bands of whole rows from top to bottom, each with its slice of rows: the same pixels and
+    errors as `rasterize` on a zero background, without a gradient, and never the whole image in memory.
 
     Args:
         max_values: bound on the numbers of a band's image (rows · W · C), except that a band has at least 16 rows.
             `cuda` renders the whole image first and hands out parts of it.
-
-    Raises:
-        InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
     """
     check_call(splats, viewmat, camera, settings)
     with torch.no_grad():
@@ -81,15 +78,12 @@ def accumulate_weights(
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Tensor:
-    """Σ_p w_g(p)·value(p) for every Gaussian, w its blend weight: [G, V]. No gradient.
+    """Σ_p w_g(p)·value(p) for every Gaussian, w its blend weight: [G, V]. No gradient; arguments and errors as
+    `rasterize`.
 
     Args:
-        splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
-        viewmat: [4, 4], camera from world.
+        splats: features are not read, except that a non-finite row is culled.
         values: [H, W, V], e.g. one-hot labels.
-
-    Raises:
-        InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
     """
     check_call(splats, viewmat, camera, settings)
     if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):
@@ -112,14 +106,12 @@ def label_map(
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> LabelMap:
-    """The most probable class of every pixel: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
-
-    As in the training loss, the composited code is not divided by alpha, and logits are held within ±1e30. `reference`
-    computes in float64, the others in float32.
+    """The most probable class of every pixel: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient; arguments
+    and errors as `rasterize`. As in the training loss, the composited code is not divided by alpha, and logits are held
+    within ±1e30.
 
     Args:
         splats: the last D of the C feature channels are the codes; channels before them come back as `image`.
-        viewmat: [4, 4], camera from world.
         weight: [N + 1, D], row 0 is the undetected class; 0 <= D <= C.
         bias: [N + 1].
         alpha_min: pixels that the scene covers less than this are class 0.
@@ -127,7 +119,6 @@ def label_map(
 
     Raises:
         InvalidInputError: shapes that do not fit, or NaN or Inf in weight, bias or relevancy.
-        ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
     """
     check_call(splats, viewmat, camera, settings)
     head = {"weight": weight, "bias": bias} | ({} if relevancy is None else {"relevancy": relevancy})
@@ -162,17 +153,16 @@ def label_sums(
 ) -> LabelSums:
     """Σ_p w_g(p)·1[labels(p) = n] for every Gaussian g and label n (FlashSplat's evidence; Shen et al. 2024).
 
-    Sparse: memory grows with what is there. The bits do not depend on the number of threads. No gradient.
+    Sparse: memory grows with what is there. The bits do not depend on the number of threads. No gradient; arguments and
+    errors as `rasterize`.
 
     Args:
-        splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
-        viewmat: [4, 4], camera from world.
+        splats: features are not read, except that a non-finite row is culled.
         labels: integers [H, W], below `classes`; pixels with a negative one count for nothing.
         settings: cut-offs; `max_isects` bounds the entries of all Gaussians in all tiles as well.
 
     Raises:
         InvalidInputError: shapes that do not fit, or a label that is not below `classes`.
-        ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
     """
     check_call(splats, viewmat, camera, settings)
     if labels.shape != (camera.height, camera.width) or labels.is_floating_point() or labels.is_complex():
@@ -195,11 +185,8 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
         means: [G, 3], world frame.
         sh: [G, K, 3] with K >= (degree + 1)², coefficient 0 first, 3DGS signs; further coefficients are not read.
         camera_position: [3], world frame; d = normalize(means − camera_position).
-        degree: 0..3.
+        degree: 0..3; `InvalidInputError` beyond, or for shapes that do not fit.
         backend: as for `rasterize`. Differentiable in means and sh.
-
-    Raises:
-        InvalidInputError: degree outside 0..3 or shapes that do not fit.
     """
     known = 0 <= degree <= MAX_SH_DEGREE
     if not known or sh.ndim != 3 or sh.shape[1] < (degree + 1) ** 2 or sh.shape[2] != 3:

@@ -65,12 +65,7 @@ class ShareMaps:
         """The labels of a view, 0 where alpha is below `alpha_min`; no image and no relevancy. No gradient.
 
         Args:
-            splats: G Gaussians; features are not read.
-            alpha_min: pixels that the scene covers less than this are 0.
-
-        Raises:
-            InvalidInputError: another number of Gaussians; else as `rasterize`.
-            ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
+            splats: G Gaussians, or `InvalidInputError`; features are not read. Other errors as of `rasterize`.
         """
         plain = replace(splats, features=splats.means.new_zeros(len(splats.means), 0))
         check_call(plain, viewmat, camera, settings)

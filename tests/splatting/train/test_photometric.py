@@ -220,7 +220,7 @@ def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_fir
     for visit in range(looked_at * 3):
         training.step(state, visit % 3, 0.1, torch.zeros(3))
     state.parameters[FITS].detach()[:] = torch.tensor([[0.5, 0, 0, 1], [-0.5, 0, 0, 1], [0, 0.5, 0, 1]])
-    begin_corrections(state)
+    begin_corrections(state, 3)
     corrections, random = state.parameters[CORRECTIONS], torch.Generator().manual_seed(5)
     expected = [torch.nn.Parameter(row.clone()) for row in corrections.detach()]
     rate = settings.rates.photometric_at(0.3)
