@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 
-from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.splatting import optimization
@@ -19,15 +17,12 @@ from fastsplat.service.splatting.densify import densify_if_due
 from fastsplat.service.splatting.photometric_training import CORRECTIONS
 from fastsplat.service.splatting.run_watch import RunWatch, return_warnings
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step, new_state
+from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, new_state
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import TrainingView, load_views
 from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.errors import CancelledError, TrainingDivergedError
-from tests.splatting.train.conftest import same_run, stopping_at
-
-_AHEAD = torch.tensor([0.0, 0.0, 0.15])
-"""Half a step before a camera."""
+from tests.splatting.train.conftest import repainted, same_run, stopping_at
 
 
 @pytest.fixture
@@ -53,19 +48,20 @@ def test_a_rise_over_hundreds_of_steps_leads_back_and_not_the_order_of_the_views
     risen = _watched(views, lambda step: 0.1 + 0.0002 * max(0, step - 540), 870)
     assert len(return_warnings(risen)) == 1 and CORRECTIONS in risen.parameters
     assert risen.parameters["codes"][0, 0] < 3 + 870 - 200, "the Gaussians are those of before the rise"
-    for_ever = _watched(views, lambda step: 0.1 * 1.005**step, 3_000)
-    assert len(return_warnings(for_ever)) == 3
+    assert len(return_warnings(_watched(views, lambda step: 0.1 * 1.005**step, 3_000))) == 3
 
 
 def _gathering(views: tuple[TrainingView, ...], at: int) -> Callable[..., None]:
     """Densification that once puts every second Gaussian, opaque, before a camera."""
 
-    def densify(state: SplatState, step: Step, settings: TrainingSettings, start_count: int) -> None:
-        densify_if_due(state, step, settings, start_count)
+    def densify(state: SplatState, *others: Any) -> None:
+        densify_if_due(state, *others)
         if state.iteration == at:
             for row in range(0, state.count, 2):
                 view = views[row % len(views)]
-                state.parameters["means"].detach()[row] = view.position + view.viewmat[:3, :3].T @ _AHEAD
+                state.parameters["means"].detach()[row] = view.position + view.viewmat[:3, :3].T @ torch.tensor(
+                    [0.0, 0.0, 0.15]
+                )
             state.parameters["logit_opacities"].detach()[:] = 3.0
 
     return densify
@@ -92,23 +88,15 @@ def test_a_run_whose_gaussians_gather_at_the_cameras_goes_back_resumes_to_the_bi
     assert same_run(again, astray) and again.warnings == astray.warnings
 
 
-def _painted(capture: Capture, folder: Path, colors: np.ndarray) -> Capture:
-    """The capture with photos of one color each."""
-    views = []
-    for view, color in zip(capture.views, colors, strict=True):
-        Image.fromarray(np.full((48, 64, 3), color, np.uint8)).save(folder / view.posed.name)
-        views.append(dataclasses.replace(view, image_path=folder / view.posed.name))
-    return dataclasses.replace(capture, views=tuple(views))
-
-
 @pytest.mark.parametrize("held_out_every", [0, 4])
 def test_pictures_less_like_the_photos_than_one_color_are_no_scene(
     world, quick, tmp_path: Path, held_out_every: int
 ) -> None:
     settings = quick(iterations=250, held_out_every=held_out_every, photometric="off")
-    colors = np.random.default_rng(1).choice([0, 255], (12, 3))
+    colors = np.random.default_rng(1).choice([0, 255], (12, 3)).astype(np.uint8)
     with pytest.raises(TrainingDivergedError, match="PSNR") as error:
-        train(_painted(world[0], tmp_path, colors), world[1], settings, silent)
+        train(repainted(world[0], tmp_path, lambda index, old: old * 0 + colors[index]), world[1], settings, silent)
     assert error.value.field == "quality.psnr" and error.value.limit
     for shade in (0, 128):
-        train(_painted(world[0], tmp_path, np.full((12, 3), shade)), world[1], settings, silent)
+        uniform = repainted(world[0], tmp_path, lambda index, old, shade=shade: np.full_like(old, shade))
+        train(uniform, world[1], settings, silent)
