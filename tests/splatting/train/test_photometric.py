@@ -233,13 +233,6 @@ def test_exif_is_where_corrections_start(world, quick) -> None:
     assert start_corrections(views, quick(photometric="off")) == {}
 
 
-def _exposed(world, evs: tuple[float, ...]) -> Capture:
-    """The world's capture with these exposures in the photos' EXIF, over and over."""
-    views = world[0].views
-    exposed = (dataclasses.replace(view, exposure_ev=evs[i % len(evs)]) for i, view in enumerate(views))
-    return dataclasses.replace(world[0], views=tuple(exposed))
-
-
 def test_points_are_looked_for_in_the_colors_that_the_photo_gives_them(world, quick, monkeypatch) -> None:
     brightness: dict[float | None, list[float]] = {-1.0: [], 1.0: []}
 
@@ -249,7 +242,8 @@ def test_points_are_looked_for_in_the_colors_that_the_photo_gives_them(world, qu
 
     monkeypatch.setattr(optimization, "depth_anchors", noted)
     settings = quick(iterations=12, depth_from=0.0, depth_every=1, held_out_every=0)
-    train(_exposed(world, (-1.0, 1.0)), world[1], settings, silent)
+    views = (dataclasses.replace(view, exposure_ev=i % 2 * 2 - 1.0) for i, view in enumerate(world[0].views))
+    train(dataclasses.replace(world[0], views=tuple(views)), world[1], settings, silent)
     assert len(brightness[-1.0]) == len(brightness[1.0]) == 6
     assert max(brightness[-1.0]) < 0.8 * min(brightness[1.0])
 

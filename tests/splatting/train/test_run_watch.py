@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -57,11 +58,8 @@ def _gathering(views: tuple[TrainingView, ...], at: int) -> Callable[..., None]:
     def densify(state: SplatState, *others: Any) -> None:
         densify_if_due(state, *others)
         if state.iteration == at:
-            for row in range(0, state.count, 2):
-                view = views[row % len(views)]
-                state.parameters["means"].detach()[row] = view.position + view.viewmat[:3, :3].T @ torch.tensor(
-                    [0.0, 0.0, 0.15]
-                )
+            for row, view in zip(range(0, state.count, 2), cycle(views), strict=False):
+                state.parameters["means"].detach()[row] = view.position + 0.15 * view.viewmat[2, :3]
             state.parameters["logit_opacities"].detach()[:] = 3.0
 
     return densify
