@@ -18,12 +18,8 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
     if trained.evidence is not None:
         arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
     np.savez(folder / "arrays.npz", **arrays)
-    report = {
-        "quality": dict(trained.quality),
-        "held_out": list(trained.held_out),
-        "photometric": dict(trained.photometric),
-        "warnings": list(trained.warnings),
-    }
+    report = {name: getattr(trained, name) for name in ("held_out", "photometric", "warnings")}
+    report |= {"quality": dict(trained.quality)}
     (folder / "report.json").write_text(json.dumps(report, default=float))
 
 

@@ -2,9 +2,9 @@
 
 Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. A run that is left to photos that
 differ may explain each by Gaussians before its own camera. So with `photometric = "auto"` it looks at its photos after
-so many steps, whatever the time: it notes each photo's fit to its rendered picture, corrects the photos where they may
-differ or their EXIF says so, and drops corrections that turn out small. A correction follows the fit of the median,
-which draws it near in a few visits, and the gradient.
+so many steps, whatever the time: it notes each photo's fit to its rendered picture, corrects the photos where they
+differ or their EXIF says so, looks again where it is in doubt, and drops corrections that turn out small. A correction
+follows the fit of the median, which draws it near in a few visits, and the gradient.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _LOOKS, _VISITS, _FEWEST_STEPS, _MOST_STEPS = 5, 2, 50, 200
 """Looks at the photos in a run; each comes after so many more visits of each photo, within these bounds of steps."""
 _EXPOSURE_SPREAD, _BALANCE_SPREAD = 0.12, 0.08
 """Standard deviations over the photos, EV, from which they are taken to differ."""
-_IN_DOUBT, _KEPT, _BEGUN_LATER = 0.5, 1.0, 1.5
-"""Shares of these. At the first look, of crude pictures, corrections begin above the first; later ones drop those below
-the second and begin them above the third."""
+_BEGUN_AT_FIRST, _BEGUN, _KEPT = 2.0, 1.25, 1.0
+"""In times these. At the first look, of crude pictures, corrections begin above the first; later ones begin them above
+the second and drop those below the third."""
 _FIT_SHARE = 0.5
 """How far a fit draws a correction towards itself."""
 
@@ -76,7 +76,7 @@ class PhotometricTraining:
         if rest or not 1 <= look <= _LOOKS:
             return
         if FITS in state.parameters:
-            if _spread(_noted_fits(state)) > (_IN_DOUBT if look == 1 else _BEGUN_LATER):
+            if _spread(_noted_fits(state)) > (_BEGUN_AT_FIRST if look == 1 else _BEGUN):
                 begin_corrections(state, len(known))
             elif look == _LOOKS:
                 _forget(state, FITS)

@@ -175,16 +175,16 @@ def _noted(spread: float, iteration: int, name: str = FITS) -> SplatState:
         (0.5, 99, FITS, FITS),  # not before each photo has been seen
         (0.5, 100, FITS, CORRECTIONS),
         (0.02, 100, FITS, FITS),
-        (0.08, 100, FITS, CORRECTIONS),  # in doubt, at first
-        (0.08, 150, CORRECTIONS, FITS),
-        (0.15, 150, CORRECTIONS, CORRECTIONS),
-        (0.15, 150, FITS, FITS),  # what was dropped begins again where photos differ by more
-        (0.2, 150, FITS, CORRECTIONS),
+        (0.16, 100, FITS, FITS),  # in doubt: the first pictures are crude
+        (0.16, 150, FITS, CORRECTIONS),
+        (0.13, 150, CORRECTIONS, CORRECTIONS),
+        (0.11, 150, CORRECTIONS, FITS),
+        (0.13, 150, FITS, FITS),  # what was dropped begins again where photos differ by more
         (0.02, 300, FITS, None),  # the last look
         (0.02, 300, CORRECTIONS, None),
     ],
 )
-def test_corrections_begin_in_doubt_and_are_dropped_where_photos_agree(
+def test_corrections_begin_where_photos_differ_and_are_dropped_where_they_agree(
     spread: float, iteration: int, before: str, after: str | None
 ) -> None:
     state = _noted(spread, iteration, before)
