@@ -107,7 +107,7 @@ class RunWatch:
             state.begin(name, state.parameters[_GOOD + name].clone())
         if self._settings.photometric != "off" and len(self._cameras) > 1:
             begin_corrections(state, len(self._cameras))
-        row = noted.new_tensor([[state.iteration, noted[_GOOD_AT]]])
+        row = noted.new_tensor([[float(state.iteration), float(noted[_GOOD_AT])]])
         state.parameters[_RETURNS] = torch.cat([state.parameters.get(_RETURNS, row[:0]), row])
 
 
