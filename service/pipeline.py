@@ -345,7 +345,7 @@ def scene_quality(
         "left_out": dict(report.left_out),
         "source": report.source,
         "splat": report.splat,
-        "warnings": list(report.warnings),
+        "warnings": [*report.warnings, *trained.warnings],
         "mean_reprojection_error_px": report.mean_reprojection_error_px,
         "stage_seconds": dict(provenance.stage_seconds),
     }

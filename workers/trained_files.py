@@ -18,11 +18,8 @@ def save_trained(trained: TrainedSplats, folder: Path) -> None:
     if trained.evidence is not None:
         arrays |= {f"evidence.{name}": array for name, array in vars(trained.evidence).items()}
     np.savez(folder / "arrays.npz", **arrays)
-    report = {
-        "quality": dict(trained.quality),
-        "held_out": list(trained.held_out),
-        "photometric": dict(trained.photometric),
-    }
+    report = {name: getattr(trained, name) for name in ("held_out", "photometric", "warnings")}
+    report |= {"quality": dict(trained.quality)}
     (folder / "report.json").write_text(json.dumps(report, default=float))
 
 
@@ -37,4 +34,5 @@ def load_trained(folder: Path) -> TrainedSplats:
     with intact(folder / "report.json"):
         report = json.loads((folder / "report.json").read_text())
         photometric = {name: tuple(row) for name, row in report["photometric"].items()}
-        return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence, photometric)
+        held_out, warnings = tuple(report["held_out"]), tuple(report["warnings"])
+        return TrainedSplats(gaussians, head, report["quality"], held_out, evidence, photometric, warnings)

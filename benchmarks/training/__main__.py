@@ -4,18 +4,21 @@
 
 DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
 the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included. Views of
-the training split are measured, as rates are to be chosen by those; with `--split test` the test views.
+the training split are measured, as rates are to be chosen by those; with `--split test` the test views. With
+`--light 1 2` there is a run for each of these seeds, of training photos in drawn light (`drawn_light`).
 """
 
 from __future__ import annotations
 
 import json
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
 from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, peak_megabytes, provenance, write_json
 from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
+from benchmarks.training.drawn_light import in_drawn_light
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent
@@ -32,6 +35,7 @@ def main() -> None:
     parser.add_argument("--gaussians", type=int, default=40_000)
     add_split(parser)
     parser.add_argument("--evaluations", type=int, default=24)
+    parser.add_argument("--light", type=int, nargs="*", default=[], metavar="SEED", help="light is drawn by these")
     parser.add_argument("--colors-alone", action="store_true", help="without labels and codes")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
     options = parser.parse_args()
@@ -45,17 +49,24 @@ def main() -> None:
             **{name: json.loads(value) for name, value in (item.split("=", 1) for item in options.set)},
         }
     )
-    result = _measure(options.data, settings, options.split, options.colors_alone)
-    name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
-    write_json(RESULTS / f"{name}.json", result)
-    print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
+    for light in options.light or [None]:
+        with tempfile.TemporaryDirectory() as work:
+            result = _measure(options.data, settings, options.split, options.colors_alone, light, Path(work))
+        drawn = "" if light is None else f"_light{light}"
+        name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s{drawn}", options.split).stem
+        write_json(RESULTS / f"{name}.json", result)
+        print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 
-def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alone: bool) -> dict[str, Any]:
+def _measure(
+    folder: Path, settings: TrainingSettings, split: Split, colors_alone: bool, light: int | None, work: Path
+) -> dict[str, Any]:
     capture, labelling = load_posed_folder(folder)
     if colors_alone:
         labelling = Labelling(Dictionary(()), ())
     capture, labelling = with_split(capture, labelling, capture.test_names, split)
+    if light is not None:
+        capture = in_drawn_light(capture, light, work)
     curve: list[dict[str, float]] = []
 
     def listen(event: ProgressEvent) -> None:
@@ -89,6 +100,8 @@ def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alon
         "mean_iou": round(report.mean_iou, 4),
         "iou": {label: round(value, 3) for label, value in report.iou.items()},
         "split": split,
+        "light": light,
+        "warnings": list(trained.warnings),
         "curve": curve,
     }
 

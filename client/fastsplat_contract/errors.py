@@ -345,7 +345,7 @@ class SceneSchemaError(SceneFileError):
 
 
 class TrainingDivergedError(FastSplatError):
-    """The optimization left the finite numbers; nothing of it was stored."""
+    """The optimization left the finite numbers, or its pictures are not like the photos; nothing was stored."""
 
     kind = Kind.INTERNAL
     reason = "TRAINING_DIVERGED"

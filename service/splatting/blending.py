@@ -27,14 +27,7 @@ class LabelBlend(Protocol):
     """Renders label maps of a scene."""
 
     def render(
-        self,
-        splats: Splats,
-        viewmat: Tensor,
-        camera: Camera,
-        *,
-        alpha_min: float,
-        relevancy: F32 | None,
-        backend: Backend,
+        self, splats: Splats, viewmat: Tensor, camera: Camera, alpha_min: float, relevancy: F32 | None, backend: Backend
     ) -> LabelMap:
         """Renders labels, and with [N + 1] `relevancy` its expectation times alpha.
 
@@ -68,14 +61,8 @@ def thing_map(
     device = device_of(backend)
     blend = things_blend(scene.things, scene.gaussians.codes, device)
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
-    drawn = blend.render(
-        splats_of(scene.gaussians, device=device),
-        viewmat,
-        posed.camera,
-        alpha_min=alpha_min,
-        relevancy=None,
-        backend=backend,
-    )
+    splats = splats_of(scene.gaussians, device=device)
+    drawn = blend.render(splats, viewmat, posed.camera, alpha_min=alpha_min, relevancy=None, backend=backend)
     return np.asarray(drawn.classes.cpu().numpy(), np.int32)
 
 
@@ -88,25 +75,12 @@ class CodeBlend:
         self._bias = torch.tensor(np.asarray(head.bias), device=device)
 
     def render(
-        self,
-        splats: Splats,
-        viewmat: Tensor,
-        camera: Camera,
-        *,
-        alpha_min: float,
-        relevancy: F32 | None,
-        backend: Backend,
+        self, splats: Splats, viewmat: Tensor, camera: Camera, alpha_min: float, relevancy: F32 | None, backend: Backend
     ) -> LabelMap:
-        labels = label_map(
-            replace(splats, features=torch.cat([splats.features, self._codes], dim=1)),
-            viewmat,
-            camera,
-            self._weight,
-            self._bias,
-            alpha_min=alpha_min,
-            relevancy=None if relevancy is None else torch.tensor(relevancy, device=self._weight.device),
-            backend=backend,
-        )
+        coded = replace(splats, features=torch.cat([splats.features, self._codes], dim=1))
+        sought = None if relevancy is None else torch.tensor(relevancy, device=self._weight.device)
+        head = self._weight, self._bias
+        labels = label_map(coded, viewmat, camera, *head, alpha_min=alpha_min, relevancy=sought, backend=backend)
         if labels.relevancy is None:
             return labels
         return replace(labels, relevancy=labels.relevancy * labels.alpha)
@@ -127,14 +101,7 @@ class EvidenceBlend:
         self._device = device
 
     def render(
-        self,
-        splats: Splats,
-        viewmat: Tensor,
-        camera: Camera,
-        *,
-        alpha_min: float,
-        relevancy: F32 | None,
-        backend: Backend,
+        self, splats: Splats, viewmat: Tensor, camera: Camera, alpha_min: float, relevancy: F32 | None, backend: Backend
     ) -> LabelMap:
         labels = self._maps.draw(splats, viewmat, camera, alpha_min=alpha_min, backend=backend)
         leading = splats.features
@@ -164,14 +131,7 @@ class _Renamed:
         self._blend, self._ids = blend, ids
 
     def render(
-        self,
-        splats: Splats,
-        viewmat: Tensor,
-        camera: Camera,
-        *,
-        alpha_min: float,
-        relevancy: F32 | None,
-        backend: Backend,
+        self, splats: Splats, viewmat: Tensor, camera: Camera, alpha_min: float, relevancy: F32 | None, backend: Backend
     ) -> LabelMap:
         own = None if relevancy is None else relevancy[self._ids]
         drawn = self._blend.render(splats, viewmat, camera, alpha_min=alpha_min, relevancy=own, backend=backend)

@@ -21,7 +21,7 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 1
+_VERSION = 2
 """Of the format, and of what a training does; a change of either counts on."""
 
 

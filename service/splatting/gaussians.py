@@ -14,6 +14,8 @@ from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.raster.types import Splats
 from fastsplat_contract.errors import TrainingDivergedError
 
+_SHAPES = ("means", "quats", "log_scales", "logit_opacities")
+
 
 def activate_scales(log_scales: Tensor) -> Tensor:
     """Computes standard deviations in scene units, exp(log_scales); differentiable."""
@@ -36,11 +38,8 @@ def splats_of(
         features: [G, C] to composite; by default [G, 0].
     """
     if isinstance(gaussians, Gaussians):
-        names = ("means", "quats", "log_scales", "logit_opacities")
-        gaussians = {
-            name: torch.tensor(np.asarray(getattr(gaussians, name)), dtype=torch.float32, device=device)
-            for name in names
-        }
+        shapes = {name: np.asarray(getattr(gaussians, name)) for name in _SHAPES}
+        gaussians = {name: torch.tensor(a, dtype=torch.float32, device=device) for name, a in shapes.items()}
     means = gaussians["means"]
     return Splats(
         means,
@@ -53,14 +52,9 @@ def splats_of(
 
 def color_parameters(gaussians: Gaussians) -> dict[str, Tensor]:
     """Returns a scene's color and geometry named as in `SplatState.parameters`; means share memory."""
-    return {
-        "means": torch.from_numpy(gaussians.means),
-        "quats": torch.from_numpy(gaussians.quats),
-        "log_scales": torch.from_numpy(gaussians.log_scales),
-        "logit_opacities": torch.from_numpy(gaussians.logit_opacities),
-        "sh_dc": torch.from_numpy(gaussians.sh[:, :1].copy()),
-        "sh_rest": torch.from_numpy(gaussians.sh[:, 1:].copy()),
-    }
+    colors = {"sh_dc": gaussians.sh[:, :1].copy(), "sh_rest": gaussians.sh[:, 1:].copy()}
+    shapes = {name: getattr(gaussians, name) for name in _SHAPES}
+    return {name: torch.from_numpy(array) for name, array in (shapes | colors).items()}
 
 
 def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:
@@ -90,11 +84,5 @@ def _arrays(parameters: Mapping[str, Tensor]) -> dict[str, NDArray[np.float32]]:
 
 
 def _take(arrays: Mapping[str, NDArray[np.float32]], rows: NDArray[np.int64]) -> Gaussians:
-    return Gaussians(
-        means=arrays["means"][rows],
-        quats=arrays["quats"][rows],
-        log_scales=arrays["log_scales"][rows],
-        logit_opacities=arrays["logit_opacities"][rows],
-        sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1),
-        codes=arrays["codes"][rows],
-    )
+    taken = {name: arrays[name][rows] for name in (*_SHAPES, "codes")}
+    return Gaussians(**taken, sh=np.concatenate([arrays["sh_dc"][rows], arrays["sh_rest"][rows]], axis=1))

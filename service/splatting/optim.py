@@ -54,19 +54,7 @@ def adam_update(
             amsgrad=False, beta1=betas[0], beta2=betas[1], lr=lr, weight_decay=0.0, eps=eps, maximize=False,
         )  # fmt: skip
         return
-    from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
+    from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
 
-    options = kernel_options()
-    kernels.adam(
-        param=param.detach().numpy(),
-        grad=grad.contiguous().numpy(),
-        exp_avg=exp_avg.numpy(),
-        exp_avg_sq=exp_avg_sq.numpy(),
-        lr=lr,
-        beta1=betas[0],
-        beta2=betas[1],
-        eps=eps,
-        step=step,
-        threads=options.threads,
-        isa=options.isa,
-    )
+    given = arrays(param=param, grad=grad.contiguous(), exp_avg=exp_avg, exp_avg_sq=exp_avg_sq)
+    kernels.adam(**given, lr=lr, beta1=betas[0], beta2=betas[1], eps=eps, step=step, **running())

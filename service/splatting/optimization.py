@@ -19,6 +19,7 @@ from fastsplat.service.splatting.objective import loss_terms, render_frame
 from fastsplat.service.splatting.photometric import correct
 from fastsplat.service.splatting.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.recorder import Recorder
+from fastsplat.service.splatting.run_watch import RunWatch
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
@@ -35,7 +36,7 @@ class Trainer:
     Args:
         state: of a new run or of a checkpoint.
         anchor_points: of the capture, on the backend's device; there may be none.
-        start_count: Gaussians at the start of the run.
+        start_points: float32 [P, 3], one for each Gaussian at the start of the run.
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
         finish: whether to end the run early; asked once it has 250 steps.
@@ -51,7 +52,7 @@ class Trainer:
         *,
         anchor_points: AnchorPoints,
         supervision: LabelSupervision,
-        start_count: int,
+        start_points: Tensor,
         recorder: Recorder,
         settings: TrainingSettings,
         extent: float,
@@ -59,11 +60,12 @@ class Trainer:
         finish: Callable[[], bool] = lambda: False,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
-        self._supervision, self._start_count, self._recorder = supervision, start_count, recorder
+        self._supervision, self._start_count, self._recorder = supervision, len(start_points), recorder
         self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
         self._finish = finish
         self._photometric = PhotometricTraining(settings)
+        self._watch = RunWatch(views, start_points, settings)
         self._device = state.parameters["means"].device
         self.progress = 0.0
 
@@ -91,10 +93,11 @@ class Trainer:
         settings, iteration, parameters = self._settings, self.state.iteration, self.state.parameters
         number = self._view_of(iteration)
         view = self.views[number]
-        frame = view.frames[image_level(progress, settings)]
+        level = image_level(progress, settings)
+        frame = view.frames[level]
         semantic = self._supervision.applies(frame, iteration)
         regularized = depth_regularized(iteration, progress, settings, frame.depth is not None)
-        self._photometric.decide_if_due(self.state, progress)
+        self._photometric.decide_if_due(self.state)
         correction = self._photometric.correction(self.state, number)
         anchors = depth_anchors(self._anchors(correction), view, frame) if regularized else None
         splats = splats_of(parameters)
@@ -117,6 +120,7 @@ class Trainer:
                 rendering, splats, parameters, frame, target, class_weights, self._extent, settings, anchors, correction
             )
             loss = sum(terms.values(), start=next(iter(terms.values())).new_zeros(()))
+            image_loss = terms["image"].detach()
             value, reason = loss.item(), f"{rendering.culled_non_finite} Gaussians are not finite"
         except InvalidInputError as error:
             value, reason = math.nan, str(error)
@@ -130,7 +134,10 @@ class Trainer:
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()
         self._photometric.step(self.state, number, progress, fit)
-        adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
+        rates, rate = learning_rates(progress, self._extent, settings), self._watch.rate(self.state)
+        adam_step(self.state, {name: value * rate for name, value in rates.items()}, settings.backend)
+        phase = 4 * level + 2 * (progress >= settings.depth_from) + (correction is not None)
+        self._watch.after_step(self.state, image_loss, phase)
         return value
 
     def _view_of(self, iteration: int) -> int:

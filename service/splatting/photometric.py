@@ -43,12 +43,8 @@ def channel_evs(correction: Tensor) -> Tensor:
 
 
 def correct(image: Tensor, correction: Tensor) -> Tensor:
-    """A picture as a photo of that exposure and white balance shows it; differentiable in both.
-
-    Args:
-        image: [..., P, 3] sRGB values, which may lie outside of 0..1.
-        correction: [3] exposure, red, blue in EV; zeros change nothing.
-    """
+    """A picture [..., P, 3] of sRGB values, which may lie outside of 0..1, as a photo of that correction [3], EV, shows
+    it; differentiable in both. Zeros change nothing."""
     corrected: Tensor = _Exposed.apply(image, channel_evs(correction))  # type: ignore[no-untyped-call]
     return corrected
 
@@ -74,8 +70,7 @@ def fitted_correction(image: Tensor, target: Tensor, alpha: Tensor, valid: Tenso
     Medians forgive what the picture does not have yet, and what is before it in this photo alone.
 
     Args:
-        image: [H, W, 3], rendered, not corrected.
-        target: [H, W, 3], the photo.
+        image, target: [H, W, 3], rendered and not corrected, and the photo.
         alpha: [H, W], how far the scene covers the pixels; those half covered and more count.
         valid: bool [H, W], pixels of the photo that count; None where all do.
     """

@@ -1,9 +1,10 @@
 """When and how a run corrects its photos' exposure and white balance (`photometric`).
 
-Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. So a run with `photometric =
-"auto"` notes each photo's fit to its rendered picture until `_DECIDED_AT`, and corrects the photos from then on where
-the fits differ, or their EXIF says so. A correction follows the fit of the median, which draws it near in a few visits,
-and the gradient.
+Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. A run that is left to photos that
+differ may explain each by Gaussians before its own camera. So with `photometric = "auto"` it looks at its photos after
+so many steps, whatever the time: it notes each photo's fit to its rendered picture, corrects the photos where they
+differ or their EXIF says so, looks again where it is in doubt, and drops corrections that turn out small. A correction
+follows the fit of the median, which draws it near in a few visits, and the gradient.
 """
 
 from __future__ import annotations
@@ -28,15 +29,19 @@ gradient of the loss refines it all along."""
 CORRECTIONS = "photometric"
 """Name of the corrections [V, 3] among the parameters of a run: exposure, red, blue of each training view, EV."""
 FITS = "photometric_fits"
-"""Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
+"""Name of what was noted of photos that are not corrected so far [V, 4]: their fits, and how many there were."""
 STEPS = "photometric_steps"
 """Name of how many steps of Adam each correction has had [V]; corrections may begin late in a run."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
-_DECIDED_AT = 0.2
+_LOOKS, _VISITS, _FEWEST_STEPS, _MOST_STEPS = 5, 2, 50, 200
+"""Looks at the photos in a run; each comes after so many more visits of each photo, within these bounds of steps."""
 _EXPOSURE_SPREAD, _BALANCE_SPREAD = 0.12, 0.08
 """Standard deviations over the photos, EV, from which they are taken to differ."""
+_BEGUN_AT_FIRST, _BEGUN, _KEPT = 2.0, 1.25, 1.0
+"""In times these. At the first look, of crude pictures, corrections begin above the first; later ones begin them above
+the second and drop those below the third."""
 _FIT_SHARE = 0.5
 """How far a fit draws a correction towards itself."""
 
@@ -50,7 +55,7 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
     corrections = torch.zeros(len(views), 3)
     corrections[:, 0] = (exposures - exposures.nanmean()).nan_to_num()
     corrections = zero_mean(corrections)
-    if settings.photometric == "on" or _differ(corrections):
+    if settings.photometric == "on" or _spread(corrections) > _KEPT:
         return {CORRECTIONS: corrections}
     return {FITS: torch.zeros(len(views), 4)}
 
@@ -61,17 +66,24 @@ class PhotometricTraining:
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
 
-    def decide_if_due(self, state: SplatState, progress: float) -> None:
-        """In a run that has only looked at its photos so far: corrects them from now on, or never, once it is time."""
-        if FITS not in state.parameters or progress < _DECIDED_AT:
+    def decide_if_due(self, state: SplatState) -> None:
+        """Begins or drops the corrections of a run that decides by itself, if the photos are to be looked at now."""
+        known = state.parameters.get(CORRECTIONS, state.parameters.get(FITS))
+        if known is None or self._settings.photometric != "auto":
             return
-        fits = state.parameters.pop(FITS).detach()
-        del state.exp_avg[FITS], state.exp_avg_sq[FITS]
-        seen, fits = fits[:, 3] > 0, fits[:, :3].contiguous()
-        fits[seen] = zero_mean(fits[seen])
-        if _differ(fits):
-            state.parameters[CORRECTIONS] = fits.requires_grad_()
-            state.exp_avg[CORRECTIONS], state.exp_avg_sq[CORRECTIONS] = torch.zeros_like(fits), torch.zeros_like(fits)
+        gap = min(max(_VISITS * len(known), _FEWEST_STEPS), _MOST_STEPS)
+        look, rest = divmod(state.iteration - _WARM_UP, gap)
+        if rest or not 1 <= look <= _LOOKS:
+            return
+        if FITS in state.parameters:
+            if _spread(_noted_fits(state)) > (_BEGUN_AT_FIRST if look == 1 else _BEGUN):
+                begin_corrections(state, len(known))
+            elif look == _LOOKS:
+                _forget(state, FITS)
+        elif look > 1 and _spread(known) < _KEPT:
+            _forget(state, CORRECTIONS, STEPS)
+            if look < _LOOKS:
+                state.begin(FITS, known.detach().new_zeros(len(known), 4))
 
     def correction(self, state: SplatState, number: int) -> Tensor | None:
         """[3] of a training view, differentiable; None where photos are not corrected."""
@@ -126,6 +138,29 @@ def photo_corrections(state: SplatState, views: Sequence[TrainingView]) -> dict[
     return {view.name: (row[0], row[1], row[2]) for view, row in zip(views, rows, strict=True)}
 
 
-def _differ(corrections: Tensor) -> bool:
-    exposure, red, blue = corrections.std(dim=0, correction=0).tolist()
-    return bool(exposure > _EXPOSURE_SPREAD or max(red, blue) > _BALANCE_SPREAD)
+def begin_corrections(state: SplatState, views: int) -> None:
+    """Corrects the photos of a run from now on, by what was noted of them, if they are not corrected already."""
+    if CORRECTIONS not in state.parameters:
+        fits = _noted_fits(state) if FITS in state.parameters else state.parameters["means"].new_zeros(views, 3)
+        _forget(state, FITS)
+        state.begin(CORRECTIONS, fits)
+
+
+def _noted_fits(state: SplatState) -> Tensor:
+    """[V, 3] of mean zero; zero for a photo that could not be fitted."""
+    noted = state.parameters[FITS].detach()
+    seen, fits = noted[:, 3] > 0, noted[:, :3].clone()
+    fits[seen] = zero_mean(fits[seen])
+    return fits
+
+
+def _forget(state: SplatState, *names: str) -> None:
+    for tensors in (state.parameters, state.exp_avg, state.exp_avg_sq):
+        for name in names:
+            tensors.pop(name, None)
+
+
+def _spread(corrections: Tensor) -> float:
+    """How far photos differ, 1 from where they are taken to."""
+    exposure, red, blue = corrections.detach().std(dim=0, correction=0).tolist()
+    return float(max(exposure / _EXPOSURE_SPREAD, max(red, blue) / _BALANCE_SPREAD))

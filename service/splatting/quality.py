@@ -4,7 +4,7 @@ image and over views."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -13,11 +13,14 @@ from torch import Tensor
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.objective import render_frame
+from fastsplat.service.splatting.photometric import corrected_for
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.errors import TrainingDivergedError
 
 _SATURATED = 254.5 / 255
 _MIN_FIT = 16
+_JUDGED, _UNLIKE_DB = 8, 20.0
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
@@ -56,28 +59,67 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
     return corrected
 
 
-@torch.no_grad()
+def require_likeness(
+    parameters: Mapping[str, Tensor],
+    views: Sequence[TrainingView],
+    held_out: Sequence[TrainingView],
+    corrections: Tensor | None,
+    backend: Backend,
+) -> None:
+    """Refuses a scene most of whose pictures are below 20 dB and less like their photos than one color each is.
+
+    Args:
+        parameters: as for `measure_views`.
+        views: training views; of these, and of `held_out` if photos are not corrected, at most 8 each are rendered.
+        corrections: [V, 3] of the training views (`photometric`), or None.
+
+    Raises:
+        TrainingDivergedError: more than half of the pictures are that bad.
+    """
+    some = slice(None, None, math.ceil(len(views) / _JUDGED))
+    judged, rows = [*views[some]], None if corrections is None else corrections.detach()[some]
+    if rows is None and held_out:
+        judged += held_out[:: math.ceil(len(held_out) / _JUDGED)]
+    figures = []
+    for row, image, target, valid in _pictures(parameters, judged, backend):
+        shown = image if rows is None else corrected_for(image, rows[row], target)
+        mean = (target if valid is None else target[valid]).reshape(-1, 3).mean(dim=0).expand_as(target)
+        figures.append((psnr(shown, target, valid), psnr(mean, target, valid)))
+    if 2 * sum(found < min(mean, _UNLIKE_DB) for found, mean in figures) > len(figures):
+        found, mean = np.median(figures, axis=0)
+        raise TrainingDivergedError(
+            f"after the last step the scene's pictures have a PSNR of {found:.1f} dB",
+            field="quality.psnr",
+            limit=f"at least {min(mean, _UNLIKE_DB):.1f} dB, as one color for each photo has",
+            hint="Check that poses belong to their photos, and leave out photos in which things moved.",
+        )
+
+
 def measure_views(
     parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
 ) -> dict[str, float]:
     """psnr, psnr_cc (after `color_corrected`) and ssim of the scene's colors, each the mean over the views where it is
     finite; absent if it is in none.
 
-    Args:
-        parameters: see `SplatState`; all harmonics are used.
-        views: compared at their largest size.
+    All harmonics of the parameters are used (see `SplatState`), and views are compared at their largest size.
     """
-    degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
-    splats = splats_of(parameters)
     figures: dict[str, list[float]] = {"psnr": [], "psnr_cc": [], "ssim": []}
-    for view in views:
-        frame = view.frames[-1]
-        if not frame.has_content:
-            continue
-        image = render_frame(parameters, splats, view, frame, degree=degree, backend=backend).image
-        target = frame.target()
-        figures["psnr"].append(psnr(image, target, frame.valid))
-        figures["psnr_cc"].append(psnr(color_corrected(image, target, frame.valid), target, frame.valid))
-        figures["ssim"].append(ssim(image, target, frame.valid))
+    for _, image, target, valid in _pictures(parameters, views, backend):
+        figures["psnr"].append(psnr(image, target, valid))
+        figures["psnr_cc"].append(psnr(color_corrected(image, target, valid), target, valid))
+        figures["ssim"].append(ssim(image, target, valid))
     finite = {name: [value for value in values if math.isfinite(value)] for name, values in figures.items()}
     return {name: float(np.mean(values)) for name, values in finite.items() if values}
+
+
+@torch.no_grad()
+def _pictures(
+    parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
+) -> Iterator[tuple[int, Tensor, Tensor, Tensor | None]]:
+    """Row, picture, photo and valid pixels of each view that shows anything."""
+    degree, splats = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1, splats_of(parameters)
+    for row, view in enumerate(views):
+        frame = view.frames[-1]
+        if frame.has_content:
+            image = render_frame(parameters, splats, view, frame, degree=degree, backend=backend).image
+            yield row, image, frame.target(), frame.valid

@@ -35,6 +35,11 @@ class SplatState:
         """Gaussians in use."""
         return len(self.parameters["means"])
 
+    def begin(self, name: str, value: Tensor) -> None:
+        """Makes `value` a parameter of which nothing has been learned; its moments are zero."""
+        self.parameters[name] = value.detach().requires_grad_()
+        self.exp_avg[name], self.exp_avg_sq[name] = value.new_zeros(value.shape), value.new_zeros(value.shape)
+
     def tensors(self) -> dict[str, Tensor]:
         """Everything but the iteration, on the CPU under flat names."""
         groups = {"parameter": self.parameters, "exp_avg": self.exp_avg, "exp_avg_sq": self.exp_avg_sq}
@@ -58,13 +63,11 @@ class Step:
 
 def new_state(parameters: Mapping[str, Tensor], device: torch.device | None = None) -> SplatState:
     """A run before its first step, on `device` (default: where the parameters are)."""
-    # Cloned, because the start values may be the caller's own arrays.
-    leaves = {name: v.detach().to(device, torch.float32, copy=True).requires_grad_() for name, v in parameters.items()}
-    return SplatState(
-        leaves,
-        {name: torch.zeros_like(value, requires_grad=False) for name, value in leaves.items()},
-        {name: torch.zeros_like(value, requires_grad=False) for name, value in leaves.items()},
-    )
+    state = SplatState({}, {}, {})
+    for name, value in parameters.items():
+        # Cloned, because the start values may be the caller's own arrays.
+        state.begin(name, value.detach().to(device, torch.float32, copy=True))
+    return state
 
 
 def restored_state(tensors: Mapping[str, Tensor], iteration: int, device: torch.device | None = None) -> SplatState:

@@ -30,14 +30,15 @@ from fastsplat.service.splatting.optimization import Trainer
 from fastsplat.service.splatting.photometric_training import CORRECTIONS, photo_corrections, start_corrections
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
-from fastsplat.service.splatting.quality import measure_views
+from fastsplat.service.splatting.quality import measure_views, require_likeness
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.recorder import Recorder
+from fastsplat.service.splatting.run_watch import return_warnings
 from fastsplat.service.splatting.scene_exposure import scene_exposure
 from fastsplat.service.splatting.schedule import image_scales
 from fastsplat.service.splatting.semantics import ghost_share, start_codes, start_head
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training_views import TrainingView, capture_split, drop_empty_label_maps, load_views
@@ -71,7 +72,7 @@ def train(
         InvalidInputError: no views, points that are not finite, images that contradict their cameras.
         ModelUnavailableError: backend cuda without an NVIDIA GPU or gsplat.
         ConflictError: the checkpoint belongs to another run.
-        TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
+        TrainingDivergedError: the loss or a Gaussian became NaN or infinite, or see `require_likeness`.
     """
     if not capture.views:
         raise InvalidInputError("the capture has no registered views", field="capture.views")
@@ -115,7 +116,7 @@ def train(
             there,
             anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
-            start_count=len(run.start.points),
+            start_points=torch.from_numpy(run.start.points),
             recorder=recorder,
             settings=settings,
             extent=run.extent,
@@ -123,6 +124,9 @@ def train(
             finish=watch.finish,
         )
         trainer.run()
+        if trainer.state.iteration >= FEWEST_STEPS:
+            corrections = trainer.state.parameters.get(CORRECTIONS)
+            require_likeness(trainer.state.parameters, there, run.held_out, corrections, settings.backend)
         refit_seconds = _refit_labels(run, trainer, settings)
         trained = _finished(run, trainer, recorder, settings, refit_seconds)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
@@ -254,7 +258,8 @@ def _finished(
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
     held_out = tuple(view.name for view in run.held_out)
-    return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
+    warnings = return_warnings(trainer.state)
+    return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections, warnings)
 
 
 def _pruned(

@@ -24,6 +24,7 @@ class TrainedSplats:
         evidence: label evidence of the other views; None if codes store the labels.
         photometric: exposure, red and blue white balance by training photo, EV, zero mean
             (`service.splatting.photometric`); empty without correction.
+        warnings: sentences that say what a person should know of the run.
     """
 
     gaussians: Gaussians
@@ -32,3 +33,4 @@ class TrainedSplats:
     held_out: tuple[str, ...]
     evidence: Evidence | None = None
     photometric: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.losses.one_pass import StoredGradients
-from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
+from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
 
 MAX_CODE_SIZE: int = kernels.MAX_CODE_SIZE
 """Largest code dimension that `SemanticLoss` supports."""
@@ -24,16 +24,8 @@ class ImageLoss(StoredGradients):
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         image, target, ssim_weight, valid = inputs
         grad = torch.empty_like(image) if ctx.needs_input_grad[0] else None
-        options = kernel_options()
-        loss = kernels.image_loss(
-            image=image.detach().numpy(),
-            target=target.numpy(),
-            valid=None if valid is None else valid.view(torch.uint8).numpy(),
-            ssim_weight=float(ssim_weight),
-            grad=None if grad is None else grad.numpy(),
-            threads=options.threads,
-            isa=options.isa,
-        )
+        given = arrays(image=image, target=target, valid=valid, grad=grad)
+        loss = kernels.image_loss(**given, ssim_weight=float(ssim_weight), **running())
         if grad is not None:
             ctx.save_for_backward(grad)
         return torch.tensor(loss, dtype=torch.float32)
@@ -47,19 +39,8 @@ class SemanticLoss(StoredGradients):
         codes, weight, bias, labels, class_weights = (part.detach() for part in inputs)
         d_codes = torch.empty(codes.shape)
         d_weight, d_bias = torch.empty_like(weight), torch.empty_like(bias)
-        options = kernel_options()
-        loss = kernels.cross_entropy(
-            codes=codes.numpy(),
-            weight=weight.numpy(),
-            bias=bias.numpy(),
-            labels=labels.numpy(),
-            class_weights=class_weights.numpy(),
-            d_codes=d_codes.numpy(),
-            d_weight=d_weight.numpy(),
-            d_bias=d_bias.numpy(),
-            threads=options.threads,
-            isa=options.isa,
-        )
+        given = arrays(codes=codes, weight=weight, bias=bias, labels=labels, class_weights=class_weights)
+        loss = kernels.cross_entropy(**given, **arrays(d_codes=d_codes, d_weight=d_weight, d_bias=d_bias), **running())
         ctx.save_for_backward(d_codes, d_weight, d_bias)
         return torch.tensor(loss, dtype=torch.float32)
 
@@ -71,22 +52,11 @@ class SurfaceLoss(StoredGradients):
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         alpha, depth, squared, target, valid, alpha_min, step, spread_weight, smoothness_weight = inputs
         gradients = [torch.empty(alpha.shape) for _ in range(3)]
-        options = kernel_options()
         loss = kernels.surface_loss(
-            alpha=alpha.detach().numpy(),
-            depth=depth.detach().numpy(),
-            squared=squared.detach().numpy(),
-            target=target.numpy(),
-            valid=None if valid is None else valid.view(torch.uint8).numpy(),
-            alpha_min=alpha_min,
-            step=step,
-            spread_weight=spread_weight,
-            smoothness_weight=smoothness_weight,
-            d_alpha=gradients[0].numpy(),
-            d_depth=gradients[1].numpy(),
-            d_squared=gradients[2].numpy(),
-            threads=options.threads,
-            isa=options.isa,
+            **arrays(alpha=alpha, depth=depth, squared=squared, target=target, valid=valid),
+            **arrays(**dict(zip(("d_alpha", "d_depth", "d_squared"), gradients, strict=True))),
+            **{"alpha_min": alpha_min, "step": step, **running()},
+            **{"spread_weight": spread_weight, "smoothness_weight": smoothness_weight},
         )
         ctx.save_for_backward(*gradients)
         return torch.tensor(loss, dtype=torch.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -36,14 +37,9 @@ def label_map(
         if values is not None:
             shares = logits.sub_(best).exp_()
             expected[piece] = (values @ shares) / shares.sum(dim=0)
-    covered = rendering.alpha >= alpha_min
-    return LabelMap(
-        classes=torch.where(covered, classes.reshape(height, width), 0),
-        alpha=rendering.alpha,
-        relevancy=None if relevancy is None else expected.reshape(height, width),
-        image=rendering.image[..., :first],
-        culled_non_finite=rendering.culled_non_finite,
-    )
+    shown = torch.where(rendering.alpha >= alpha_min, classes.reshape(height, width), 0)
+    found = None if relevancy is None else expected.reshape(height, width)
+    return LabelMap(shown, rendering.alpha, found, rendering.image[..., :first], rendering.culled_non_finite)
 
 
 def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Rendering]]:
@@ -53,27 +49,17 @@ def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Render
     for start in range(0, height, rows):
         band = slice(start, min(start + rows, height))
         median = None if rendering.median_depth is None else rendering.median_depth[band]
-        part = Rendering(
-            image=rendering.image[band],
-            alpha=rendering.alpha[band],
-            depth=rendering.depth[band],
-            median_depth=median,
-            radii=rendering.radii,
-            culled_non_finite=rendering.culled_non_finite,
-        )
-        yield band, part
+        image, alpha, depth = (part[band] for part in (rendering.image, rendering.alpha, rendering.depth))
+        yield band, replace(rendering, image=image, alpha=alpha, depth=depth, median_depth=median)
 
 
 def joined(maps: Sequence[LabelMap]) -> LabelMap:
     """Concatenates label maps vertically."""
     relevancies = [part.relevancy for part in maps if part.relevancy is not None]
-    return LabelMap(
-        classes=torch.cat([part.classes for part in maps]),
-        alpha=torch.cat([part.alpha for part in maps]),
-        relevancy=torch.cat(relevancies) if relevancies else None,
-        image=torch.cat([part.image for part in maps]),
-        culled_non_finite=maps[0].culled_non_finite,
+    classes, alpha, image = (
+        torch.cat([getattr(part, name) for part in maps]) for name in ("classes", "alpha", "image")
     )
+    return LabelMap(classes, alpha, torch.cat(relevancies) if relevancies else None, image, maps[0].culled_non_finite)
 
 
 def label_sums(labels: Tensor, gaussians: int, accumulate: Callable[[Tensor], Tensor]) -> LabelSums:

@@ -5,7 +5,7 @@ A view keeps the thread count and instruction set it was prepared with (`service
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.splatting.raster import classify, harmonics
 from fastsplat.service.splatting.raster.checks import isect_limit_error
-from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
+from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError, InvalidInputError
@@ -96,16 +96,11 @@ def label_map(
     classes, alpha = torch.empty(shape, dtype=torch.int32), torch.empty(shape)
     expected = None if relevancy is None else torch.empty(shape)
     image = torch.empty(*shape, channels - size)
-    _call(context.label_map, settings)(
-        weight=_float32(weight.detach()).numpy(),
-        bias=_float32(bias.detach()).numpy(),
-        relevancy=None if relevancy is None else _float32(relevancy.detach()).numpy(),
-        alpha_min=alpha_min,
-        classes=classes.numpy(),
-        alpha=alpha.numpy(),
-        expected=None if expected is None else expected.numpy(),
-        image=image.numpy(),
+    head = arrays(
+        weight=_float32(weight), bias=_float32(bias), relevancy=None if relevancy is None else _float32(relevancy)
     )
+    drawn = arrays(classes=classes, alpha=alpha, expected=expected, image=image)
+    _call(context.label_map, settings)(**head, **drawn, alpha_min=alpha_min)
     dtype = splats.means.dtype
     expected = None if expected is None else expected.to(dtype)
     return LabelMap(classes, alpha.to(dtype), expected, image.to(dtype), context.non_finite)
@@ -160,6 +155,11 @@ def _parts(splats: Splats) -> tuple[Tensor, ...]:
     return splats.means, splats.quats, splats.scales, splats.opacities, splats.features
 
 
+def _named(parts: Sequence[Tensor], prefix: str = "") -> dict[str, Any]:
+    names = ("means", "quats", "scales", "opacities", "features")
+    return arrays(**{prefix + name: part for name, part in zip(names, parts, strict=True)})
+
+
 def _float32(tensor: Tensor) -> Tensor:
     if tensor.device.type != "cpu":
         raise InvalidInputError(f"the cpu backend got a tensor on {tensor.device}", field="backend")
@@ -169,31 +169,13 @@ def _float32(tensor: Tensor) -> Tensor:
 def _prepare(
     parts: list[Tensor], viewmat: Tensor, camera: Camera, settings: RasterSettings
 ) -> tuple[kernels.RenderContext, Tensor]:
-    options = kernel_options()
     radii = torch.empty(len(parts[0]), dtype=torch.int32)
-    means, quats, scales, opacities, features = (part.numpy() for part in parts)
     context = _call(kernels.prepare, settings)(
-        means=means,
-        quats=quats,
-        scales=scales,
-        opacities=opacities,
-        features=features,
-        viewmat=viewmat.detach().to(torch.float64).contiguous().numpy(),
-        camera=kernels.Camera(
-            width=camera.width, height=camera.height, fx=camera.fx, fy=camera.fy, cx=camera.cx, cy=camera.cy
-        ),
-        settings=kernels.RasterSettings(
-            alpha_min=settings.alpha_min,
-            alpha_max=settings.alpha_max,
-            transmittance_min=settings.transmittance_min,
-            near=settings.near,
-            far=settings.far,
-            eps2d=settings.eps2d,
-            max_isects=settings.max_isects,
-        ),
-        radii=radii.numpy(),
-        threads=options.threads,
-        isa=options.isa,
+        **_named(parts),
+        **arrays(viewmat=viewmat.to(torch.float64).contiguous(), radii=radii),
+        camera=kernels.Camera(**vars(camera)),
+        settings=kernels.RasterSettings(**vars(settings)),
+        **running(),
     )
     return context, radii
 
@@ -205,14 +187,8 @@ def _composite(
     shape = (rows.stop - rows.start, width)
     image = torch.empty(*shape, len(background))
     alpha, depth, median = torch.empty(shape), torch.empty(shape), torch.empty(shape)
-    _call(context.forward, settings)(
-        background=background.numpy(),
-        image=image.numpy(),
-        alpha=alpha.numpy(),
-        depth=depth.numpy(),
-        median_depth=median.numpy(),
-        first_row=rows.start,
-    )
+    drawn = arrays(background=background, image=image, alpha=alpha, depth=depth, median_depth=median)
+    _call(context.forward, settings)(**drawn, first_row=rows.start)
     return image, alpha, depth, median
 
 
@@ -249,28 +225,15 @@ class _Rasterize(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
         *tensors, alpha = ctx.saved_tensors
-        grad_image, grad_alpha, grad_depth = (None if g is None else g.contiguous().numpy() for g in grads[:3])
-        means, quats, scales, opacities, features = (tensor.detach().numpy() for tensor in tensors[:5])
+        grad_image, grad_alpha, grad_depth = (None if g is None else g.contiguous() for g in grads[:3])
         gradients = [torch.empty_like(tensor.detach()) for tensor in tensors[:5]]
-        d_means, d_quats, d_scales, d_opacities, d_features = (gradient.numpy() for gradient in gradients)
         pose = torch.empty(12, dtype=torch.float64) if ctx.needs_input_grad[6] else None
         context: kernels.RenderContext = ctx.context
         _call(context.backward, ctx.settings)(
-            means=means,
-            quats=quats,
-            scales=scales,
-            opacities=opacities,
-            features=features,
-            background=tensors[5].detach().numpy(),
-            grad_image=grad_image,
-            grad_alpha=grad_alpha,
-            grad_depth=grad_depth,
-            d_means=d_means,
-            d_quats=d_quats,
-            d_scales=d_scales,
-            d_opacities=d_opacities,
-            d_features=d_features,
-            d_pose=None if pose is None else pose.numpy(),
+            **_named(tensors[:5]),
+            **_named(gradients, "d_"),
+            **arrays(background=tensors[5], grad_image=grad_image, grad_alpha=grad_alpha, grad_depth=grad_depth),
+            **arrays(d_pose=pose),
         )
         back = None
         if ctx.needs_input_grad[5] and grads[0] is not None:
@@ -289,16 +252,9 @@ class _SphericalHarmonics(torch.autograd.Function):
         means, sh, camera_position, degree = inputs
         rgb = torch.empty(len(means), 3)
         ctx.save_for_backward(means, sh, camera_position)
-        ctx.degree, ctx.options = degree, kernel_options()
-        kernels.spherical_harmonics(
-            means=means.detach().numpy(),
-            sh=sh.detach().numpy(),
-            camera_position=camera_position.numpy(),
-            degree=degree,
-            rgb=rgb.numpy(),
-            threads=ctx.options.threads,
-            isa=ctx.options.isa,
-        )
+        ctx.degree, ctx.options = degree, running()
+        given = arrays(means=means, sh=sh, camera_position=camera_position, rgb=rgb)
+        kernels.spherical_harmonics(**given, degree=degree, **ctx.options)
         return rgb
 
     @staticmethod
@@ -306,15 +262,8 @@ class _SphericalHarmonics(torch.autograd.Function):
     def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
         means, sh, camera_position = ctx.saved_tensors
         d_means, d_sh = torch.empty_like(means), torch.empty_like(sh)
+        given = arrays(means=means, sh=sh, camera_position=camera_position, grad=grads[0].contiguous())
         kernels.spherical_harmonics_backward(
-            means=means.detach().numpy(),
-            sh=sh.detach().numpy(),
-            camera_position=camera_position.numpy(),
-            degree=ctx.degree,
-            grad=grads[0].contiguous().numpy(),
-            d_means=d_means.numpy(),
-            d_sh=d_sh.numpy(),
-            threads=ctx.options.threads,
-            isa=ctx.options.isa,
+            **given, **arrays(d_means=d_means, d_sh=d_sh), degree=ctx.degree, **ctx.options
         )
         return d_means, d_sh, None, None

@@ -205,14 +205,9 @@ def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite
     none = splats.means[:0].sum() + splats.features[:0].sum()
     zero = none.float().expand(camera.height, camera.width)
     image = zero[..., None].expand(-1, -1, channels)
-    return Rendering(
-        image=image if background is None else image + background.float(),
-        alpha=zero,
-        depth=zero,
-        median_depth=zero.detach() if median else None,
-        radii=torch.zeros(count, dtype=torch.int32, device=zero.device),
-        culled_non_finite=non_finite,
-    )
+    image = image if background is None else image + background.float()
+    radii = torch.zeros(count, dtype=torch.int32, device=zero.device)
+    return Rendering(image, zero, zero, zero.detach() if median else None, radii, non_finite)
 
 
 @lru_cache(maxsize=1024)  # avoids a transfer to the GPU in each step

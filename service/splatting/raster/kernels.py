@@ -12,9 +12,15 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 try:
     from fastsplat.service.splatting.raster import _cpu
@@ -71,6 +77,17 @@ def options_from(environment: Mapping[str, str]) -> KernelOptions:
 def kernel_options() -> KernelOptions:
     """Returns the options of the innermost `running_with`, or the process's."""
     return _override.get() or _process_options()
+
+
+def running() -> dict[str, Any]:
+    """`kernel_options` as arguments of a kernel."""
+    return vars(kernel_options())
+
+
+def arrays(**tensors: Tensor | None) -> dict[str, Any]:
+    """Tensors of the CPU as arguments of a kernel, which reads and writes their own memory; bool as bytes."""
+    given = {name: None if tensor is None else tensor.detach().numpy() for name, tensor in tensors.items()}
+    return {name: a.view(np.uint8) if a is not None and a.dtype == np.bool_ else a for name, a in given.items()}
 
 
 @contextmanager

@@ -20,41 +20,26 @@ DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 
 
 @DEGREES
-def test_colors_and_gradients(degree: int, isa: str) -> None:
-    g = torch.Generator().manual_seed(degree)
-    means, sh = torch.randn(500, 3, generator=g), torch.randn(500, 16, 3, generator=g)
-    camera, up = torch.tensor([0.3, -0.2, 0.1]), torch.randn(500, 3, generator=g)
-    results = []
-    for backend, dtype in (("reference", torch.float64), ("cpu", torch.float32)):
-        parts = [part.to(dtype, copy=True).requires_grad_() for part in (means, sh)]
-        rgb = sh_to_rgb(*parts, camera.to(dtype), degree, backend=backend)
-        (rgb * up.to(dtype)).sum().backward()
-        results.append((rgb.detach(), parts[0].grad if degree else torch.zeros(500, 3), parts[1].grad))
-    for truth, ours in zip(*results, strict=True):
-        assert truth is not None and ours is not None
-        assert float((ours - truth).norm()) <= 2e-5 * float(truth.norm())
-
-
-@DEGREES
-def test_gsplat_has_the_same_colors_and_gradients(degree: int, gsplat_on_cpu: object) -> None:
-    assert_gsplat_has_the_same(degree, torch.device("cpu"))
+@pytest.mark.parametrize("backend", ["cpu", "cuda"])
+def test_colors_and_gradients(degree: int, backend: str, isa: str, gsplat_on_cpu: object) -> None:
+    assert_same(degree, backend, torch.device("cpu"))
 
 
 @DEGREES
 @needs_gpu
-def test_so_have_its_kernels(degree: int) -> None:
-    assert_gsplat_has_the_same(degree, torch.device("cuda"))
+def test_so_have_gsplats_kernels(degree: int) -> None:
+    assert_same(degree, "cuda", torch.device("cuda"))
 
 
-def assert_gsplat_has_the_same(degree: int, device: torch.device) -> None:
-    """Values and gradients of backend `cuda` against the reference."""
+def assert_same(degree: int, backend: str, device: torch.device) -> None:
+    """Values and gradients of a backend against the reference."""
     g = torch.Generator().manual_seed(degree)
     means, sh, up = (torch.randn(*shape, generator=g) for shape in ((500, 3), (500, 16, 3), (500, 3)))
     camera = torch.tensor([0.3, -0.2, 0.1])
     results = []
-    for backend, dtype, place in (("reference", torch.float64, torch.device("cpu")), ("cuda", torch.float32, device)):
+    for way, dtype, place in (("reference", torch.float64, torch.device("cpu")), (backend, torch.float32, device)):
         parts = [part.to(place, dtype, copy=True).requires_grad_() for part in (means, sh)]
-        rgb = sh_to_rgb(*parts, camera.to(place, dtype), degree, backend=backend)
+        rgb = sh_to_rgb(*parts, camera.to(place, dtype), degree, backend=way)
         (rgb * up.to(place, dtype)).sum().backward()
         by_means = parts[0].grad if degree else torch.zeros(500, 3)
         results.append([part.detach().cpu() for part in (rgb, by_means, parts[1].grad)])

@@ -17,6 +17,7 @@ from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.splatting.photometric import correct
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -123,6 +124,22 @@ def masked(capture: Capture, index: int, mask: np.ndarray) -> Capture:
     views = list(capture.views)
     views[index] = dataclasses.replace(views[index], valid_path=path)
     return dataclasses.replace(capture, views=tuple(views))
+
+
+def repainted(capture: Capture, folder: Path, paint: Callable[[int, np.ndarray], np.ndarray]) -> Capture:
+    """The capture with new photos in `folder`; `paint` makes each of its number and the old one, uint8 [H, W, 3]."""
+    views = []
+    for index, view in enumerate(capture.views):
+        path = folder / view.posed.name
+        Image.fromarray(paint(index, np.asarray(Image.open(view.image_path).convert("RGB")))).save(path)
+        views.append(dataclasses.replace(view, image_path=path))
+    return dataclasses.replace(capture, views=tuple(views))
+
+
+def exposed(pixels: np.ndarray, correction: Tensor) -> np.ndarray:
+    """The photo uint8 [H, W, 3] as one of that exposure and white balance [3], EV, shows it."""
+    shown = correct(torch.from_numpy(pixels.copy()).double() / 255, correction).clamp(0, 1)
+    return (shown * 255).round().byte().numpy()
 
 
 def stopping_at(iteration: int) -> Callable[[ProgressEvent], None]:

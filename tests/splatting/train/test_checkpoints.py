@@ -98,4 +98,4 @@ def test_a_checkpoint_of_an_older_format_is_not_continued_and_the_log_says_so(
     assert same_run(fresh, train(*world, quick(iterations=4), silent, tmp_path))
     assert "anew" in caplog.text
     with safetensors.safe_open(tmp_path / "training.safetensors", "pt") as file:
-        assert file.metadata()["version"] == "1"
+        assert file.metadata()["version"] == "2"

@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.depth_regularization import (
     AnchorPoints,
     DepthAnchors,
@@ -21,12 +20,9 @@ from fastsplat.service.splatting.depth_regularization import (
     squared_depths,
     surface_loss,
 )
-from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.schedule import depth_regularized
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views
 from tests.splatting.train.conftest import assert_gradients_agree
 
@@ -151,20 +147,3 @@ def test_each_term_has_its_weight_times_how_seldom_it_enters_and_none_is_off_by_
     )
     assert torch.allclose(weighted["depth_surface"], 7 * (2 * spread + 3 * roughness))
     assert torch.allclose(weighted["depth_anchors"], 7 * 5 * error)
-
-
-def _spread_of(capture, labelling, trained) -> float:
-    view = load_views(capture, labelling, (0,), 64, (1.0,))[0]
-    splats = splats_of(trained.gaussians)
-    splats = replace(splats, features=squared_depths(splats.means, view.viewmat))
-    out = rasterize(splats, view.viewmat, view.frames[-1].camera)
-    return float(depth_spread(out.alpha, out.depth, out.image[..., 0]))
-
-
-def test_a_run_gathers_the_depths_of_a_pixel(world, quick) -> None:
-    capture, labelling = world
-    spread = [
-        _spread_of(capture, labelling, train(capture, labelling, quick(iterations=150, depth_spread_weight=w), silent))
-        for w in (10.0, 0.0)
-    ]
-    assert spread[0] < 0.7 * spread[1]

@@ -62,16 +62,6 @@ def test_views_can_be_added_to_the_bit(trained: TrainedSplats, world: World) -> 
     assert same(merged([first, second]), of_views(trained, world, (0, 1, 2, 3)))
 
 
-def test_held_out_label_maps_have_no_say(world: World, quick: Callable[..., TrainingSettings]) -> None:
-    capture, labelling = world
-    _, held_out = split_views(len(capture.views), 8)
-    maps = tuple(m * 0 + 1 if i in held_out else m for i, m in enumerate(labelling.label_maps))
-    settings = quick(label_mode="evidence")
-    before = train(capture, labelling, settings, silent)
-    after = train(capture, Labelling(labelling.dictionary, maps), settings, silent)
-    assert before.evidence is not None and after.evidence is not None and same(before.evidence, after.evidence)
-
-
 def test_evidence_is_the_blend_weight_over_the_pixels_of_a_label(trained: TrainedSplats, world: World) -> None:
     capture, labelling = world
     view, labels = capture.views[0].posed, labelling.label_maps[0]
@@ -87,16 +77,6 @@ def test_evidence_is_the_blend_weight_over_the_pixels_of_a_label(trained: Traine
     table = np.zeros_like(expected)
     table[np.repeat(np.arange(len(g)), np.diff(found.starts)), found.labels] = found.counts / 4096
     np.testing.assert_allclose(table, expected, atol=2e-2)
-
-
-def test_views_that_contradict_each_other_are_counted_as_they_are(trained: TrainedSplats, world: World) -> None:
-    posed = world[0].views[0].posed
-    shape = world[1].label_maps[0].shape
-    ones, twos = (view_evidence(trained.gaussians, posed, np.full(shape, n), CLASSES) for n in (1, 2))
-    found = posterior(merged([ones, twos, twos]), CLASSES)
-    seen = seen_pixels(ones) > 20
-    assert seen.any() and (found.classes[seen] == 2).all()
-    np.testing.assert_allclose(found.confidence[seen], 2 / 3, atol=0.02)
 
 
 @pytest.mark.parametrize("mode", ["codes", "evidence"])

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
@@ -28,16 +27,23 @@ from fastsplat.service.splatting.photometric import (
     to_light,
     zero_mean,
 )
-from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, PhotometricTraining, start_corrections
+from fastsplat.service.splatting.photometric_training import (
+    CORRECTIONS,
+    FITS,
+    PhotometricTraining,
+    begin_corrections,
+    start_corrections,
+)
+from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.splatting.quality import color_corrected
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.state import new_state
+from fastsplat.service.splatting.state import SplatState, new_state
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError
-from tests.splatting.train.conftest import stopping_at
+from tests.splatting.train.conftest import exposed, repainted, stopping_at
 
 _CORRECTION = torch.tensor([0.7, -0.2, 0.1], dtype=torch.float64)
 
@@ -76,13 +82,6 @@ def test_what_is_brighter_than_white_is_no_error() -> None:
     assert shown[0, 0, 0] == 1 and shown[0, 0, 1] > 0.6 and shown[0, 0, 2] < 0.5
 
 
-def test_the_mean_over_the_photos_is_zero_and_differences_stay() -> None:
-    rows = torch.randn(37, 3, generator=torch.Generator().manual_seed(2)) + 5
-    centered = zero_mean(rows)
-    assert centered.double().mean(dim=0).abs().max() < 1e-7
-    assert torch.allclose(centered - centered[0], rows - rows[0], atol=2e-6)
-
-
 def test_a_fit_finds_the_correction_although_a_third_of_the_photo_shows_something_else() -> None:
     image = 0.2 + 0.3 * _image(40, 40).clamp(0, 1)
     target = correct(image, _CORRECTION)
@@ -109,13 +108,8 @@ def _perturbed(capture: Capture, folder: Path) -> tuple[Capture, Tensor]:
     """The capture with photos of drawn exposures, and their corrections."""
     evs = np.random.default_rng(4).uniform(-0.8, 0.8, len(capture.views))
     corrections = torch.tensor(np.column_stack([evs, 0.05 * evs[::-1], -0.05 * evs]))
-    views = []
-    for view, correction in zip(capture.views, corrections, strict=True):
-        pixels = torch.tensor(np.asarray(Image.open(view.image_path).convert("RGB"))).double() / 255
-        path = folder / view.posed.name
-        Image.fromarray((correct(pixels, correction).clamp(0, 1) * 255).round().byte().numpy()).save(path)
-        views.append(dataclasses.replace(view, image_path=path))
-    return dataclasses.replace(capture, views=tuple(views)), zero_mean(corrections)
+    made = repainted(capture, folder, lambda index, pixels: exposed(pixels, corrections[index]))
+    return made, zero_mean(corrections)
 
 
 def _rows(trained: TrainedSplats) -> Tensor:
@@ -158,31 +152,60 @@ def test_a_run_with_corrections_resumes_to_the_bit(
     assert _same(train(capture, world[1], settings, silent, tmp_path / "run"), whole)
 
 
-def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
-    settings = TrainingSettings(iterations=1000, time_budget_s=None)
-    training = PhotometricTraining(settings)
-    for spread, differs in ((0.5, True), (0.02, False)):
-        state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(4, 4)})
-        for number, sign in enumerate((-1.0, 1.0, -1.0, 1.0)):
-            training.step(state, number, 0.1, torch.tensor([3 + sign * spread, 0.0, 0.0]))
-        training.decide_if_due(state, 0.1)
-        assert FITS in state.parameters, "not before it is time"
-        training.decide_if_due(state, 0.3)
-        assert FITS not in state.parameters and FITS not in state.exp_avg
-        assert (CORRECTIONS in state.parameters) == differs
-        if differs:
-            assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+def test_photos_that_differ_are_corrected_after_as_many_steps_however_long_the_run_is_to_be(
+    world, quick, tmp_path: Path
+) -> None:
+    capture, truth = _perturbed(world[0], tmp_path)
+    settings = quick(iterations=40_000, held_out_every=0)
+    rows = _rows(train(capture, world[1], settings, silent, watch=TrainingWatch(finish=lambda: True)))
+    assert (rows - truth)[:, 0].square().mean().sqrt() < 0.4 * truth[:, 0].square().mean().sqrt()
 
 
-@pytest.mark.parametrize("looked_at", [0, 40])
-def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_first_step(looked_at: int) -> None:
+def _noted(spread: float, iteration: int, name: str = FITS) -> SplatState:
+    """A state whose four photos were found to differ by so many EV."""
+    rows = torch.tensor([[3 + sign * spread, 0.0, 0.0, 2.0] for sign in (-1.0, 1.0, -1.0, 1.0)])
+    state = new_state({"means": torch.zeros(1, 3), name: rows if name == FITS else zero_mean(rows[:, :3])})
+    state.iteration = iteration
+    return state
+
+
+@pytest.mark.parametrize(
+    ("spread", "iteration", "before", "after"),
+    [
+        (0.5, 99, FITS, FITS),  # not before each photo has been seen
+        (0.5, 100, FITS, CORRECTIONS),
+        (0.02, 100, FITS, FITS),
+        (0.16, 100, FITS, FITS),  # in doubt: the first pictures are crude
+        (0.16, 150, FITS, CORRECTIONS),
+        (0.13, 150, CORRECTIONS, CORRECTIONS),
+        (0.11, 150, CORRECTIONS, FITS),
+        (0.13, 150, FITS, FITS),  # what was dropped begins again where photos differ by more
+        (0.02, 300, FITS, None),  # the last look
+        (0.02, 300, CORRECTIONS, None),
+    ],
+)
+def test_corrections_begin_where_photos_differ_and_are_dropped_where_they_agree(
+    spread: float, iteration: int, before: str, after: str | None
+) -> None:
+    state = _noted(spread, iteration, before)
+    PhotometricTraining(TrainingSettings()).decide_if_due(state)
+    assert [name for name in (FITS, CORRECTIONS) if name in state.parameters] == ([after] if after else [])
+    assert state.exp_avg.keys() == state.parameters.keys()
+    if (before, after) == (FITS, CORRECTIONS):
+        assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+    asked = _noted(0.02, 150, CORRECTIONS)
+    PhotometricTraining(TrainingSettings(photometric="on")).decide_if_due(asked)
+    assert CORRECTIONS in asked.parameters
+
+
+def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_first_step() -> None:
     settings = TrainingSettings(iterations=1000, time_budget_s=None)
     training = PhotometricTraining(settings)
     state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(3, 4)})
-    for visit in range(looked_at * 3):
+    for visit in range(120):
         training.step(state, visit % 3, 0.1, torch.zeros(3))
     state.parameters[FITS].detach()[:] = torch.tensor([[0.5, 0, 0, 1], [-0.5, 0, 0, 1], [0, 0.5, 0, 1]])
-    training.decide_if_due(state, 0.2)
+    begin_corrections(state, 3)
     corrections, random = state.parameters[CORRECTIONS], torch.Generator().manual_seed(5)
     expected = [torch.nn.Parameter(row.clone()) for row in corrections.detach()]
     rate = settings.rates.photometric_at(0.3)
@@ -210,13 +233,6 @@ def test_exif_is_where_corrections_start(world, quick) -> None:
     assert start_corrections(views, quick(photometric="off")) == {}
 
 
-def _exposed(world, evs: tuple[float, ...]) -> Capture:
-    """The world's capture with these exposures in the photos' EXIF, over and over."""
-    views = world[0].views
-    exposed = (dataclasses.replace(view, exposure_ev=evs[i % len(evs)]) for i, view in enumerate(views))
-    return dataclasses.replace(world[0], views=tuple(exposed))
-
-
 def test_points_are_looked_for_in_the_colors_that_the_photo_gives_them(world, quick, monkeypatch) -> None:
     brightness: dict[float | None, list[float]] = {-1.0: [], 1.0: []}
 
@@ -226,7 +242,8 @@ def test_points_are_looked_for_in_the_colors_that_the_photo_gives_them(world, qu
 
     monkeypatch.setattr(optimization, "depth_anchors", noted)
     settings = quick(iterations=12, depth_from=0.0, depth_every=1, held_out_every=0)
-    train(_exposed(world, (-1.0, 1.0)), world[1], settings, silent)
+    views = (dataclasses.replace(view, exposure_ev=i % 2 * 2 - 1.0) for i, view in enumerate(world[0].views))
+    train(dataclasses.replace(world[0], views=tuple(views)), world[1], settings, silent)
     assert len(brightness[-1.0]) == len(brightness[1.0]) == 6
     assert max(brightness[-1.0]) < 0.8 * min(brightness[1.0])
 

@@ -6,13 +6,10 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
-from PIL import Image
 from torch import Tensor
 
-from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
@@ -22,6 +19,8 @@ from fastsplat.service.splatting.scene_exposure import display_ev, exposed
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import TrainingView, load_views
+from tests.splatting.train.conftest import exposed as photographed
+from tests.splatting.train.conftest import repainted
 
 
 def _ev(exposure: float) -> Tensor:
@@ -95,22 +94,11 @@ def test_a_scene_is_darkened_as_far_as_photos_show_it_below_white_and_no_further
     assert display_ev(plain, photos, mistaken, "cpu") == display_ev(plain, photos, torch.zeros(12, 3), "cpu")
 
 
-def _bright(capture: Capture, folder: Path) -> Capture:
-    """Two photos of three overexposed by 1.2 EV, the others dark."""
-    made = []
-    for index, view in enumerate(capture.views):
-        pixels = torch.tensor(np.asarray(Image.open(view.image_path).convert("RGB"))).double() / 255
-        correction = torch.tensor([1.2 if index % 3 else -0.6, 0.0, 0.0])
-        path = folder / view.posed.name
-        Image.fromarray((correct(pixels, correction).clamp(0, 1) * 255).round().byte().numpy()).save(path)
-        made.append(dataclasses.replace(view, image_path=path))
-    return dataclasses.replace(capture, views=tuple(made))
-
-
 def test_a_trained_scene_is_not_burnt_out_by_the_exposure_of_most_of_its_photos(
     world, views, quick: Callable[..., TrainingSettings], tmp_path: Path
 ) -> None:
-    capture = _bright(world[0], tmp_path)
+    evs = [1.2 if index % 3 else -0.6 for index in range(12)]  # two photos of three overexposed, the others dark
+    capture = repainted(world[0], tmp_path, lambda index, pixels: photographed(pixels, _ev(evs[index])))
     trained = train(capture, world[1], quick(iterations=300, held_out_every=0), silent)
     corrections = torch.tensor(list(trained.photometric.values()))
     assert torch.allclose(corrections, zero_mean(corrections), atol=1e-6)

@@ -39,10 +39,6 @@ def test_a_split_is_a_partition_and_few_views_keep_none_back(count: int, every: 
     assert count == 0 or kept
 
 
-def test_every_fifth_of_forty_views_is_the_middle_of_its_five() -> None:
-    assert split_views(40, 5)[1] == (2, 7, 12, 17, 22, 27, 32, 37)
-
-
 def test_morton_order_follows_the_curve_and_keeps_equal_rows() -> None:
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
     shuffled = np.random.default_rng(0).permutation(8)
@@ -241,9 +237,3 @@ def test_start_widths_agree_with_every_distance_measured(count: int) -> None:
     expected = np.clip(np.sqrt((away**2).mean(axis=1)), 1e-3, None)
     parameters = start_gaussians(StartPoints(points, np.zeros_like(points), 0), 100, 0)
     assert np.exp(parameters["log_scales"][:, 0].numpy()) == pytest.approx(expected, rel=1e-4)
-
-
-@pytest.mark.parametrize("size", [0, -1, 257])
-def test_codes_have_at_least_one_number(size: int) -> None:
-    with pytest.raises(ValueError, match="code_size"):
-        TrainingSettings(code_size=size)
