@@ -91,7 +91,10 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append("the first match is none")
     if answer.is_absent and label_key(answer.text) in {label_key(name) for name in names}:
         said.append("a name of the scene is not here")
-    if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
+    known = {label_key(match.label) for match in answer.matches}
+    if label_key(answer.text) in known and ("no name here is it" in answer.sentence or "none of the" in answer.sentence):
+        said.append("a name of the scene is none")
+    if phrase is not None and phrase.count is not None and not phrase.count <= len(answer.things) <= 99 * phrase.count:
         said.append("a number of other things than are shown")
     for relevant in (False,) if phrase else (False, True):
         figures = [

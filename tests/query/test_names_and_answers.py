@@ -153,14 +153,15 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexi
                 assert of_suggested.things == (1,) and of_suggested.relation == of_sure.relation
                 assert f'may be "{name}"' in of_suggested.sentence and of_sure.text in of_suggested.sentence
             else:
-                assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.things
+                assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.relevant_ids
 
 
 def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:
-    index = SceneIndex(_scene((Thing(1),), ["vase"]), DrawnEncoder(), QuerySettings(backend="reference"))
+    scene = replace(_scene((Thing(1),), ["vase"]), quality={"searched_for": ["vase"]})
+    index = SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="reference"))
     (vase,) = index.ask(["vase"])
     assert not index.ranked.names.table and vase.outcome == "not_here"
-    assert vase.sentence.startswith("Not here: nothing in this scene has a name; 1 thing has no name")
+    assert vase.sentence.startswith('Not here: nothing bears the name "vase"; 1 thing has no name')
 
 
 def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
@@ -174,7 +175,7 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     (told,) = ranked.elsewhere.values()
     assert (samovar.outcome, samovar.probability, samovar.things) == ("probably_here", told.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
-    assert index.ask(["samovar"])[0].outcome == "not_here"  # of this scene alone
+    assert index.ask(["samovar"])[0].outcome == "cannot_say"  # of this scene alone
     assert index.ranked.suggesting([*known, KnownThing("t", "kettle", other)], "own") is ranked  # it says the same
     assert index.ranked.suggesting(known[1:], "own") is index.ranked
 

@@ -25,7 +25,12 @@ def is_kept_shut(name: str) -> bool:
 
 def width_needed(text: str) -> float:
     """How wide a ball a place must hold for what is asked for, meters: by its kind, where that is known."""
-    return _LARGE_M if any(_LARGE & thing.kinds for thing in common_things(text)[0]) else USUAL_M
+    return _LARGE_M if is_large(text) else USUAL_M
+
+
+def is_large(text: str) -> bool:
+    """Whether a text names a kind of thing that is larger than a person can carry, as far as is known."""
+    return any(_LARGE & thing.kinds for thing in common_things(text)[0])
 
 
 def may_hold(unseen: UnseenSpace, text: str, taken_for: Mapping[int, str]) -> tuple[Hollow, ...]:

@@ -153,7 +153,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         things=solved.things,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
-        count=len(solved.things) if question.asks == "count" and counted else None,
+        count=len(things.counted_once(solved.things)) if question.asks == "count" and counted else None,
         refusal=refusal,
     )
     if refusal is not None:

@@ -40,7 +40,7 @@ class ThingWords:
         """
         counts: dict[tuple[str, str], int] = {}
         more = 0
-        for thing_id in thing_ids:
+        for thing_id in self.names.counted_once(thing_ids):
             name, full = self.names.called.get(thing_id, ""), len(counts) == MOST_NAMED
             key = (name, "") if name else ("", "" if full else self._place(thing_id, open_measures))
             if full and key not in counts:

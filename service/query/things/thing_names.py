@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
+from statistics import median
+
+import numpy as np
 
 from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
-from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.absence import USUAL_M, searched_names
 from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.scene.suggestions import SaidName, Suggestion
 from fastsplat.service.scene.types import Scene, Thing
+from fastsplat_contract.poses import Box
 from fastsplat_contract.queries import Answer, Searched
 
 _MAX_UNNAMED = 100
+_GRID, _SLACK = 5, 0.05
+"""Places along each edge of a box; by which share of its longest edge a box is taken to be larger."""
+_SPECK, _AROUND = 0.125, 0.5
+"""What has less than this share of another thing's volume is a speck; the slack with which it lies in that."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,9 @@ class ThingNames:
             where labels are the names of things.
         said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
         counts: how many Gaussians each thing and part has, by its id.
+        searched_for: the names that were looked for, as far as somebody noted them.
+        boxes: of the things that can be seen, by their ids.
+        metric: whether the unit of these is the meter.
         stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
             of its labels.
     """
@@ -72,6 +84,9 @@ class ThingNames:
     said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
     counts: Mapping[int, int] = field(default_factory=dict, repr=False)
+    searched_for: tuple[str, ...] = ()
+    boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)
+    metric: bool = False
 
     @cached_property
     def dictionary(self) -> Dictionary:
@@ -196,6 +211,25 @@ class ThingNames:
         return replace(answer, matches=tuple(matches))
 
     @cached_property
+    def lengths(self) -> Mapping[int, float]:
+        """The longest edge of each thing that can be seen, meters; in a scene without meters half of those that are no
+        surfaces are taken to be `USUAL_M` long at most."""
+        edges = {thing.id: max(self.boxes[thing.id].size) for thing in self.present if thing.id in self.boxes}
+        usual = [edges[thing.id] for thing in self.present if thing.id in edges and not thing.surface]
+        meter = 1.0 if self.metric or not usual else median(usual) / USUAL_M or 1.0
+        return {thing_id: edge / meter for thing_id, edge in edges.items()}
+
+    def counted_once(self, thing_ids: Sequence[int]) -> tuple[int, ...]:
+        """These things without fragments: of two of one name, where one lies in the place of the other."""
+        boxes = {each: self.boxes[each] for each in thing_ids if each in self.boxes}
+        wholes: list[int] = []
+        for each in sorted(boxes, key=lambda one: -prod(boxes[one].size)):
+            name = self.called.get(each)
+            if not (name and any(self.called[one] == name and _lies_in(boxes[each], boxes[one]) for one in wholes)):
+                wholes.append(each)
+        return tuple(each for each in thing_ids if each in wholes or each not in boxes)
+
+    @cached_property
     def called(self) -> Mapping[int, str]:
         """The name of each thing and part, or "" for none."""
         return {thing.id: thing.name for thing in self._everything}
@@ -214,6 +248,16 @@ class ThingNames:
         unnamed = [thing.id for thing in self.present if not thing.name]
         named = len(self.present) - len(unnamed) if self.stored else None
         return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
+
+
+def _lies_in(one: Box, other: Box) -> bool:
+    """Whether most of a box lies in another one, as far as places on a grid in it tell; of a speck, or at it."""
+    slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
+    grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
+    world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
+    own = (world - other.center.position) @ other.center.matrix()[:3, :3]
+    inside = np.abs(own) <= np.array(other.size) / 2 + slack * max(other.size)
+    return bool(2 * inside.all(axis=1).sum() > len(grid))
 
 
 def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:
