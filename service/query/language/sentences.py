@@ -118,7 +118,7 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
         else:
             what = _found(ranked, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
-    return replace(answer, outcome=outcome, sentence=said)
+    return replace(answer, outcome=outcome, sentence=said, asked=remarks.head or noun_phrase(answer.text))
 
 
 def _without_closest(answer: Answer) -> Answer:
