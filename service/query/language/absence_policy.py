@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,9 +16,12 @@ from fastsplat.service.query.language.judgement import Ranked
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
 from fastsplat.service.query.language.word_senses import ranked as solid_senses
-from fastsplat.service.query.things.absence import USUAL_M, unnamed_probability
+from fastsplat.service.query.things.absence import RATHER, USUAL_M, unnamed_probability
+from fastsplat.service.query.things.color_names import NAMES as COLORS
+from fastsplat.service.query.things.color_names import UNMEASURED, basic_name
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.scene.types import SurfaceKind, Thing
+from fastsplat_contract.queries import Answer
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -39,7 +43,18 @@ _USUAL_LARGE_M, _SPREAD = 0.9, 1.0
 """The usual length of what is large, and the standard deviation of the logarithms of lengths."""
 _ROUND = frozenset({"animal", "body", "food", "person", "plant", "substance"})
 """Lexical classes of what is never a wall, nor lies flat on one."""
-_MOST_OFFERED = 6
+_FAINT = 0.5
+"""What a thing of no color that is asked for counts beside one of it."""
+_ON, _OFF = 2.0, 0.3
+"""How much likelier a surface is what lies on, or is one of its kind, and how much less anything else is that."""
+_NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 6
+"""What a thing without a name that is as large as what is asked for counts beside the name of another; how much of
+that a suggested name takes away at most; how many things are offered."""
+_LIVING = frozenset({"animal", "person"})
+"""Lexical classes of which a model calls all kinds by one word."""
+_UPRIGHT = frozenset({"art", "artwork", "opening", "part of a building", "wall decoration", "window covering"})
+_LYING = frozenset({"bedding", "cloth", "floor covering", "soft furnishing", "table", "table linen", "textile"})
+"""Kinds of what is, or hangs on, a wall, and of what is, or lies on, something else; see `common_things`."""
 
 
 @dataclass(frozen=True)
@@ -68,19 +83,21 @@ class Vocabulary:
         return {sense.id: name for name, own in senses.items() for sense, _ in own}
 
     def word_for(self, text: str) -> str:
-        """The name that a model which found such a thing would have called it by: its own, another word for it, or one
-        that it is a kind of; "" for none."""
+        """The name that a model which found such a thing would have called it by: its own, another word for it, or,
+        of animals and people, one that it is a kind of; "" for none."""
         exact = self._index.match(text).exact
         if exact:
             return list(self._by_key.values())[exact[0] - 1]
         things, whole = common_things(text)
-        known = [word for thing in things if whole for word in (*thing.names, *sorted(thing.kinds))]
-        above = [
-            self._by_sense.get(up, "")
-            for sense, _ in (solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ())
-            for up in self.lexicon.wider(sense.id)
-        ]
-        return next(filter(None, (*(self._by_key.get(word, "") for word in known), *above)), "")
+        known = [self._by_key.get(name, "") for thing in things if whole for name in thing.names]
+        for sense, _ in solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ():
+            above = self.lexicon.wider(sense.id) if self.lexicon and sense.lexical_class in _LIVING else (sense.id,)
+            known += [self._by_sense.get(each, "") for each in above]
+        return next(filter(None, known), "")
+
+    def knows(self, text: str) -> bool:
+        """Whether a text as a whole is a name of something."""
+        return common_things(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
 
     def class_of(self, text: str) -> str:
         """The lexical class of the most frequent sense of a text, or of what it ends in; "" where that is not known."""
@@ -89,6 +106,18 @@ class Vocabulary:
             solid_senses(self.lexicon.senses(" ".join(words[at:]))) if self.lexicon else () for at in range(len(words))
         )
         return next((senses[0][0].lexical_class for senses in ends if senses), "")
+
+    def colors_of(self, text: str) -> frozenset[str]:
+        """The colors that a text, or the definition of its most frequent sense, speaks of."""
+        senses = solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ()
+        said = " ".join((text, *(sense.definition for sense, _ in senses)))
+        return (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", said.lower()))
+
+    def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
+        """The surfaces that what is called so is, or lies flat on."""
+        kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
+        upright: tuple[SurfaceKind, ...] = ("wall", "surface") if kinds & _UPRIGHT else ()
+        return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
 
 
 def found_share(word: str) -> float:
@@ -113,10 +142,9 @@ def with_absence_judged(
         color_share: of the thing with an id, 0..1, how much of it is clearly of a color.
     """
     answer, remarks = ranked.answer, ranked.remarks
-    of_conditions = answer.phrase is not None and not remarks.head
-    if not (ranked.verdict == "absent" or remarks.other) or remarks.no_question or of_conditions:
-        return ranked
     asked = remarks.head or noun_phrase(answer.text)
+    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked) and vocabulary.knows(asked))):
+        return ranked
     fitting = [
         thing
         for thing in names.present
@@ -124,40 +152,71 @@ def with_absence_judged(
     ]
     if not fitting:
         return ranked
+    matches = tuple(match._replace(relevant=False) for match in answer.matches)
     word = vocabulary.word_for(asked)
     if word:
         missed = 1.0 - found_share(word)
         likely = missed / (1.0 + missed)
-    else:
-        likely = unnamed_probability(names.searched)
-    presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
-    if word:
-        probability = None if presence is None or answer.probability is None else 1.0 - presence
-        return replace(ranked, answer=replace(answer, presence=presence, probability=probability))
-    by_label = {match.label_id: match.probability or 0.0 for match in answer.matches}
-
-    def likely_it(thing: Thing) -> float:
-        """How likely it is this thing, beside others."""
-        off = math.log(names.lengths[thing.id] / (_USUAL_LARGE_M if is_large(asked) else USUAL_M)) / _SPREAD
-        label_ids = [names.dictionary.id_of(each.name) or 0 for each in thing.suggestions]
-        return math.exp(-off * off / 2) * thing.consensus + max(
-            (by_label.get(each, 0.0) for each in label_ids), default=0
+        known = {"presence": likely, "probability": 1.0 - likely} if answer.presence is not None else {}
+        absent = replace(answer, matches=matches, things=(), relation="absent", relation_subject=None, **known)
+        return replace(
+            ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=replace(remarks, other=False)
         )
-
-    likeliest = sorted(fitting, key=likely_it, reverse=True)[:_MOST_OFFERED]
-    matches = tuple(match._replace(relevant=False) for match in answer.matches)
+    colors = vocabulary.colors_of(asked)
+    likely = unnamed_probability(names.searched)
+    presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
+    colored = {
+        thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
+    }
+    may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
     offered = replace(
         answer,
         presence=presence,
         probability=None,
         matches=matches,
-        things=tuple(thing.id for thing in likeliest),
+        things=may_be,
         relation="undecided",
         relation_subject=None,
     )
     return replace(
         ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=replace(remarks, other=False)
     )
+
+
+def _is_absent(ranked: Ranked) -> bool:
+    """Whether nothing is what was asked for: for its name, and not for what else a phrase says of it."""
+    of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
+    return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
+
+
+def _is_weak(ranked: Ranked) -> bool:
+    """Whether something else answers, which is rather not what was asked for."""
+    answer, remarks = ranked.answer, ranked.remarks
+    plain = answer.phrase is None and not (remarks.by_shape or remarks.by_looks)
+    return plain and answer.relation == "related" and answer.probability is not None and answer.probability < RATHER
+
+
+def _likeliest(
+    asked: str,
+    answer: Answer,
+    fitting: Sequence[Thing],
+    names: ThingNames,
+    vocabulary: Vocabulary,
+    colored: Mapping[int, float],
+) -> tuple[int, ...]:
+    """The things that may be what is asked for, the likeliest first: by their size, what surfaces they are, in how many
+    views they are things, what is suggested for them, and how near the names of others come to it."""
+    near = {match.label_id: match.probability or 0.0 for match in answer.matches}
+    usual, lies_on = _USUAL_LARGE_M if is_large(asked) else USUAL_M, vocabulary.surfaces_of(asked)
+    likely = {thing_id: near[label_id] for label_id in near for thing_id in names.by_label.get(label_id, ())}
+    for thing in fitting:
+        off = math.log(names.lengths[thing.id] / usual) / _SPREAD
+        own = [(near.get(names.dictionary.id_of(each.name) or 0, 0.0), each.probability) for each in thing.suggestions]
+        other = sum(sure * (1.0 - alike) for alike, sure in own)
+        weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
+        kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF
+        likely[thing.id] = _NAMELESS * weight * kind + max((alike for alike, _ in own), default=0.0)
+    return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
 
 
 def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
