@@ -176,7 +176,7 @@ class RankedScene:
         def judged(each: Ranked) -> Ranked:
             return with_absence_judged(each, self.names, self._vocabulary, color_share)
 
-        if not any(parsed) and not any(parted) and not told:
+        if not any(parsed) and not any(gone) and not told:
             return tuple(map(judged, ranked))
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,
@@ -184,6 +184,7 @@ class RankedScene:
             answer_phrase,
             answer_surface,
             answer_written,
+            closest_kind,
         )
 
         def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
@@ -204,7 +205,8 @@ class RankedScene:
                 if found.verdict in ("exact", "possible"):
                     return found
             if phrase is None:
-                return answer_by_looks(None, answer_written(answer_surface(plain, scene), scene), scene)
+                named = answer_surface(closest_kind(plain, scene), scene)
+                return answer_by_looks(None, answer_written(named, scene), scene)
             return answer_by_looks(phrase, answer_phrase(phrase, plain, scene, asker), scene)
 
         return tuple(judged(answered(*each)) for each in zip(ranked, parsed, parted, strict=True))

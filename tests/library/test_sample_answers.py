@@ -101,6 +101,11 @@ def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
     assert forks.phrase is not None and not forks.phrase.count and not forks.relevant_ids
 
 
+def test_another_kind_is_found_as_its_last_word_finds_it(scene: LocalScene) -> None:
+    bear, black = _ask(scene, "bear", "Where is the black bear?")
+    assert black.outcome in ("here", "probably_here") and black.things == bear.things and "bear" in black.sentence
+
+
 @pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
 def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)

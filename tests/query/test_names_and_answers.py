@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.relations.drawing import Room, box, scene_of, table
-from fastsplat.service.common.dictionary import dictionary_of, label_key
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label_key
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.query_text import check_query
@@ -157,11 +157,32 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexi
 
 
 def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:
-    scene = replace(_scene((Thing(1),), ["vase"]), quality={"searched_for": ["vase"]})
+    """It was looked for; where photos showed it and it is no thing's name, what has none may be it."""
+    scene = replace(_scene((Thing(1), Thing(2, "mug", "person", 1.0)), ["vase"]), quality={"searched_for": ["vase"]})
     index = SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="reference"))
     (vase,) = index.ask(["vase"])
-    assert not index.ranked.names.table and vase.outcome == "not_here"
+    assert [name.label for name in index.ranked.names.table.values()] == ["mug"] and vase.outcome == "not_here"
     assert vase.sentence.startswith('Not here: nothing bears the name "vase"; 1 thing has no name')
+    entries = tuple(replace(entry, views=2) for entry in scene.dictionary.entries)
+    seen = SceneIndex(replace(scene, dictionary=Dictionary(entries)), DrawnEncoder(), index.settings)
+    (vase,) = seen.ask(["vase"])
+    assert (vase.outcome, vase.things) == ("cannot_say", (1,)) and "nothing bears that name" in vase.sentence
+
+
+def test_fragments_of_one_name_are_counted_once(room: SceneIndex) -> None:
+    """What lies in the place of another thing of its name is no second one; what stands beside it is."""
+    count = len(room.scene.gaussians)
+    things = room.scene.things
+    assert things is not None
+    owner = room.things.owner.copy()
+    cup = np.flatnonzero(owner == 5)
+    owner[cup[::3]] = 7
+    membership = evidence_of(np.arange(count), owner, np.full(count, 16 * UNIT), count)
+    table = (*things.table, Thing(7, "cup", "detected", 0.8))
+    scene = replace(room.scene, things=Things(table, membership))
+    cups, number = SceneIndex(scene, DrawnEncoder(), room.settings).ask(["cups", "how many cups are there?"])
+    assert cups.things == number.things == (5, 6, 7) and cups.sentence == 'Here: 2 of "cup".'
+    assert number.phrase is not None and number.phrase.count == 2
 
 
 def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.query.language.common_things import common_things
-from fastsplat.service.query.language.enclosures import is_large
+from fastsplat.service.query.language.enclosures import is_furniture
 from fastsplat.service.query.language.judgement import Ranked
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
@@ -47,7 +47,7 @@ _FAINT = 0.5
 """What a thing of no color that is asked for counts beside one of it."""
 _ON, _OFF = 2.0, 0.3
 """How much likelier a surface is what lies on, or is one of its kind, and how much less anything else is that."""
-_NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 6
+_NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 8
 """What a thing without a name that is as large as what is asked for counts beside the name of another; how much of
 that a suggested name takes away at most; how many things are offered."""
 _LIVING = frozenset({"animal", "person"})
@@ -148,13 +148,16 @@ def with_absence_judged(
     fitting = [
         thing
         for thing in names.present
-        if not thing.name and thing.id in names.lengths and _may_be(thing, names.lengths[thing.id], asked, vocabulary)
+        if (not thing.name or thing.guessed)
+        and thing.id in names.lengths
+        and _may_be(thing, names.lengths[thing.id], asked, vocabulary)
     ]
-    if not fitting:
+    if all(thing.name for thing in fitting):
         return ranked
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
     word = vocabulary.word_for(asked)
-    if word:
+    seen = names.labels.id_of(word) if word else None
+    if word and not (seen and names.labels.entries[seen - 1].views):
         missed = 1.0 - found_share(word)
         likely = missed / (1.0 + missed)
         known = {"presence": likely, "probability": 1.0 - likely} if answer.presence is not None else {}
@@ -207,21 +210,22 @@ def _likeliest(
     """The things that may be what is asked for, the likeliest first: by their size, what surfaces they are, in how many
     views they are things, what is suggested for them, and how near the names of others come to it."""
     near = {match.label_id: match.probability or 0.0 for match in answer.matches}
-    usual, lies_on = _USUAL_LARGE_M if is_large(asked) else USUAL_M, vocabulary.surfaces_of(asked)
+    usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
     likely = {thing_id: near[label_id] for label_id in near for thing_id in names.by_label.get(label_id, ())}
     for thing in fitting:
         off = math.log(names.lengths[thing.id] / usual) / _SPREAD
         own = [(near.get(names.dictionary.id_of(each.name) or 0, 0.0), each.probability) for each in thing.suggestions]
-        other = sum(sure * (1.0 - alike) for alike, sure in own)
+        other = thing.probability if thing.name else sum(sure * (1.0 - alike) for alike, sure in own)
         weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
         kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF
-        likely[thing.id] = _NAMELESS * weight * kind + max((alike for alike, _ in own), default=0.0)
+        alike = max((alike for alike, _ in own), default=0.0)
+        likely[thing.id] = likely.get(thing.id, 0.0) + _NAMELESS * weight * kind + alike
     return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
 
 
 def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
     """Whether a thing without a name, so many meters long, may be what is asked for."""
-    if is_large(asked):
+    if is_furniture(asked):
         return length >= _LEAST_LARGE_M
     flat = bool(thing.surface) and vocabulary.class_of(asked) in _ROUND
     return _LEAST_M <= length <= _MOST_M and not flat

@@ -66,7 +66,7 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
   );
 }
 
-const MOST_SHOWN = 6;
+const MOST_SHOWN = 8;
 
 function select(state: SceneState, ids: readonly number[]): void {
   state.selected.value = ids;
