@@ -30,17 +30,11 @@ _DECIDED = ("here", "probably_here")
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of one trained scene.
+    """What is known of one trained scene."""
 
-    Attributes:
-        ids: by key, the thing that each object is.
-        names: by id, the names of all things; "" for none.
-        right_names: by key.
-    """
-
-    ids: Mapping[str, int]
-    names: Mapping[int, str]
-    right_names: Mapping[str, Sequence[str]]
+    ids: Mapping[str, int]  # by key, the thing that each object is
+    names: Mapping[int, str]  # by id, the names of all things; "" for none
+    right_names: Mapping[str, Sequence[str]]  # by key
 
     def named(self, key: str) -> bool:
         """Whether an object is a thing that bears one of its right names."""
@@ -92,7 +86,9 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
     if answer.is_absent and label_key(answer.text) in {label_key(name) for name in names}:
         said.append("a name of the scene is not here")
     known = {label_key(match.label) for match in answer.matches}
-    if label_key(answer.text) in known and ("no name here is it" in answer.sentence or "none of the" in answer.sentence):
+    if label_key(answer.text) in known and (
+        "no name here is it" in answer.sentence or "none of the" in answer.sentence
+    ):
         said.append("a name of the scene is none")
     if phrase is not None and phrase.count is not None and not phrase.count <= len(answer.things) <= 99 * phrase.count:
         said.append("a number of other things than are shown")

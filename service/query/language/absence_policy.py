@@ -1,4 +1,4 @@
-"""The one policy of absence: what is said of a thing when nothing here is called so; its table is in docs/asking.md."""
+"""Decides what is said when nothing is called what was asked for; docs/asking.md has the table."""
 
 from __future__ import annotations
 
@@ -45,6 +45,8 @@ _ROUND = frozenset({"animal", "body", "food", "person", "plant", "substance"})
 """Lexical classes of what is never a wall, nor lies flat on one."""
 _FAINT = 0.5
 """What a thing of no color that is asked for counts beside one of it."""
+_NEAR = 0.05
+"""The least probability that a name answers, for what bears it to be offered."""
 _ON, _OFF = 2.0, 0.3
 """How much likelier a surface is what lies on, or is one of its kind, and how much less anything else is that."""
 _NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 8
@@ -59,15 +61,10 @@ _LYING = frozenset({"bedding", "cloth", "floor covering", "soft furnishing", "ta
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The words that the models which looked at a scene could say.
+    """The words that the models which looked at a scene could say."""
 
-    Attributes:
-        names: that were looked for.
-        lexicon: knows kinds of things; None: only names and the list of common things count.
-    """
-
-    names: Sequence[str]
-    lexicon: Lexicon | None
+    names: Sequence[str]  # that were looked for
+    lexicon: Lexicon | None  # knows kinds of things; None: only names and the list of common things count
 
     @cached_property
     def _index(self) -> NameIndex:
@@ -83,8 +80,10 @@ class Vocabulary:
         return {sense.id: name for name, own in senses.items() for sense, _ in own}
 
     def word_for(self, text: str) -> str:
-        """The name that a model which found such a thing would have called it by: its own, another word for it, or,
-        of animals and people, one that it is a kind of; "" for none."""
+        """Finds the name that a model would have called such a thing by; "" for none.
+
+        It is its own, another word for it, or, of animals and people, one that it is a kind of.
+        """
         exact = self._index.match(text).exact
         if exact:
             return list(self._by_key.values())[exact[0] - 1]
@@ -96,11 +95,11 @@ class Vocabulary:
         return next(filter(None, known), "")
 
     def knows(self, text: str) -> bool:
-        """Whether a text as a whole is a name of something."""
+        """Tells whether a text as a whole is a name of something."""
         return common_things(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
 
     def class_of(self, text: str) -> str:
-        """The lexical class of the most frequent sense of a text, or of what it ends in; "" where that is not known."""
+        """Finds the lexical class of a text's most frequent sense, or of its end's; "" if unknown."""
         words = text.split(" ")
         ends = (
             solid_senses(self.lexicon.senses(" ".join(words[at:]))) if self.lexicon else () for at in range(len(words))
@@ -108,20 +107,20 @@ class Vocabulary:
         return next((senses[0][0].lexical_class for senses in ends if senses), "")
 
     def colors_of(self, text: str) -> frozenset[str]:
-        """The colors that a text, or the definition of its most frequent sense, speaks of."""
+        """Lists the colors that a text or its definition speaks of."""
         senses = solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ()
         said = " ".join((text, *(sense.definition for sense, _ in senses)))
-        return (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", said.lower()))
+        return frozenset(map(basic_name, (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", said.lower()))))
 
     def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
-        """The surfaces that what is called so is, or lies flat on."""
+        """Lists the surfaces that what is called so is, or lies flat on."""
         kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
         upright: tuple[SurfaceKind, ...] = ("wall", "surface") if kinds & _UPRIGHT else ()
         return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
 
 
 def found_share(word: str) -> float:
-    """0..1: how often the default detector finds a thing of a name where there is one, or suggests that name for it."""
+    """Estimates how often the default detector finds a thing of this name, 0..1."""
     found, things = _COUNTED.get(label_key(word), (0, 0))
     return (found + _OTHERS * _PRIOR) / (things + _PRIOR)
 
@@ -129,11 +128,11 @@ def found_share(word: str) -> float:
 def with_absence_judged(
     ranked: Ranked, names: ThingNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
 ) -> Ranked:
-    """The same, where nothing is what was asked for, with what that says of the whole scene.
+    """Decides between "not here" and "cannot say" where nothing is called what was asked for.
 
-    Before anything is looked at, a thing is as likely here as not. Things without a name that are as large as it may be
-    are what it can be. If there are none, it is not here. If the models could have said its name, it was missed with
-    the probability 1 - `found_share`, and it is not here with the rest. Else nobody can say.
+    Before anything is looked at, a thing is as likely here as not. It can be a thing without a name that fits in size.
+    If there is none, it is not here. If the models could have said its name, they missed it with the probability
+    m = 1 - `found_share`, and it is not here with 1 / (1 + m). Else it cannot be said.
 
     Args:
         ranked: what is decided of a text.
@@ -143,7 +142,7 @@ def with_absence_judged(
     """
     answer, remarks = ranked.answer, ranked.remarks
     asked = remarks.head or noun_phrase(answer.text)
-    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked) and vocabulary.knows(asked))):
+    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(asked))):
         return ranked
     fitting = [
         thing
@@ -155,48 +154,37 @@ def with_absence_judged(
     if all(thing.name for thing in fitting):
         return ranked
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
+    nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other=False)
     word = vocabulary.word_for(asked)
     seen = names.labels.id_of(word) if word else None
     if word and not (seen and names.labels.entries[seen - 1].views):
         missed = 1.0 - found_share(word)
-        likely = missed / (1.0 + missed)
-        known = {"presence": likely, "probability": 1.0 - likely} if answer.presence is not None else {}
-        absent = replace(answer, matches=matches, things=(), relation="absent", relation_subject=None, **known)
-        return replace(
-            ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=replace(remarks, other=False)
-        )
+        presence = None if answer.presence is None else missed / (1.0 + missed)
+        sure = None if presence is None else 1.0 - presence
+        absent = replace(nothing, presence=presence, probability=sure, things=(), relation="absent")
+        return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
     colors = vocabulary.colors_of(asked)
     likely = unnamed_probability(names.searched)
     presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
-    colored = {
-        thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
-    }
+    colored = {thing.id: max((color_share(thing.id, color) for color in colors), default=1.0) for thing in fitting}
     may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
-    offered = replace(
-        answer,
-        presence=presence,
-        probability=None,
-        matches=matches,
-        things=may_be,
-        relation="undecided",
-        relation_subject=None,
-    )
-    return replace(
-        ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=replace(remarks, other=False)
-    )
+    offered = replace(nothing, presence=presence, probability=None, things=may_be, relation="undecided")
+    return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
 
 
 def _is_absent(ranked: Ranked) -> bool:
-    """Whether nothing is what was asked for: for its name, and not for what else a phrase says of it."""
+    """Tells whether nothing has the name that was asked for, whatever else a phrase says."""
     of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
     return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
 
 
-def _is_weak(ranked: Ranked) -> bool:
-    """Whether something else answers, which is rather not what was asked for."""
+def _is_weak(ranked: Ranked, names: ThingNames) -> bool:
+    """Tells whether something else answers that rather is not what was asked for."""
     answer, remarks = ranked.answer, ranked.remarks
     plain = answer.phrase is None and not (remarks.by_shape or remarks.by_looks)
-    return plain and answer.relation == "related" and answer.probability is not None and answer.probability < RATHER
+    if not plain or answer.relation != "related" or answer.probability is None or not answer.relevant_ids:
+        return False
+    return answer.probability < RATHER * names.table[answer.relevant_ids[0]].probability
 
 
 def _likeliest(
@@ -207,11 +195,11 @@ def _likeliest(
     vocabulary: Vocabulary,
     colored: Mapping[int, float],
 ) -> tuple[int, ...]:
-    """The things that may be what is asked for, the likeliest first: by their size, what surfaces they are, in how many
-    views they are things, what is suggested for them, and how near the names of others come to it."""
+    """Ranks the things that may be what is asked for: by size, color, surface, suggestions and near names."""
     near = {match.label_id: match.probability or 0.0 for match in answer.matches}
     usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
-    likely = {thing_id: near[label_id] for label_id in near for thing_id in names.by_label.get(label_id, ())}
+    comes_near = [label_id for label_id in near if near[label_id] >= _NEAR]
+    likely = {thing_id: near[label_id] for label_id in comes_near for thing_id in names.by_label.get(label_id, ())}
     for thing in fitting:
         off = math.log(names.lengths[thing.id] / usual) / _SPREAD
         own = [(near.get(names.dictionary.id_of(each.name) or 0, 0.0), each.probability) for each in thing.suggestions]
@@ -224,7 +212,7 @@ def _likeliest(
 
 
 def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
-    """Whether a thing without a name, so many meters long, may be what is asked for."""
+    """Tells whether a thing so many meters long may be what is asked for."""
     if is_furniture(asked):
         return length >= _LEAST_LARGE_M
     flat = bool(thing.surface) and vocabulary.class_of(asked) in _ROUND

@@ -68,7 +68,7 @@ def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
 
 
 def is_toy(name: str) -> bool:
-    """Whether what is called so is a toy, as far as is known."""
+    """Tells whether what is called so is known to be a toy."""
     return any({"toy", "stuffed toy"} & thing.kinds for thing in common_things(name)[0])
 
 

@@ -30,7 +30,7 @@ def width_needed(text: str) -> float:
 
 
 def is_furniture(text: str) -> bool:
-    """Whether a text names what is as large as furniture or larger, and of which there are no toys among other toys."""
+    """Tells whether a text names something as large as furniture or larger, vehicles and animals aside."""
     return any(_FURNITURE & thing.kinds for thing in common_things(text)[0])
 
 

@@ -37,22 +37,16 @@ class AskedScene:
     """What phrases ask of a scene.
 
     Attributes:
-        things: by their names.
-        names: of the dictionary.
-        rank: answers noun groups.
         open_measures: gives the measures of the things; called only where something must be measured.
-        unit: of lengths: "m" or "unit".
-        written: what is written on the things.
-        looks: what they look like.
     """
 
-    things: ThingNames
-    names: NameIndex
-    rank: Rank
+    things: ThingNames  # by their names
+    names: NameIndex  # of the dictionary
+    rank: Rank  # answers noun groups
     open_measures: Callable[[], ThingMeasures]
-    unit: str
-    written: WrittenWords
-    looks: ThingLooks
+    unit: str  # of lengths: "m" or "unit"
+    written: WrittenWords  # what is written on the things
+    looks: ThingLooks  # what they look like
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
@@ -176,8 +170,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
 
 
 def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
-    """The answer to a name, or, where nothing bears it, what the last words of it find, or a toy that is called so:
-    "black bear" and "bear" find a teddy bear."""
+    """Answers a name that nothing bears by its last words, or by a toy of it: "black bear" by a teddy bear."""
     asked = noun_phrase(plain.answer.text)
     _, head = split_modifiers(asked)
     if plain.verdict != "absent":

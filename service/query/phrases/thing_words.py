@@ -22,13 +22,9 @@ OpenMeasures: TypeAlias = "Callable[[], ThingMeasures]"
 
 @dataclass(frozen=True)
 class ThingWords:
-    """The things of one scene in words. Threads may share it.
+    """The things of one scene in words. Threads may share it."""
 
-    Attributes:
-        names: of the things.
-    """
-
-    names: ThingNames
+    names: ThingNames  # of the things
     _beside: dict[int, str] = field(default_factory=dict)
 
     def listed(self, thing_ids: Sequence[int], open_measures: OpenMeasures) -> str:

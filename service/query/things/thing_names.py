@@ -31,19 +31,15 @@ class Name:
     """One name, and what it belongs to.
 
     Attributes:
-        label: as it is shown.
         things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
             at least half of `probability`, the likeliest first.
-        probability: 0..1, the largest with which it belongs to one of them.
-        suggested: whether nothing bears it, neither a thing nor, by themselves, Gaussians.
-        sources: who suggests it, but for the scene's own models.
     """
 
-    label: str
+    label: str  # as it is shown
     things: tuple[int, ...]
-    probability: float
-    suggested: bool
-    sources: tuple[str, ...] = ()
+    probability: float  # 0..1, the largest with which it belongs to one of them
+    suggested: bool  # whether nothing bears it, neither a thing nor, by themselves, Gaussians
+    sources: tuple[str, ...] = ()  # who suggests it, but for the scene's own models
 
 
 @dataclass(frozen=True)
@@ -61,32 +57,25 @@ class ThingNames:
     """Names of things. Threads may share it.
 
     Attributes:
-        labels: the scene's dictionary.
-        present: the things that have Gaussians, by id.
-        parts: those of them that have Gaussians, by the ids of the things, then by their own.
-        searched_names: how many names were looked for; None if nobody noted it.
         marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
             where labels are the names of things.
         said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
         counts: how many Gaussians each thing and part has, by its id.
-        searched_for: the names that were looked for, as far as somebody noted them.
-        boxes: of the things that can be seen, by their ids.
-        metric: whether the unit of these is the meter.
         stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
             of its labels.
     """
 
-    labels: Dictionary
-    present: tuple[Thing, ...]
-    parts: tuple[Thing, ...]
-    searched_names: int | None
+    labels: Dictionary  # the scene's dictionary
+    present: tuple[Thing, ...]  # the things that have Gaussians, by id
+    parts: tuple[Thing, ...]  # those of them that have Gaussians, by the ids of the things, then by their own
+    searched_names: int | None  # how many names were looked for; None if nobody noted it
     marked: Mapping[int, float] = field(default_factory=dict)
     said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
     counts: Mapping[int, int] = field(default_factory=dict, repr=False)
-    searched_for: tuple[str, ...] = ()
-    boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)
-    metric: bool = False
+    searched_for: tuple[str, ...] = ()  # the names that were looked for, as far as somebody noted them
+    boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)  # of the things that can be seen, by their ids
+    metric: bool = False  # whether the unit of these is the meter
 
     @cached_property
     def dictionary(self) -> Dictionary:
@@ -212,15 +201,14 @@ class ThingNames:
 
     @cached_property
     def lengths(self) -> Mapping[int, float]:
-        """The longest edge of each thing that can be seen, meters; in a scene without meters half of those that are no
-        surfaces are taken to be `USUAL_M` long at most."""
+        """Longest edge of each visible thing, meters; without meters, of the median thing `USUAL_M`."""
         edges = {thing.id: max(self.boxes[thing.id].size) for thing in self.present if thing.id in self.boxes}
         usual = [edges[thing.id] for thing in self.present if thing.id in edges and not thing.surface]
         meter = 1.0 if self.metric or not usual else median(usual) / USUAL_M or 1.0
         return {thing_id: edge / meter for thing_id, edge in edges.items()}
 
     def counted_once(self, thing_ids: Sequence[int]) -> tuple[int, ...]:
-        """These things without fragments: of two of one name, where one lies in the place of the other."""
+        """Drops fragments: things that lie in the place of another one of their name."""
         boxes = {each: self.boxes[each] for each in thing_ids if each in self.boxes}
         wholes: list[int] = []
         for each in sorted(boxes, key=lambda one: -prod(boxes[one].size)):
@@ -251,7 +239,7 @@ class ThingNames:
 
 
 def _lies_in(one: Box, other: Box) -> bool:
-    """Whether most of a box lies in another one, as far as places on a grid in it tell; of a speck, or at it."""
+    """Tells whether most of a box lies in another one; of a speck, in it or at it."""
     slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
     grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
     world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
