@@ -206,8 +206,8 @@ def _likeliest(
         other = thing.probability if thing.name else sum(sure * (1.0 - alike) for alike, sure in own)
         weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
         kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF
-        alike = max((alike for alike, _ in own), default=0.0)
-        likely[thing.id] = likely.get(thing.id, 0.0) + _NAMELESS * weight * kind + alike
+        alike = max((alike for alike, _ in own), default=near.get(names.labels.id_of(thing.name) or 0, 0.0))
+        likely[thing.id] = _NAMELESS * weight * kind + alike
     return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
 
 
