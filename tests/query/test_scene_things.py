@@ -330,7 +330,7 @@ def test_a_thousand_things_are_named_at_once() -> None:
 
 
 def test_a_mask_alone_is_the_mask_of_a_whole_picture(labeled: Scene, discovered: Scene) -> None:
-    for index in (opened(labeled), edited(opened(discovered), name((4, 9), "mug"))):
+    for index in (opened(labeled), edited(opened(discovered), name((4, 7, 9), "mug"))):
         (answer,) = index.ask(["mug"])
         mask = index.mask(answer, FRONT)
         assert mask.any() and mask.dtype == np.bool_
