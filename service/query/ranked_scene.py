@@ -176,7 +176,8 @@ class RankedScene:
         def judged(each: Ranked) -> Ranked:
             return with_absence_judged(each, self.names, self._vocabulary, color_share)
 
-        if not any(parsed) and not any(gone) and not told:
+        toys = any(text and self.ranker.names.match(text).hyponyms for text in gone)
+        if not any(parsed) and not any(parted) and not toys and not told:
             return tuple(map(judged, ranked))
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,

@@ -106,12 +106,6 @@ class Vocabulary:
         )
         return next((senses[0][0].lexical_class for senses in ends if senses), "")
 
-    def colors_of(self, text: str) -> frozenset[str]:
-        """Lists the colors that a text or its definition speaks of."""
-        senses = solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ()
-        said = " ".join((text, *(sense.definition for sense, _ in senses)))
-        return frozenset(map(basic_name, (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", said.lower()))))
-
     def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
         """Lists the surfaces that what is called so is, or lies flat on."""
         kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
@@ -163,10 +157,12 @@ def with_absence_judged(
         sure = None if presence is None else 1.0 - presence
         absent = replace(nothing, presence=presence, probability=sure, things=(), relation="absent")
         return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
-    colors = vocabulary.colors_of(asked)
+    colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
     likely = unnamed_probability(names.searched)
     presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
-    colored = {thing.id: max((color_share(thing.id, color) for color in colors), default=1.0) for thing in fitting}
+    colored = {
+        thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
+    }
     may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
     offered = replace(nothing, presence=presence, probability=None, things=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)

@@ -240,7 +240,8 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
     have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"
     none = "nothing bears that name" if names.dictionary.id_of(asked) else "no name here is it"
     named = "no thing here has a name yet" if not names.table else f"{none}, and {have}"
-    may_be = f"; it may be {in_words(answer.things)}" if answer.things else ""
+    count = len(answer.things)
+    may_be = f"; {'one thing' if count == 1 else f'{count} things'} may be it" if count else ""
     return f" whether {quoted(asked)} is here: {named}{may_be}; name what it is"
 
 
