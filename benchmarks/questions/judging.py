@@ -133,4 +133,4 @@ def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if phrase.count is not None:
         return phrase.count == question.count
     ids = {truth.ids[key] for key in question.keys if truth.named(key)}
-    return not answer.things and len(ids) < len(question.keys or ("nothing",))
+    return not _shown(answer) and len(ids) < len(question.keys or ("nothing",))

@@ -147,7 +147,8 @@ def with_absence_judged(
     ]
     if all(thing.name for thing in fitting):
         return ranked
-    matches = tuple(match._replace(relevant=False) for match in answer.matches)
+    figures = {each: each.relevancy if each.probability is None else each.probability for each in answer.matches}
+    matches = tuple(each._replace(relevant=False) for each in sorted(answer.matches, key=lambda one: -figures[one]))
     nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other=False)
     word = vocabulary.word_for(asked)
     seen = names.labels.id_of(word) if word else None
