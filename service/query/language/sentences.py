@@ -198,7 +198,7 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     count, asked = len(names.table), remarks.head or noun_phrase(answer.text)
     searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {quoted(asked)}"}
     none = searched.get(count, f"none of the {count} names in this scene is {quoted(asked)}")
-    if names.dictionary.id_of(asked):
+    if count and names.dictionary.id_of(asked):
         none = f"nothing bears the name {quoted(asked)}"
     return f"{none}{_unnamed(answer)}{only}"
 
