@@ -229,6 +229,13 @@ def _questions(document: Document) -> Iterator[Row]:
             yield f"{parts[part]}, {when}", f"{tally['right']} of {tally['questions']}"
 
 
+def _presence(document: Document) -> Iterator[Row]:
+    for name, row in sorted(document["rows"].items()):
+        said = ("there", "denied"), ("gone", "not_here"), ("other", "cannot_say")
+        denied, refused, left = (f"{row[kind].get(what, 0)} of {sum(row[kind].values())}" for kind, what in said)
+        yield name, denied, refused, "{} of {}".format(*row["evasions"]), left
+
+
 def _relations(document: Document) -> Iterator[Row]:
     yield "decided by how things stand", _right(document["decided"]), "answered rightly"
     yield "", str(document["wrong"]), "answered wrongly"
@@ -348,6 +355,7 @@ TABLES: Mapping[str, Table] = {
         ("room", "events found", "wrong ones", "F1", "events told of unchanged sets", "error of a move, median"),
         _changes,
     ),
+    "presence": Table(("presence",), ("", "denied", "refused", "evaded", "left open"), _presence),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
     "serve": Table(("serve",), ("", ""), _serve),

@@ -30,17 +30,11 @@ _DECIDED = ("here", "probably_here")
 
 @dataclass(frozen=True)
 class Truth:
-    """What is known of one trained scene.
+    """What is known of one trained scene."""
 
-    Attributes:
-        ids: by key, the thing that each object is.
-        names: by id, the names of all things; "" for none.
-        right_names: by key.
-    """
-
-    ids: Mapping[str, int]
-    names: Mapping[int, str]
-    right_names: Mapping[str, Sequence[str]]
+    ids: Mapping[str, int]  # by key, the thing that each object is
+    names: Mapping[int, str]  # by id, the names of all things; "" for none
+    right_names: Mapping[str, Sequence[str]]  # by key
 
     def named(self, key: str) -> bool:
         """Whether an object is a thing that bears one of its right names."""
@@ -91,7 +85,12 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append("the first match is none")
     if answer.is_absent and label_key(answer.text) in {label_key(name) for name in names}:
         said.append("a name of the scene is not here")
-    if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
+    known = {label_key(match.label) for match in answer.matches}
+    if label_key(answer.text) in known and (
+        "no name here is it" in answer.sentence or "none of the" in answer.sentence
+    ):
+        said.append("a name of the scene is none")
+    if phrase is not None and phrase.count is not None and not phrase.count <= len(answer.things) <= 99 * phrase.count:
         said.append("a number of other things than are shown")
     for relevant in (False,) if phrase else (False, True):
         figures = [
@@ -134,4 +133,4 @@ def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if phrase.count is not None:
         return phrase.count == question.count
     ids = {truth.ids[key] for key in question.keys if truth.named(key)}
-    return not answer.things and len(ids) < len(question.keys or ("nothing",))
+    return not _shown(answer) and len(ids) < len(question.keys or ("nothing",))

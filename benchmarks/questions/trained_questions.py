@@ -93,7 +93,7 @@ def read_scenes(path: Path = FILE) -> list[Photographed]:
             name = line.strip("[]")
             objects[name], questions[name] = [], []
         elif line.startswith("object "):
-            objects[name].append(_object(line.removeprefix("object ")))
+            objects[name].append(object_of(line.removeprefix("object ")))
         else:
             asked = list(_questions(name, line, number))
             unknown = {key for each in asked for key in (*each.keys, *each.also)} - {one.key for one in objects[name]}
@@ -103,7 +103,8 @@ def read_scenes(path: Path = FILE) -> list[Photographed]:
     return [Photographed(each, tuple(objects[each]), tuple(questions[each])) for each in objects]
 
 
-def _object(line: str) -> PhotoObject:
+def object_of(line: str) -> PhotoObject:
+    """What a line behind the word "object" says."""
     key, rest = line.split(": ", 1)
     places, names = rest.split(" = ")
     parsed = [place.split() for place in places.split("|")]

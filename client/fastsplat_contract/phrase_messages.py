@@ -89,7 +89,7 @@ class PhraseAnswer(Response):
     ]
     undecided: Annotated[Many[int], Field(description="ids of things of which it could not be decided")]
     witnesses: Annotated[Many[Witness], Field(description="by which measurements; the first 200")]
-    count: Annotated[int | None, Field(description="how many, if that was asked and decided")] = None
+    count: Annotated[int | None, Field(description="how many, fragments once, if that was asked and decided")] = None
     refusal: Annotated[
         Refusal | None,
         Field(

@@ -242,7 +242,7 @@ class Answer(Response):
             "suggested, or what comes closest to it is here; `probability` says how likely; not_here: it is not; "
             "not_seen: nothing that was seen is it, but photos do not show enough of the place to say that it is not "
             "here; cannot_say: it cannot be said, `sentence` says what would help, and `things` are those that may be "
-            "meant"
+            "it, the likeliest first"
         ),
     ] = "cannot_say"
     sentence: Annotated[
@@ -251,6 +251,9 @@ class Answer(Response):
     provisional: Annotated[
         Provisional | None, Field(description="what the version is made of, if it is a draft; absent if it is none")
     ] = None
+    asked: Annotated[
+        str, Field(description="what the text asks for, without question words, articles and politeness: a name")
+    ] = ""
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:

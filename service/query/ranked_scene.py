@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.query.language.absence_policy import Vocabulary, with_absence_judged
 from fastsplat.service.query.language.english import is_foreign, names_nothing
 from fastsplat.service.query.language.history_answers import HistoryAnswers
 from fastsplat.service.query.language.judgement import Ranked
@@ -74,6 +75,7 @@ class RankedScene:
         self.ranker = ranker
         self.names = names
         self._words = ThingWords(names)
+        self._vocabulary = Vocabulary(names.searched_for, ranker.lexicon)
         self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
         self._looks = ThingLooks(names.present, looks)
         self._unseen = unseen
@@ -166,14 +168,24 @@ class RankedScene:
         gone = [each.answer.text if each.verdict == "absent" else "" for each in ranked]
         parted = parsed_questions(gone, self.ranker.names, self.ranker.names.has, self._written)
         told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)
-        if not any(parsed) and not any(parted) and not told:
-            return ranked
+
+        def color_share(thing_id: int, name: str) -> float:
+            color = things().measures.color(thing_id)
+            return 0.0 if color is None else color.shares.get(name, 0.0)
+
+        def judged(each: Ranked) -> Ranked:
+            return with_absence_judged(each, self.names, self._vocabulary, color_share)
+
+        toys = any(text and self.ranker.names.match(text).hyponyms for text in gone)
+        if not any(parsed) and not any(parted) and not toys and not told:
+            return tuple(map(judged, ranked))
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,
             answer_by_looks,
             answer_phrase,
             answer_surface,
             answer_written,
+            closest_kind,
         )
 
         def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
@@ -194,7 +206,8 @@ class RankedScene:
                 if found.verdict in ("exact", "possible"):
                     return found
             if phrase is None:
-                return answer_by_looks(None, answer_written(answer_surface(plain, scene), scene), scene)
+                named = answer_surface(closest_kind(plain, scene), scene)
+                return answer_by_looks(None, answer_written(named, scene), scene)
             return answer_by_looks(phrase, answer_phrase(phrase, plain, scene, asker), scene)
 
-        return tuple(map(answered, ranked, parsed, parted))
+        return tuple(judged(answered(*each)) for each in zip(ranked, parsed, parted, strict=True))

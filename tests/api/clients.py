@@ -15,8 +15,7 @@ from tests.api.served import Faces
 
 
 def client_of(faces: Faces, **options: Any) -> Client:
-    """The typed client of a running server; it does not repeat what the test should see fail, and waits for what takes
-    a busy machine minutes."""
+    """The typed client of a running server; it repeats nothing, and waits for what takes a busy machine minutes."""
     return Client(
         str(faces.rest.base_url),
         grpc_target=f"127.0.0.1:{faces.ports.grpc}",

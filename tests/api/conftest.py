@@ -1,5 +1,4 @@
-"""One service with one made scene behind both faces, for all tests of this room that do not change it; a scene of its
-own for each test that does."""
+"""One service with one made scene behind both faces; a scene of its own for each test that changes it."""
 
 from __future__ import annotations
 

@@ -55,9 +55,8 @@ _LOOKING = re.compile(
 
 
 def _least_role(name: str) -> str | None:
-    """What a call should need, by what it does: what is looked at needs a reader, what changes something an editor,
-    what deletes it for ever or lets pictures go elsewhere, keys, and what a trainer wrote, an admin; what is of the
-    server, an operator."""
+    """What a call should need: a reader to look, an editor to change, an admin to delete for ever, to let pictures go
+    elsewhere, for keys and for what a trainer wrote, an operator for what is of the server."""
     if name in _OPEN:
         return None
     if name.startswith("/"):

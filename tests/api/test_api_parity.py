@@ -38,8 +38,7 @@ _HUGE = PosedCamera(Camera(5_000, 10, 45.0, 45.0, 24.0, 5.0), np.eye(4))
 
 
 def _questions(scene_id: str, count: int) -> list[QueryRequest]:
-    """Drawn by a fixed seed: texts, scenes, outputs, poses (one looks away from everything), views, encodings,
-    prompts, versions, and in one of four something that must be refused."""
+    """Drawn by a fixed seed: all that a request can hold, and in one of four something that must be refused."""
     rng = random.Random(11)
     requests = []
     for _ in range(count):

@@ -76,8 +76,7 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
 
 
 def test_a_connection_that_breaks_leaves_what_was_taken(faces: Faces, service: SceneService) -> None:
-    """What the server has read stays; what still lies in its sockets when the connection breaks may be lost, and HEAD
-    says where to go on."""
+    """What the server has read stays; what still lies in its sockets may be lost, and HEAD says where to go on."""
     data = random.Random(5).randbytes(300_000)
     path = _create(faces, "a.bin", len(data))
     stored = service._store.blobs.upload(path.rpartition("/")[2]) / "data"

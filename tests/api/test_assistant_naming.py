@@ -1,5 +1,4 @@
-"""An assistant names the sample from sheets, by the official client; what it says is a suggestion until a person
-confirms it."""
+"""An assistant names the sample from sheets, by the official client: suggestions until a person confirms them."""
 
 from __future__ import annotations
 

@@ -59,8 +59,7 @@ def test_every_operation_documents_its_problems(described: dict[str, Any]) -> No
 
 
 def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(described: dict[str, Any]) -> None:
-    """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC; who has found gRPC need not
-    ask where it is."""
+    """Health is grpc.health.v1; a resumable upload is CreateScene's stream; who has found gRPC need not ask for it."""
     routes = {f"{method.upper()} {path}" for path, methods in described["paths"].items() for method in methods}
     elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
     assert {route for call in CALLS for route in call.routes} == routes - elsewhere

@@ -53,6 +53,7 @@ def screened(service: SceneService) -> str:
             head=SemanticHead.unlearnt(len(dictionary), scene.gaussians.codes.shape[1]),
             label_embeddings=np.zeros((len(dictionary), 16), np.float32),
             text_encoder=(ENCODER, "0" * 64),
+            quality={"searched_for": ["elephant"]},
         ),
     )
 

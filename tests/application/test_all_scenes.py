@@ -69,7 +69,7 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
         label_embeddings=embed_labels(made.dictionary, encoder),
         text_encoder=(encoder.name, encoder.sha256),
         label_templates=QuerySettings().templates,
-        quality={"searched_names": 80},
+        quality={"searched_names": 80, "searched_for": ["banana", "submarine"]},
     )
     assert made.things is not None
     first, *others = made.things.table

@@ -175,7 +175,7 @@ def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
     everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",))).answers}
     assert everywhere == {first: "here", other: "probably_here"}
     service.versions.undo(first)
-    assert _asked(service, other, "mug") == "not_here"
+    assert _asked(service, other, "mug") == "cannot_say"
 
 
 def test_names_are_read_once_until_any_process_changes_them(
@@ -202,7 +202,7 @@ def test_names_are_read_once_until_any_process_changes_them(
         "with open_service(settings) as service: service.versions.undo(scene_id)"
     )
     subprocess.run([sys.executable, "-c", script], input=pickle.dumps((service._settings, first)), check=True)
-    assert _asked(service, other, "mug") == "not_here" and len(read) == 2
+    assert _asked(service, other, "mug") == "cannot_say" and len(read) == 2
 
 
 def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneService, add: Callable[..., str]) -> None:

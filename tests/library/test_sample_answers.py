@@ -98,7 +98,12 @@ def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
 
 def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
     (forks,) = _ask(scene, "how many forks are there?")
-    assert forks.phrase is not None and not forks.phrase.count and forks.things == ()
+    assert forks.phrase is not None and not forks.phrase.count and not forks.relevant_ids
+
+
+def test_another_kind_is_found_as_its_last_word_finds_it(scene: LocalScene) -> None:
+    bear, black = _ask(scene, "bear", "Where is the black bear?")
+    assert black.outcome in ("here", "probably_here") and black.things == bear.things and "bear" in black.sentence
 
 
 @pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])

@@ -28,10 +28,7 @@ def lexicon(wordnet_dir: Path) -> Iterator[Lexicon]:
 
 
 class DrawnEncoder:
-    """Words get directions drawn from their hash, or the ones a test chooses; a sentence is its own word.
-
-    Counts its calls in `seen`, so that a test can see what was cached.
-    """
+    """Words get directions drawn from their hash, or the ones a test chooses; `seen` holds what was not cached."""
 
     name = "drawn"
     sha256 = "0" * 64
@@ -73,8 +70,7 @@ PLAIN = QuerySettings(templates=("{}",), threshold=0.5, exact_threshold=0.95, ba
 
 
 def make_scene(labels: Sequence[str] = ("mug", "spoon", "bed"), per_label: int = 1, code: int | None = None) -> Scene:
-    """A row of opaque balls along x at z = 0, ball i of label i (ball 0 undetected), codes one-hot; with `code`, the
-    length of the codes, the labels come from evidence instead, so that there may be more of them."""
+    """A row of opaque balls along x, ball i of label i, codes one-hot; with `code`, their length, by evidence."""
     classes = len(labels) + 1
     size = classes if code is None else code
     count = classes * per_label

@@ -31,8 +31,7 @@ def with_something_shut(seed: int) -> Scene:
 
 
 def without(seed: int) -> Scene:
-    """A room in which nothing as large as a mug is out of sight: what is large is solid, what is hollow is open or
-    small."""
+    """A room in which nothing as large as a mug is out of sight: hollow things are open or small."""
     rng = np.random.default_rng([seed, 1])
     large = _standing(rng, _SOLID[seed % len(_SOLID)], rng.uniform(0.4, 0.9, 3))
     small = BoxShell("box", (0.0, -0.1, 0.07), (0.16, 0.14, 0.14))

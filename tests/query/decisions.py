@@ -12,28 +12,12 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.queries import Answer
 
 TEMPLATES = (
-    *(
-        "Where is the {}?",
-        "Could you please show me my {}?",
-        "do you know where the {} is",
-        "I'm looking for a nice {}.",
-    ),
-    "Hi, is there any {} around here?",
+    *("Where is the {}?", "Could you please show me my {}?", "do you know where the {} is"),
+    *("I'm looking for a nice {}.", "Hi, is there any {} around here?"),
 )
 WANTS = (
-    *(
-        "mug",
-        "teddy bear",
-        "stuffed animal",
-        "red apple",
-        "lamp",
-        "table",
-        "book",
-        "bottle",
-        "whiteboard",
-        "black bear",
-    ),
-    *("grand piano", "flurbo"),
+    *("mug", "teddy bear", "stuffed animal", "red apple", "lamp", "table", "book", "bottle", "whiteboard"),
+    *("black bear", "grand piano", "flurbo"),
 )
 
 

@@ -70,7 +70,8 @@ def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
     bare = replace(things.table[cupboard - 1], name="", source=None, probability=0.0)
     assert bare.id == cupboard
     table = tuple(bare if each.id == cupboard else each for each in things.table)
-    (spoon,) = opened(replace(index.things.scene, things=replace(things, table=table))).ask(["spoon"])
+    scene = replace(index.things.scene, things=replace(things, table=table), quality={"searched_for": ["spoon"]})
+    (spoon,) = opened(scene).ask(["spoon"])
     assert spoon.outcome == "not_seen" and "looks into an unnamed thing (" in spoon.sentence
 
 

@@ -72,8 +72,7 @@ def test_a_rival_makes_the_leading_entry_less_likely() -> None:
 
 @pytest.mark.parametrize("coverage", [0.5, 0.8, 0.9, 0.95])
 def test_bounds_cover_questions_to_new_scenes(coverage: float) -> None:
-    """Scenes differ (some are hard throughout) and have different numbers of questions; a bound that took questions for
-    exchangeable would fall short."""
+    """Scenes differ, and have different numbers of questions: these are not exchangeable."""
     rng = np.random.default_rng(int(100 * coverage))
     trials, hits = 2000, 0
     for _ in range(trials):

@@ -1,5 +1,4 @@
-"""Things as robots need them: poses that are as sure as they are said to be, in every frame and unit, and what carries
-them; nothing is said that is not known."""
+"""Things as robots need them: poses as sure as they are said to be, in every frame and unit; what carries them."""
 
 from __future__ import annotations
 

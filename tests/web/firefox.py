@@ -113,8 +113,7 @@ class Firefox:
 
 @contextmanager
 def firefox(profile: Path) -> Iterator[Firefox]:
-    """The browser with a new profile in an empty folder, on a screen in memory, without which it has no WebGL in
-    software; or a skip where there is none."""
+    """The browser with a new profile, on a screen in memory for WebGL in software; a skip where there is none."""
     missing = [name for name in ("firefox-esr", "Xvfb") if shutil.which(name) is None]
     if missing:
         pytest.skip(f"no {' and no '.join(missing)} in this machine: apt-get install firefox-esr xvfb")

@@ -1,5 +1,4 @@
-"""A person's first ten minutes, with real workers and real models: the sample is opened, asked, clicked, named and
-shared; then a scene is made of own photos."""
+"""A person's first ten minutes, with real workers and models: with the sample, then with a scene of own photos."""
 
 from __future__ import annotations
 

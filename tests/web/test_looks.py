@@ -1,7 +1,4 @@
-"""What the pages look like: ten of them, in three widths, light and dark, as `looks/` has them, but for small changes.
-
-A sheet that is not there is written, and the test fails once: delete one to take it anew, look at it, commit it.
-"""
+"""Ten pages, in three widths, light and dark, as `looks/` has them; a missing sheet is written, and fails once."""
 
 from __future__ import annotations
 

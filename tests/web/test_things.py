@@ -183,12 +183,20 @@ def test_two_things_are_merged_and_one_discarded(place: Place, browser: Browser,
             expect(rows).to_have_count(count)
 
 
-def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, browser: Browser, own: str) -> None:
+def test_things_without_a_name_are_named_by_an_answer_and_worked_through_by_keyboard(
+    place: Place, browser: Browser, own: str
+) -> None:
     ids = [thing.id for thing in place.service.answers.list_things(own).things]
     place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+    with visiting(browser, place.url, f"#/scenes/{own}?q=where+is+the+submarine") as visit:
         visit.scene_shown()
         page = visit.page
+        expect(page.locator(".verdict.cannot_say")).to_be_visible()
+        visit.check_accessible()
+        page.get_by_role("button", name="Yes, it is “submarine”").first.click()
+        expect(page.locator(".verdict.here")).to_be_visible()
+        page.get_by_role("button", name="Undo").click()
+        expect(page.get_by_text("Undone.")).to_be_visible()
         visit.tab("Things")
         expect(page.get_by_text("3 things without a name")).to_be_visible()
         page.get_by_role("button", name="Name the next one").focus()

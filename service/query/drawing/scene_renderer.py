@@ -27,19 +27,12 @@ _SURE_PX = 64
 
 @dataclass(frozen=True)
 class Mask2D:
-    """Where an answer is in one view.
+    """Where an answer is in one view."""
 
-    Attributes:
-        mask: bool [H, W], pixels whose most probable class is a relevant entry.
-        label_ids: uint16 [H, W], which relevant entry each pixel of the mask is, 0 outside the mask.
-        relevancy: float32 [H, W], 0..1: Σ_n p(n)·relevancy(n).
-        rgb: uint8 [H, W, 3], the rendered view.
-    """
-
-    mask: NDArray[np.bool_]
-    label_ids: NDArray[np.uint16]
-    relevancy: NDArray[np.float32]
-    rgb: NDArray[np.uint8]
+    mask: NDArray[np.bool_]  # bool [H, W], pixels whose most probable class is a relevant entry
+    label_ids: NDArray[np.uint16]  # uint16 [H, W], which relevant entry each pixel of the mask is, 0 outside the mask
+    relevancy: NDArray[np.float32]  # float32 [H, W], 0..1: Σ_n p(n)·relevancy(n)
+    rgb: NDArray[np.uint8]  # uint8 [H, W, 3], the rendered view
 
 
 class Renderer:

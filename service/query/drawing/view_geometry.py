@@ -19,23 +19,14 @@ RELATIVE_SPREAD = 0.05
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """What a view shows of surfaces; 0 everywhere where less than `alpha_min` is covered.
+    """What a view shows of surfaces; 0 everywhere where less than `alpha_min` is covered."""
 
-    Attributes:
-        depth: float32 [H, W], expected camera z Σ w·z / Σ w, scene units.
-        median_depth: float32 [H, W], camera z of the Gaussian where half of the light is gone.
-        spread: float32 [H, W], standard deviation of the blended depth √(Σ w·(z − depth)² / Σ w), scene units.
-        normals: float32 [H, W, 3], unit length, world frame, towards the camera.
-        confidence: float32 [H, W], 0..1: alpha / (1 + (spread / (`RELATIVE_SPREAD`·depth))²).
-        image: float32 [H, W, C], the features Σ w·feature / Σ w.
-    """
-
-    depth: F32
-    median_depth: F32
-    spread: F32
-    normals: F32
-    confidence: F32
-    image: F32
+    depth: F32  # float32 [H, W], expected camera z Σ w·z / Σ w, scene units
+    median_depth: F32  # float32 [H, W], camera z of the Gaussian where half of the light is gone
+    spread: F32  # float32 [H, W], standard deviation of the blended depth √(Σ w·(z − depth)² / Σ w), scene units
+    normals: F32  # float32 [H, W, 3], unit length, world frame, towards the camera
+    confidence: F32  # float32 [H, W], 0..1: alpha / (1 + (spread / (`RELATIVE_SPREAD`·depth))²)
+    image: F32  # float32 [H, W, C], the features Σ w·feature / Σ w
 
 
 @torch.no_grad()

@@ -80,18 +80,14 @@ class PairFit:
     """The similarity that takes points of a scene to those of a map best.
 
     Attributes:
-        change: from the scene's frame into the map's.
-        residuals: float64 [N], of each pair, units of the map.
-        outliers: bool [N], pairs that did not count.
-        spread: root mean square distance of the scene's points that counted from their middle.
         deviation: relative standard deviation of the scale, 0 where it was not fitted; 1.96 of it are the 95 % interval
             of Student's distribution for so few pairs.
     """
 
-    change: Similarity
-    residuals: F64
-    outliers: NDArray[np.bool_]
-    spread: float
+    change: Similarity  # from the scene's frame into the map's
+    residuals: F64  # float64 [N], of each pair, units of the map
+    outliers: NDArray[np.bool_]  # bool [N], pairs that did not count
+    spread: float  # root mean square distance of the scene's points that counted from their middle
     deviation: float
 
     @property

@@ -43,19 +43,12 @@ class _Order:
 
 @dataclass(frozen=True)
 class _Kind:
-    """A kind of edit.
+    """A kind of edit."""
 
-    Attributes:
-        make: the scene afterwards.
-        needs: the fields of an edit without which it makes no sense.
-        takes: those that it may have. No other kind takes either.
-        named: whether it may give a name.
-    """
-
-    make: Callable[[_Order], Scene]
-    needs: tuple[str, ...] = ()
-    takes: tuple[str, ...] = ()
-    named: bool = False
+    make: Callable[[_Order], Scene]  # the scene afterwards
+    needs: tuple[str, ...] = ()  # the fields of an edit without which it makes no sense
+    takes: tuple[str, ...] = ()  # those that it may have. No other kind takes either
+    named: bool = False  # whether it may give a name
 
 
 def apply_edit(

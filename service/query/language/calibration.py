@@ -25,18 +25,15 @@ class Calibration(BaseModel):
 
     Attributes:
         templates, negatives: the prompts it was measured with.
-        date: ISO date.
-        scores: by score; `relevancy` counts in the margin d·q − max_j d·c_j.
-        figures: accuracies, areas and calibration errors on labels and scenes that set nothing.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     templates: tuple[str, ...]
     negatives: tuple[str, ...]
-    date: str
-    scores: Mapping[Score, ScoreCalibration]
-    figures: Mapping[str, Any]
+    date: str  # ISO date
+    scores: Mapping[Score, ScoreCalibration]  # by score; `relevancy` counts in the margin d·q − max_j d·c_j
+    figures: Mapping[str, Any]  # accuracies, areas and calibration errors on labels and scenes that set nothing
 
 
 def calibration_key(name: str, sha256: str) -> str:

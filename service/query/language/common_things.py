@@ -67,6 +67,11 @@ def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
     return (), False
 
 
+def is_toy(name: str) -> bool:
+    """Tells whether what is called so is known to be a toy."""
+    return any({"toy", "stuffed toy"} & thing.kinds for thing in common_things(name)[0])
+
+
 def are_other_things(text: str, names: Sequence[str]) -> bool:
     """Whether the list tells a text from what bears these names, by the whole names of both: it has most kinds of one
     alone. A sofa is no teddy bear, and a chair no dining table, though both are furniture. A fork and a spoon, of the

@@ -32,19 +32,12 @@ one of a key's rare senses."""
 
 @dataclass(frozen=True)
 class Compounds:
-    """Labels that a question names last, after words that no label answers for; of N labels.
+    """Labels that a question names last, after words that no label answers for; of N labels."""
 
-    Attributes:
-        kept: bool [N], those that these words leave what they are: "chair" of "wicker chair".
-        feigned: bool [N], those of which they make something else: "car" of "toy car".
-        other: bool [N], those that end the name of something else: "table" of "periodic table".
-        before: by row of a kept one, the words before it: "wicker".
-    """
-
-    kept: Mask
-    feigned: Mask
-    other: Mask
-    before: Mapping[int, str]
+    kept: Mask  # bool [N], those that these words leave what they are: "chair" of "wicker chair"
+    feigned: Mask  # bool [N], those of which they make something else: "car" of "toy car"
+    other: Mask  # bool [N], those that end the name of something else: "table" of "periodic table"
+    before: Mapping[int, str]  # by row of a kept one, the words before it: "wicker"
 
 
 def compounds(

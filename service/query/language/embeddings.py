@@ -105,12 +105,11 @@ class TextCaches:
     """What the scenes of one encoder share. Threads may share it.
 
     Attributes:
-        texts: embeds questions, in the settings' templates.
         definitions: embeds the lexicon's definitions of labels, as they are; a place of their own, so that opening a
             scene displaces no question.
     """
 
-    texts: TextCache
+    texts: TextCache  # embeds questions, in the settings' templates
     definitions: TextCache
 
     def of(self, owner: str) -> TextCaches:

@@ -9,10 +9,11 @@ from fastsplat.service.query.things.absence import USUAL_M, Hollow, UnseenSpace
 
 _SHUT = frozenset({"storage", "cabinet", "closet", "drawer", "box", "luggage", "white good"})
 """Kinds of things that others are kept in, see `common_things`; which of them stand open, photos tell."""
-_LARGE = frozenset(
-    {"furniture", "white good", "bathroom fixture", "vehicle", "wild animal", "farm animal", "part of a building"}
-    | {"room", "structure", "nature", "landscape", "street furniture"}
+_FURNITURE = frozenset(
+    {"furniture", "white good", "bathroom fixture", "part of a building", "room", "structure", "nature", "landscape"}
+    | {"street furniture"}
 )
+_LARGE = _FURNITURE | {"vehicle", "wild animal", "farm animal"}
 _LARGE_M = 0.8
 """What things of large kinds need, the width of a ball; a stool needs less, a car more."""
 
@@ -26,6 +27,11 @@ def is_kept_shut(name: str) -> bool:
 def width_needed(text: str) -> float:
     """How wide a ball a place must hold for what is asked for, meters: by its kind, where that is known."""
     return _LARGE_M if any(_LARGE & thing.kinds for thing in common_things(text)[0]) else USUAL_M
+
+
+def is_furniture(text: str) -> bool:
+    """Tells whether a text names something as large as furniture or larger, vehicles and animals aside."""
+    return any(_FURNITURE & thing.kinds for thing in common_things(text)[0])
 
 
 def may_hold(unseen: UnseenSpace, text: str, taken_for: Mapping[int, str]) -> tuple[Hollow, ...]:

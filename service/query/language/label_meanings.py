@@ -69,38 +69,26 @@ class Relations:
     """What the lexicon has between one question and N labels, each 0..1 float64 [N].
 
     Attributes:
-        same: 1 where they share the first sense of both, less where it is a rarer one.
         wider: 1 / steps from a sense of the label up to one of the question: "fruit" of banana. Steps count here and
             below with the places of both in the order of senses.
-        narrower: the other way: "armchair" of chair.
-        kinship: Wu and Palmer's similarity (1994, section 3) by the deepest specific sense that both are kinds of.
-        part: 1 where the question is a part or the substance of the label.
-        whole: 1 where the label is one of the question.
     """
 
-    same: F64
+    same: F64  # 1 where they share the first sense of both, less where it is a rarer one
     wider: F64
-    narrower: F64
-    kinship: F64
-    part: F64
-    whole: F64
+    narrower: F64  # the other way: "armchair" of chair
+    kinship: F64  # Wu and Palmer's similarity (1994, section 3) by the deepest specific sense that both are kinds of
+    part: F64  # 1 where the question is a part or the substance of the label
+    whole: F64  # 1 where the label is one of the question
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One question and N labels, as lexicon and encoder see them.
+    """One question and N labels, as lexicon and encoder see them."""
 
-    Attributes:
-        columns: float64 [N, F], by `BASE`.
-        meaning: the senses of the question.
-        relations: those of the labels to it.
-        compounds: the labels that it names after other words.
-    """
-
-    columns: F64
-    meaning: Meaning
-    relations: Relations
-    compounds: Compounds
+    columns: F64  # float64 [N, F], by `BASE`
+    meaning: Meaning  # the senses of the question
+    relations: Relations  # those of the labels to it
+    compounds: Compounds  # the labels that it names after other words
 
 
 class LabelMeanings:

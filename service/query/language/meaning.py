@@ -35,36 +35,27 @@ class MeaningModel(BaseModel):
     """The model of one encoder and one lexicon.
 
     Attributes:
-        templates: sentences that it was fitted with.
-        date: ISO date.
-        lexicon: the manifest's name of the lexicon.
-        base: the columns that it weighs, as `BASE` was when it was fitted.
         mean, scale: of the features, [F].
         hidden: weights of the hidden layer, [H, F]; `hidden_offset` [H]; `output` [H]; `offset`.
-        entry: probability that who asks accepts a label, of its logit.
-        present: probability that anything in the dictionary answers, of the logarithm of the summed odds.
-        related: the presence from which on labels are shown as answers.
-        scenes: nonconformities of the calibration dictionaries.
-        figures: of the cross-validation over dictionaries.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    templates: tuple[str, ...]
-    date: str
-    lexicon: str
-    base: tuple[str, ...]
+    templates: tuple[str, ...]  # sentences that it was fitted with
+    date: str  # ISO date
+    lexicon: str  # the manifest's name of the lexicon
+    base: tuple[str, ...]  # the columns that it weighs, as `BASE` was when it was fitted
     mean: tuple[float, ...]
     scale: tuple[float, ...]
     hidden: tuple[tuple[float, ...], ...]
     hidden_offset: tuple[float, ...]
     output: tuple[float, ...]
     offset: float
-    entry: Logistic
-    present: Logistic
-    related: float
-    scenes: Nonconformities
-    figures: Mapping[str, Any]
+    entry: Logistic  # probability that who asks accepts a label, of its logit
+    present: Logistic  # probability that anything in the dictionary answers, of the logarithm of the summed odds
+    related: float  # the presence from which on labels are shown as answers
+    scenes: Nonconformities  # nonconformities of the calibration dictionaries
+    figures: Mapping[str, Any]  # of the cross-validation over dictionaries
 
     @cached_property
     def _arrays(self) -> tuple[F64, F64, F64, F64, F64]:

@@ -24,8 +24,6 @@ class NameMatch:
         mentions: by label id, the words that remain of the question's head without the entry's name: "clock" for the
             entry wall in "wall clock", "man" for the entry hat in "man with a hat". Such an entry is spoken of and not
             asked for.
-        negated: label ids that the question denies: lid in "kettle without a lid".
-        unchecked: words of the question that no entry answers for: "red", "with a hat"; "" without.
         bases: by label id, how many of the last words of what is asked for are the entry's name, where other words
             stand before it: 1 for the entry chair in "wicker chair". Whether that is a chair, no name says.
     """
@@ -34,8 +32,8 @@ class NameMatch:
     heads: tuple[int, ...] = ()
     hyponyms: tuple[int, ...] = ()
     mentions: dict[int, str] = field(default_factory=dict)
-    negated: tuple[int, ...] = ()
-    unchecked: str = ""
+    negated: tuple[int, ...] = ()  # label ids that the question denies: lid in "kettle without a lid"
+    unchecked: str = ""  # words of the question that no entry answers for: "red", "with a hat"; "" without
     bases: dict[int, int] = field(default_factory=dict)
 
 

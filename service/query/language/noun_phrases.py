@@ -68,34 +68,21 @@ horse is no horse, a paper towel no towel), nor what often makes a name of its o
 
 @dataclass(frozen=True)
 class Detail:
-    """A prepositional phrase or relative clause: what a phrase says of its head.
+    """A prepositional phrase or relative clause: what a phrase says of its head."""
 
-    Attributes:
-        connector: the word before it, folded: "of", "on", "without".
-        groups: the noun groups that follow, articles off: "lid".
-        negated: whether the phrase denies it.
-    """
-
-    connector: str
-    groups: tuple[str, ...]
-    negated: bool
+    connector: str  # the word before it, folded: "of", "on", "without"
+    groups: tuple[str, ...]  # the noun groups that follow, articles off: "lid"
+    negated: bool  # whether the phrase denies it
 
 
 @dataclass(frozen=True)
 class NounPhrase:
-    """The parts of a question.
+    """The parts of a question."""
 
-    Attributes:
-        text: the question without question words, articles, politeness and punctuation around it.
-        heads: the noun groups that are asked for; "fork and knife" has two, "on the bed" none.
-        details: what is said of them, in order.
-        tail: the text of all details, with their connectors; "" without.
-    """
-
-    text: str
-    heads: tuple[str, ...]
-    details: tuple[Detail, ...]
-    tail: str
+    text: str  # the question without question words, articles, politeness and punctuation around it
+    heads: tuple[str, ...]  # the noun groups that are asked for; "fork and knife" has two, "on the bed" none
+    details: tuple[Detail, ...]  # what is said of them, in order
+    tail: str  # the text of all details, with their connectors; "" without
 
 
 def noun_phrase(text: str) -> str:

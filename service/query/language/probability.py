@@ -32,16 +32,12 @@ class Logistic(BaseModel):
 class Nonconformities(BaseModel):
     """1 − the probability of each calibration question's best acceptable answer, by scene, of questions that have one
     and of those that have none apart: what holds for both together may hold for one of them only.
-
-    Attributes:
-        present: of questions to which an entry answers.
-        absent: of questions to which nothing here answers.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    present: tuple[tuple[float, ...], ...] = ()
-    absent: tuple[tuple[float, ...], ...] = ()
+    present: tuple[tuple[float, ...], ...] = ()  # of questions to which an entry answers
+    absent: tuple[tuple[float, ...], ...] = ()  # of questions to which nothing here answers
 
     def bounds(self, coverage: float) -> tuple[float, float]:
         """Up to which nonconformity "nothing here", and up to which an entry, belongs to a set of this coverage."""
@@ -52,24 +48,18 @@ class ScoreCalibration(BaseModel):
     """The calibration of one encoder and one score.
 
     Attributes:
-        related: from here on an entry is worth showing.
-        exact: from here on it is the object itself.
-        entry: probability that who asks accepts the entry.
-        present: probability that anything in the dictionary answers, of its best score.
         background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.
-        temperature: t by which relevancy σ(t·margin) comes nearest to the probability that an entry is accepted.
-        scenes: nonconformities of the calibration scenes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    related: float
-    exact: float
-    entry: Logistic
-    present: Logistic
+    related: float  # from here on an entry is worth showing
+    exact: float  # from here on it is the object itself
+    entry: Logistic  # probability that who asks accepts the entry
+    present: Logistic  # probability that anything in the dictionary answers, of its best score
     background: float
-    temperature: float
-    scenes: Nonconformities
+    temperature: float  # t by which relevancy σ(t·margin) comes nearest to the probability that an entry is accepted
+    scenes: Nonconformities  # nonconformities of the calibration scenes
 
 
 def leads(scores: F64, background: float) -> F64:
@@ -149,15 +139,13 @@ class Belief:
     one, to the bit.
 
     Attributes:
-        entries: float64 [N], 0..1, for each entry.
-        presence: 0..1, that anything here answers.
         label_set: label ids, likeliest first, of which one answers with the coverage asked for, given that the names
             are right: it is calibrated on words. So 0, "nothing here", joins where no entry of the set is named as
             surely as the coverage asks.
     """
 
-    entries: F64
-    presence: float
+    entries: F64  # float64 [N], 0..1, for each entry
+    presence: float  # 0..1, that anything here answers
     label_set: tuple[int, ...]
 
     def of_verdict(self, leading: int | np.intp | None) -> float:

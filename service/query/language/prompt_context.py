@@ -30,13 +30,12 @@ class SceneLabels:
     """What a ranking reads of a scene: its labels, and nothing that has a row for each Gaussian.
 
     Attributes:
-        dictionary: N names: the scene's labels, then what is merely suggested, see `ThingNames`.
         embeddings: float32 [M, E], M ≤ N, unit length, of the scene's labels; a copy, so that no file of the scene
             stays mapped.
         text_encoder, templates: what made them: name and digest of the encoder, and the sentences.
     """
 
-    dictionary: Dictionary
+    dictionary: Dictionary  # N names: the scene's labels, then what is merely suggested, see `ThingNames`
     embeddings: NDArray[np.float32]
     text_encoder: tuple[str, str]
     templates: tuple[str, ...]
@@ -44,25 +43,15 @@ class SceneLabels:
 
 @dataclass(frozen=True)
 class PromptContext:
-    """A dictionary's embeddings and thresholds under one choice of prompts.
+    """A dictionary's embeddings and thresholds under one choice of prompts."""
 
-    Attributes:
-        entries: the dictionary's embeddings, and their similarity to the negatives.
-        negatives: canonical negatives.
-        templates: prompt templates.
-        calibration: what was measured for the encoder with these prompts, or None.
-        related: score from which on an entry is related; None: nothing is known, and names alone count.
-        exact: score from which on an entry is the object itself; infinite where nothing is known.
-        temperature: t of the relevancy.
-    """
-
-    entries: Entries
-    negatives: tuple[str, ...]
-    templates: tuple[str, ...]
-    calibration: ScoreCalibration | None
-    related: float | None
-    exact: float
-    temperature: float
+    entries: Entries  # the dictionary's embeddings, and their similarity to the negatives
+    negatives: tuple[str, ...]  # canonical negatives
+    templates: tuple[str, ...]  # prompt templates
+    calibration: ScoreCalibration | None  # what was measured for the encoder with these prompts, or None
+    related: float | None  # score from which on an entry is related; None: nothing is known, and names alone count
+    exact: float  # score from which on an entry is the object itself; infinite where nothing is known
+    temperature: float  # t of the relevancy
 
 
 class PromptContexts:

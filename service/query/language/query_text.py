@@ -18,19 +18,12 @@ _MAX_TEXT_CHARS = 1_000
 
 @dataclass(frozen=True)
 class TextQuery:
-    """A question that was checked, see `check_query`.
+    """A question that was checked, see `check_query`."""
 
-    Attributes:
-        texts: plain words, at least one text.
-        negatives: canonical negatives.
-        templates: prompt templates, each with one "{}".
-        coverage: of the label sets, above 0 and below 1.
-    """
-
-    texts: tuple[str, ...]
-    negatives: tuple[str, ...]
-    templates: tuple[str, ...]
-    coverage: float
+    texts: tuple[str, ...]  # plain words, at least one text
+    negatives: tuple[str, ...]  # canonical negatives
+    templates: tuple[str, ...]  # prompt templates, each with one "{}"
+    coverage: float  # of the label sets, above 0 and below 1
 
 
 def check_query(

@@ -31,7 +31,7 @@ from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
 from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.absence import RATHER, unnamed_probability
+from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.queries import Answer, AnswerMethod, Match
 
@@ -131,6 +131,11 @@ class Ranker:
         return self._contexts.nbytes + meanings + _PER_LABEL * len(self._labels)
 
     @property
+    def lexicon(self) -> Lexicon | None:
+        """That it was made with."""
+        return self._made_of[3]
+
+    @property
     def names(self) -> NameIndex:
         """The names of the dictionary."""
         return self._names
@@ -199,10 +204,6 @@ class Ranker:
         figure = shown if belief is None else belief.entries
         order = np.lexsort((np.arange(len(primary)), -second, -primary, -figure, ~judged.relevant))
         nothing = judged.verdict == "absent"
-        searched = self._things.searched
-        if belief is not None and nothing and searched.unnamed_things:
-            unnamed = unnamed_probability(searched)
-            belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
         is_word = None if self._meanings is None else self._meanings.is_word
         unread: NoQuestion = no_question(text, is_word) if nothing else ""
         probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
@@ -230,7 +231,7 @@ class Ranker:
             masks=(),
             presence=None if belief is None else belief.presence,
             things=self._things.of_labels((order[judged.relevant[order]] + 1).tolist()),
-            searched=searched,
+            searched=self._things.searched,
             relation=relation,
             relation_subject=subject,
             method=method,

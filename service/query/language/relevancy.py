@@ -18,32 +18,20 @@ LERF_TEMPERATURE = 10.0
 
 @dataclass(frozen=True)
 class Entries:
-    """A dictionary ready to be compared.
+    """A dictionary ready to be compared."""
 
-    Attributes:
-        labels: float32 [N, E], unit length.
-        negative_similarity: float64 [N], max_j d·c_j: the cosine with the nearest canonical negative.
-        nearest_negative: int [N], that j.
-    """
-
-    labels: F32
-    negative_similarity: F64
-    nearest_negative: NDArray[np.intp]
+    labels: F32  # float32 [N, E], unit length
+    negative_similarity: F64  # float64 [N], max_j d·c_j: the cosine with the nearest canonical negative
+    nearest_negative: NDArray[np.intp]  # int [N], that j
 
 
 @dataclass(frozen=True)
 class Scores:
-    """Q queries against N entries, float64 [Q, N] each.
+    """Q queries against N entries, float64 [Q, N] each."""
 
-    Attributes:
-        similarity: cosines d·q.
-        margin: d·q − max_j d·c_j.
-        relevancy: σ(t·margin), 0..1.
-    """
-
-    similarity: F64
-    margin: F64
-    relevancy: F64
+    similarity: F64  # cosines d·q
+    margin: F64  # d·q − max_j d·c_j
+    relevancy: F64  # σ(t·margin), 0..1
 
 
 def entries(labels: F32, negatives: F32) -> Entries:

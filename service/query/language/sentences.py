@@ -118,7 +118,7 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
         else:
             what = _found(ranked, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
-    return replace(answer, outcome=outcome, sentence=said)
+    return replace(answer, outcome=outcome, sentence=said, asked=remarks.head or noun_phrase(answer.text))
 
 
 def _without_closest(answer: Answer) -> Answer:
@@ -195,9 +195,11 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     if answer.phrase is not None and not remarks.head:
         return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
     only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
-    count, question = len(names.table), quoted(remarks.head or noun_phrase(answer.text))
-    searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {question}"}
-    none = searched.get(count, f"none of the {count} names in this scene is {question}")
+    count, asked = len(names.table), remarks.head or noun_phrase(answer.text)
+    searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {quoted(asked)}"}
+    none = searched.get(count, f"none of the {count} names in this scene is {quoted(asked)}")
+    if count and names.dictionary.id_of(asked):
+        none = f"nothing bears the name {quoted(asked)}"
     return f"{none}{_unnamed(answer)}{only}"
 
 
@@ -232,12 +234,15 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
         may_be = f"; it may be {in_words(answer.things)}" if answer.things else ""
         choice = _CHOICES.get(phrase.refusal.reason, "")
         return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
-    unnamed = answer.searched.unnamed_things
+    unnamed, asked = answer.searched.unnamed_things, remarks.head or noun_phrase(answer.text)
     if not unnamed:
-        return f" whether {question} is here: something here may be it, and no name says so; ask by another word"
+        return f" whether {quoted(asked)} is here: something here may be it, and no name says so; ask by another word"
     have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"
-    named = "no thing here has a name yet" if not names.table else f"no name here is it, and {have}"
-    return f" whether {question} is here: {named}; name what it is"
+    none = "nothing bears that name" if names.dictionary.id_of(asked) else "no name here is it"
+    named = "no thing here has a name yet" if not names.table else f"{none}, and {have}"
+    count = len(answer.things)
+    may_be = f"; {'one thing' if count == 1 else f'{count} things'} may be it" if count else ""
+    return f" whether {quoted(asked)} is here: {named}{may_be}; name what it is"
 
 
 def _left_open(phrase: PhraseAnswer, remarks: Remarks, in_words: InWords) -> str:

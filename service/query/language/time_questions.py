@@ -58,15 +58,12 @@ class TimeQuestion:
 
     Attributes:
         asks: "events": what has become of all things; "place": where some were; "last_seen": when they were seen.
-        about: the words for those things; "" for events.
-        events: those that are asked for.
-        when: the day that is asked about, or since which; None for none.
     """
 
     asks: Literal["events", "place", "last_seen"]
-    about: str = ""
-    events: frozenset[ChangeKind] = frozenset()
-    when: When | None = None
+    about: str = ""  # the words for those things; "" for events
+    events: frozenset[ChangeKind] = frozenset()  # those that are asked for
+    when: When | None = None  # the day that is asked about, or since which; None for none
 
 
 def time_question(text: str, now: datetime) -> TimeQuestion | None:

@@ -29,13 +29,11 @@ class Meaning:
 
     Attributes:
         ranked: senses of things that can lie in a scene, the most frequent first; each with what its place counts.
-        whole: whether the lexicon has the whole text; else they are the senses of its head.
-        words: how many of its last words the lexicon has.
     """
 
     ranked: tuple[tuple[Sense, float], ...]
-    whole: bool
-    words: int = 0
+    whole: bool  # whether the lexicon has the whole text; else they are the senses of its head
+    words: int = 0  # how many of its last words the lexicon has
 
     @property
     def senses(self) -> tuple[Sense, ...]:

@@ -29,19 +29,12 @@ _PICK_PX = 1.0
 
 @dataclass(frozen=True)
 class Located:
-    """A place in the world.
+    """A place in the world."""
 
-    Attributes:
-        point: float64 [3].
-        covariance: float64 [3, 3], scene units squared.
-        thing_id: of the thing there; 0 for none.
-        is_thing: whether the place is that whole thing, and `point` the middle of its box.
-    """
-
-    point: F64
-    covariance: F64
-    thing_id: int = 0
-    is_thing: bool = False
+    point: F64  # float64 [3]
+    covariance: F64  # float64 [3, 3], scene units squared
+    thing_id: int = 0  # of the thing there; 0 for none
+    is_thing: bool = False  # whether the place is that whole thing, and `point` the middle of its box
 
     @property
     def plus_minus(self) -> float:

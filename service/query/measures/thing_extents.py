@@ -33,17 +33,11 @@ _STILL_OFF = 0.001
 
 @dataclass(frozen=True)
 class ThingExtents:
-    """A thing as it is measured.
+    """A thing as it is measured."""
 
-    Attributes:
-        rows: int64 [K], K ≥ 1, ascending: its Gaussians without strays, at most 20,000.
-        box: upright as that of `oriented_box`, with each face in the middle of the outermost layer of Gaussians.
-        deviations: standard deviation of each side of the box, both ends together.
-    """
-
-    rows: Rows
-    box: Box
-    deviations: tuple[float, float, float]
+    rows: Rows  # int64 [K], K ≥ 1, ascending: its Gaussians without strays, at most 20,000
+    box: Box  # upright as that of `oriented_box`, with each face in the middle of the outermost layer of Gaussians
+    deviations: tuple[float, float, float]  # standard deviation of each side of the box, both ends together
 
 
 def thing_extents(index: SceneIndex, thing_id: int) -> ThingExtents | None:

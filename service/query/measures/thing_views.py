@@ -26,15 +26,12 @@ class ThingView:
     """A camera that shows some things.
 
     Attributes:
-        name: of the camera.
-        share: of the picture's pixels that show them, 0..1.
-        cut_off: whether they reach the picture's edge.
         mask: bool [H, W]: where they are, in the picture reduced to 256 pixels a side.
     """
 
-    name: str
-    share: float
-    cut_off: bool
+    name: str  # of the camera
+    share: float  # of the picture's pixels that show them, 0..1
+    cut_off: bool  # whether they reach the picture's edge
     mask: NDArray[np.bool_] = field(repr=False)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.common_things import is_toy
 from fastsplat.service.query.language.judgement import Ranked, Remarks, Verdict
 from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.noun_phrases import noun_phrase
+from fastsplat.service.query.language.noun_phrases import noun_phrase, split_modifiers
 from fastsplat.service.query.language.sentences import doubt_of, quoted
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
@@ -19,7 +21,8 @@ from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_measures import ThingMeasures
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
-from fastsplat_contract.queries import Answer, Match
+from fastsplat_contract.queries import Answer, Match, RelationSubject
+from fastsplat_contract.queries import Relation as Related
 
 _NOT_MEANT = ("referent_absent", "not_read")
 """Of a question with several readings, one that is refused so was not meant."""
@@ -34,22 +37,16 @@ class AskedScene:
     """What phrases ask of a scene.
 
     Attributes:
-        things: by their names.
-        names: of the dictionary.
-        rank: answers noun groups.
         open_measures: gives the measures of the things; called only where something must be measured.
-        unit: of lengths: "m" or "unit".
-        written: what is written on the things.
-        looks: what they look like.
     """
 
-    things: ThingNames
-    names: NameIndex
-    rank: Rank
+    things: ThingNames  # by their names
+    names: NameIndex  # of the dictionary
+    rank: Rank  # answers noun groups
     open_measures: Callable[[], ThingMeasures]
-    unit: str
-    written: WrittenWords
-    looks: ThingLooks
+    unit: str  # of lengths: "m" or "unit"
+    written: WrittenWords  # what is written on the things
+    looks: ThingLooks  # what they look like
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
@@ -153,7 +150,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         things=solved.things,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
-        count=len(solved.things) if question.asks == "count" and counted else None,
+        count=len(things.counted_once(solved.things)) if question.asks == "count" and counted else None,
         refusal=refusal,
     )
     if refusal is not None:
@@ -170,6 +167,24 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
     doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
+
+
+def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
+    """Answers a name that nothing bears by its last words, or by a toy of it: "black bear" by a teddy bear."""
+    asked = noun_phrase(plain.answer.text)
+    _, head = split_modifiers(asked)
+    if plain.verdict != "absent":
+        return plain
+    toys = [each for each in scene.names.match(asked).hyponyms if each in scene.things.table]
+    toys = [each for each in toys if is_toy(scene.things.table[each].label)]
+    (found,) = scene.rank((scene.things.table[toys[0]].label if toys else head,))
+    if not found.standing or not (toys or head != label_key(asked)):
+        return plain
+    unchecked = label_key(asked).removesuffix(head).strip()
+    relation: tuple[Related, RelationSubject | None] = ("related", None) if unchecked else ("kind_of", "label")
+    answer = replace(found.answer, text=plain.answer.text, relation=relation[0], relation_subject=relation[1])
+    verdict: Verdict = "related" if found.verdict == "exact" else found.verdict
+    return replace(found, answer=answer, verdict=verdict, remarks=replace(found.remarks, unchecked=unchecked))
 
 
 def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:

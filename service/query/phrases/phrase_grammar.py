@@ -62,21 +62,13 @@ _JOINTS = frozenset({"and", "but", "or", ","})
 
 @dataclass
 class _Part:
-    """A marker with the words after it, up to the next one.
+    """A marker with the words after it, up to the next one."""
 
-    Attributes:
-        marker: None for what the text begins with.
-        said: the words of the marker, as asked.
-        words: those after it.
-        joined: whether an "and" stands before it, so that it is said of the head.
-        negated: whether a "not" stands before it.
-    """
-
-    marker: Marker | None
-    said: str = ""
-    words: list[str] = field(default_factory=list)
-    joined: bool = False
-    negated: bool = False
+    marker: Marker | None  # None for what the text begins with
+    said: str = ""  # the words of the marker, as asked
+    words: list[str] = field(default_factory=list)  # those after it
+    joined: bool = False  # whether an "and" stands before it, so that it is said of the head
+    negated: bool = False  # whether a "not" stands before it
 
     @property
     def text(self) -> str:

@@ -48,23 +48,14 @@ _Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
 
 @dataclass(frozen=True)
 class Solved:
-    """What one reading of a question means.
+    """What one reading of a question means."""
 
-    Attributes:
-        things: ids of those that fulfil everything; in their order, if it asks for one.
-        undecided: by id, what could not be decided of it.
-        witnesses: by which measurements.
-        refusal: why nothing at all could be decided; None otherwise.
-        named: what the head names.
-        doubt: what is not sure of the things; "" for nothing.
-    """
-
-    things: tuple[int, ...]
-    undecided: Mapping[int, Refusal]
-    witnesses: tuple[Witness, ...]
-    refusal: Refusal | None
-    named: Named
-    doubt: str = ""
+    things: tuple[int, ...]  # ids of those that fulfil everything; in their order, if it asks for one
+    undecided: Mapping[int, Refusal]  # by id, what could not be decided of it
+    witnesses: tuple[Witness, ...]  # by which measurements
+    refusal: Refusal | None  # why nothing at all could be decided; None otherwise
+    named: Named  # what the head names
+    doubt: str = ""  # what is not sure of the things; "" for nothing
 
 
 class _UndecidableError(Exception):
@@ -97,19 +88,14 @@ class PhraseSolver:
 
     Attributes:
         open_measures: gives those of the things; called only where something must be measured.
-        things: of the scene that are there, by id; parts, too.
-        names: what noun groups name, by group and by head; "" is anything.
-        asker: where the asker stands; None if that was not said.
-        unit: of lengths: "m" or "unit".
-        written: what is written on the things.
     """
 
     open_measures: Callable[[], ThingMeasures]
-    things: Mapping[int, Thing]
-    names: Mapping[str, Named]
-    asker: Asker | None
-    unit: str
-    written: WrittenWords
+    things: Mapping[int, Thing]  # of the scene that are there, by id; parts, too
+    names: Mapping[str, Named]  # what noun groups name, by group and by head; "" is anything
+    asker: Asker | None  # where the asker stands; None if that was not said
+    unit: str  # of lengths: "m" or "unit"
+    written: WrittenWords  # what is written on the things
     _witnesses: list[Witness] = field(default_factory=list)
     _doubt: str = ""
 

@@ -19,17 +19,14 @@ class Marker:
         kind: "side": "on the left", without anything to the left of which, or "from the left"; "distance": "nearest
             to"; "is": "that are"; "says": "labeled", before what is written on it; "by": the same, if that is
             written on something; "rest": words after which nothing is parsed.
-        relation: of a relation.
-        negated: "without"; "is not".
-        most: of a side, the right one; of a distance, the farthest.
         descriptive: of "rest": whether it describes what is asked for ("to drink from", "for tea"), so that the text
             as a whole is a question of meaning; False for prepositions that nothing measures.
     """
 
     kind: MarkerKind
-    relation: RelationKind | None = None
-    negated: bool = False
-    most: bool = False
+    relation: RelationKind | None = None  # of a relation
+    negated: bool = False  # "without"; "is not"
+    most: bool = False  # of a side, the right one; of a distance, the farthest
     descriptive: bool = False
 
 

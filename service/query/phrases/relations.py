@@ -45,34 +45,21 @@ class Measured:
 
 @dataclass(frozen=True)
 class Judged:
-    """Whether a condition holds.
+    """Whether a condition holds."""
 
-    Attributes:
-        clearness: from 1 on it holds, from -1 on it does not, between nothing is decided.
-        measured: by what.
-        reason: why, if nothing is decided.
-    """
-
-    clearness: float
-    measured: tuple[Measured, ...] = ()
-    reason: RefusalReason = "too_close"
+    clearness: float  # from 1 on it holds, from -1 on it does not, between nothing is decided
+    measured: tuple[Measured, ...] = ()  # by what
+    reason: RefusalReason = "too_close"  # why, if nothing is decided
 
 
 @dataclass(frozen=True)
 class Asker:
-    """Where the asker stands, in the axes of the shapes.
+    """Where the asker stands, in the axes of the shapes."""
 
-    Attributes:
-        position: float64 [3].
-        forward: float64 [3], where the asker looks, unit length.
-        right: float64 [3], level, unit length.
-        up: float64 [3], the vertical, or the asker's own where the scene does not tell it.
-    """
-
-    position: F64
-    forward: F64
-    right: F64
-    up: F64
+    position: F64  # float64 [3]
+    forward: F64  # float64 [3], where the asker looks, unit length
+    right: F64  # float64 [3], level, unit length
+    up: F64  # float64 [3], the vertical, or the asker's own where the scene does not tell it
 
 
 def asker_at(world_from_camera: F64, axes: F64, vertical: bool) -> Asker:

@@ -43,17 +43,11 @@ class PairBudget:
 
 @dataclass
 class Stacks:
-    """The things of one scene.
+    """The things of one scene."""
 
-    Attributes:
-        measures: of the things.
-        things: that are there, by id; parts, too.
-        budget: of pairs.
-    """
-
-    measures: ThingMeasures
-    things: Mapping[int, Thing]
-    budget: PairBudget
+    measures: ThingMeasures  # of the things
+    things: Mapping[int, Thing]  # that are there, by id; parts, too
+    budget: PairBudget  # of pairs
     _direct: dict[tuple[int, int], Judged] = field(default_factory=dict)
 
     def direct(self, one: ThingShape, other: ThingShape) -> Judged:

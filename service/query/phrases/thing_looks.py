@@ -30,26 +30,20 @@ class LooksModel:
     """A calibrated image-text model.
 
     Attributes:
-        encoder: its network of texts.
         ratio: the logarithm of how much likelier a thing's score is if the text is true of it; its lead is over the
             median of the scene's things.
     """
 
-    encoder: TextEncoder
+    encoder: TextEncoder  # its network of texts
     ratio: Logistic
 
 
 @dataclass(frozen=True)
 class ThingLooks:
-    """The looks of the things of one scene. Threads may share it.
+    """The looks of the things of one scene. Threads may share it."""
 
-    Attributes:
-        things: of the scene; only those count that this very model looked at.
-        model: compares; None: nothing does.
-    """
-
-    things: tuple[Thing, ...] = field(repr=False)
-    model: LooksModel | None
+    things: tuple[Thing, ...] = field(repr=False)  # of the scene; only those count that this very model looked at
+    model: LooksModel | None  # compares; None: nothing does
 
     def __bool__(self) -> bool:
         return bool(self._ids)

@@ -22,13 +22,9 @@ OpenMeasures: TypeAlias = "Callable[[], ThingMeasures]"
 
 @dataclass(frozen=True)
 class ThingWords:
-    """The things of one scene in words. Threads may share it.
+    """The things of one scene in words. Threads may share it."""
 
-    Attributes:
-        names: of the things.
-    """
-
-    names: ThingNames
+    names: ThingNames  # of the things
     _beside: dict[int, str] = field(default_factory=dict)
 
     def listed(self, thing_ids: Sequence[int], open_measures: OpenMeasures) -> str:
@@ -40,7 +36,7 @@ class ThingWords:
         """
         counts: dict[tuple[str, str], int] = {}
         more = 0
-        for thing_id in thing_ids:
+        for thing_id in self.names.counted_once(thing_ids):
             name, full = self.names.called.get(thing_id, ""), len(counts) == MOST_NAMED
             key = (name, "") if name else ("", "" if full else self._place(thing_id, open_measures))
             if full and key not in counts:

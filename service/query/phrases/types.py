@@ -19,17 +19,11 @@ SEEN_FROM: frozenset[RelationKind] = frozenset({"left_of", "right_of", "in_front
 
 @dataclass(frozen=True)
 class ColorWord:
-    """A color: "light blue", or one that is denied: "not red".
+    """A color: "light blue", or one that is denied: "not red"."""
 
-    Attributes:
-        name: of the color, as in `color_names`.
-        shade: "", "light" or "dark".
-        negated: whether the phrase denies it.
-    """
-
-    name: str
-    shade: str = ""
-    negated: bool = False
+    name: str  # of the color, as in `color_names`
+    shade: str = ""  # "", "light" or "dark"
+    negated: bool = False  # whether the phrase denies it
 
     @property
     def text(self) -> str:
@@ -39,85 +33,51 @@ class ColorWord:
 
 @dataclass(frozen=True)
 class SizeWord:
-    """A size in comparison with others of the kind: "big" in "the big mug".
+    """A size in comparison with others of the kind: "big" in "the big mug"."""
 
-    Attributes:
-        word: as asked.
-        by: what is compared.
-        more: whether it asks for the larger ones.
-    """
-
-    word: str
-    by: SizeKind
-    more: bool
+    word: str  # as asked
+    by: SizeKind  # what is compared
+    more: bool  # whether it asks for the larger ones
 
 
 @dataclass(frozen=True)
 class Relation:
-    """Where a thing is: "on the table", "between the lamp and the mug".
+    """Where a thing is: "on the table", "between the lamp and the mug"."""
 
-    Attributes:
-        kind: of the relation.
-        anchors: what it is related to; none: the asker.
-        negated: whether the phrase denies it.
-        text: as asked.
-    """
-
-    kind: RelationKind
-    anchors: tuple[Phrase, ...]
-    negated: bool
-    text: str
+    kind: RelationKind  # of the relation
+    anchors: tuple[Phrase, ...]  # what it is related to; none: the asker
+    negated: bool  # whether the phrase denies it
+    text: str  # as asked
 
 
 @dataclass(frozen=True)
 class Possession:
-    """What a thing has: a part or another thing with it ("with a handle"), or a content ("of water").
+    """What a thing has: a part or another thing with it ("with a handle"), or a content ("of water")."""
 
-    Attributes:
-        kind: "with" or "of".
-        phrase: what it has.
-        negated: whether the phrase denies it: "without a handle".
-        text: as asked.
-    """
-
-    kind: Literal["with", "of"]
-    phrase: Phrase
-    negated: bool
-    text: str
+    kind: Literal["with", "of"]  # "with" or "of"
+    phrase: Phrase  # what it has
+    negated: bool  # whether the phrase denies it: "without a handle"
+    text: str  # as asked
 
 
 @dataclass(frozen=True)
 class Says:
-    """What is written on a thing: "that says oat milk", "by Woolf".
+    """What is written on a thing: "that says oat milk", "by Woolf"."""
 
-    Attributes:
-        words: that are written there.
-        negated: whether the phrase denies it.
-        text: as asked.
-    """
-
-    words: str
-    negated: bool
-    text: str
+    words: str  # that are written there
+    negated: bool  # whether the phrase denies it
+    text: str  # as asked
 
 
 @dataclass(frozen=True)
 class Rank:
-    """One of several in an order: "the second largest", "second from the left", "nearest to the lamp".
+    """One of several in an order: "the second largest", "second from the left", "nearest to the lamp"."""
 
-    Attributes:
-        by: what they are ordered by.
-        descending: whether the most is first; from the right, for "from_left".
-        number: which one, 1 is the first.
-        anchors: of "distance", from what; none: from the asker.
-        text: as asked.
-    """
-
-    by: OrderKind
-    descending: bool
-    number: int
-    anchors: tuple[Phrase, ...] = ()
-    text: str = ""
+    by: OrderKind  # what they are ordered by
+    descending: bool  # whether the most is first; from the right, for "from_left"
+    number: int  # which one, 1 is the first
+    anchors: tuple[Phrase, ...] = ()  # of "distance", from what; none: from the asker
+    text: str = ""  # as asked
 
 
 Condition = Relation | Possession | Says
@@ -128,20 +88,16 @@ class Phrase:
     """A noun phrase.
 
     Attributes:
-        head: the noun group, without the modifiers below: "coffee machine"; "" for anything at all.
-        group: the noun group with its colors and sizes, as asked: "big red mug", which may be a name.
-        definite: whether it speaks of one that is known: "the lamp"; "lamps", "a lamp" and "lamp" are not.
         colors, sizes, conditions: what is said of it, in order.
-        rank: which one of them; None for all.
     """
 
-    head: str
-    group: str
-    definite: bool = False
+    head: str  # the noun group, without the modifiers below: "coffee machine"; "" for anything at all
+    group: str  # the noun group with its colors and sizes, as asked: "big red mug", which may be a name
+    definite: bool = False  # whether it speaks of one that is known: "the lamp"; "lamps", "a lamp" and "lamp" are not
     colors: tuple[ColorWord, ...] = ()
     sizes: tuple[SizeWord, ...] = ()
     conditions: tuple[Condition, ...] = ()
-    rank: Rank | None = None
+    rank: Rank | None = None  # which one of them; None for all
 
     @property
     def is_plain(self) -> bool:
@@ -161,15 +117,13 @@ class ParsedQuestion:
     """A question that says more than a name.
 
     Attributes:
-        asks: whether it asks which things, or how many.
         readings: what it may mean, at least one reading: "the mug on the table next to the lamp" has two, by what is
             next to the lamp. All have the same head.
-        not_understood: the words that were left over; "" without.
     """
 
-    asks: Asks
+    asks: Asks  # whether it asks which things, or how many
     readings: tuple[Phrase, ...]
-    not_understood: str
+    not_understood: str  # the words that were left over; "" without
 
     @property
     def of_writing(self) -> bool:
@@ -179,20 +133,11 @@ class ParsedQuestion:
 
 @dataclass(frozen=True)
 class Named:
-    """The things that a noun group names.
+    """The things that a noun group names."""
 
-    Attributes:
-        ids: of things and parts.
-        by_name: whether it is their name, or an alias; False for what was found by meaning.
-        whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
-        suggested: whether the name is merely suggested for them.
-        likely: 0..1, that the things are called so.
-        doubt: what is taken for what the group calls, where that is not sure; "" where it is.
-    """
-
-    ids: tuple[int, ...]
-    by_name: bool
-    whole: bool = False
-    suggested: bool = False
-    likely: float = 1.0
-    doubt: str = ""
+    ids: tuple[int, ...]  # of things and parts
+    by_name: bool  # whether it is their name, or an alias; False for what was found by meaning
+    whole: bool = False  # whether the name has the colors and sizes of the group in it: "red mug" is a name here
+    suggested: bool = False  # whether the name is merely suggested for them
+    likely: float = 1.0  # 0..1, that the things are called so
+    doubt: str = ""  # what is taken for what the group calls, where that is not sure; "" where it is

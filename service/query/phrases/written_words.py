@@ -35,13 +35,9 @@ def asked_of_writing(text: str) -> str:
 
 @dataclass(frozen=True)
 class WrittenWords:
-    """What is written on the things of one scene. Threads may share it.
+    """What is written on the things of one scene. Threads may share it."""
 
-    Attributes:
-        things: of the scene; only those with reads count.
-    """
-
-    things: tuple[Thing, ...] = field(repr=False)
+    things: tuple[Thing, ...] = field(repr=False)  # of the scene; only those with reads count
 
     @cached_property
     def _lines(self) -> tuple[tuple[int, tuple[tuple[float, tuple[str, ...]], ...]], ...]:

@@ -47,23 +47,16 @@ class OccupancyMap:
 
     Attributes:
         cells: int8 [H, W], row 0 at the least y, column 0 at the least x: `FREE`, `OCCUPIED` or `UNKNOWN`.
-        tops: float32 [H, W], z of the highest surface in the robot's band, −inf where there is none.
-        resolution: width of a cell, meters.
-        origin: x and y of the outer corner of cell [0, 0], meters; multiples of `resolution`.
-        floor: its z, meters.
-        floor_source: see `FloorSource`.
-        floor_doubt: why the floor may be a table top or the like, words; "" where nothing says so.
-        height: of the band above the floor, meters.
     """
 
     cells: NDArray[np.int8]
-    tops: F32
-    resolution: float
-    origin: tuple[float, float]
-    floor: float
-    floor_source: FloorSource
-    floor_doubt: str
-    height: float
+    tops: F32  # float32 [H, W], z of the highest surface in the robot's band, −inf where there is none
+    resolution: float  # width of a cell, meters
+    origin: tuple[float, float]  # x and y of the outer corner of cell [0, 0], meters; multiples of `resolution`
+    floor: float  # its z, meters
+    floor_source: FloorSource  # see `FloorSource`
+    floor_doubt: str  # why the floor may be a table top or the like, words; "" where nothing says so
+    height: float  # of the band above the floor, meters
 
 
 def check_map_frame(scene: Scene) -> None:

@@ -41,19 +41,12 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a
 
 @dataclass(frozen=True)
 class LabelledMesh:
-    """A mesh whose vertices know what the views say of them.
+    """A mesh whose vertices know what the views say of them."""
 
-    Attributes:
-        vertices: see `SurfaceSamples`; normals are those of the mesh.
-        faces: int64 [F, 3], counter-clockwise seen from outside.
-        things: uint16 [F], the thing of each face, 0 for none.
-        voxel: its width, scene units.
-    """
-
-    vertices: SurfaceSamples
-    faces: I64
-    things: NDArray[np.uint16]
-    voxel: float
+    vertices: SurfaceSamples  # see `SurfaceSamples`; normals are those of the mesh
+    faces: I64  # int64 [F, 3], counter-clockwise seen from outside
+    things: NDArray[np.uint16]  # uint16 [F], the thing of each face, 0 for none
+    voxel: float  # its width, scene units
 
 
 def surface_mesh(

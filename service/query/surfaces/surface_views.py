@@ -31,25 +31,15 @@ _CHUNK = 1 << 17
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """One camera's picture of the surfaces.
+    """One camera's picture of the surfaces."""
 
-    Attributes:
-        posed: the camera, scaled to the size of the pictures.
-        depth: float32 [H, W], camera z, scene units, 0 where no surface can be relied on.
-        normals: float16 [H, W, 3], world frame, towards the camera.
-        confidence: float16 [H, W], 0..1, see `ViewGeometry`.
-        colors: uint8 [H, W, 3].
-        things: uint16 [H, W], ids of things, 0 for none.
-        labels: uint16 [H, W], dictionary ids, 0 for undetected.
-    """
-
-    posed: PosedCamera
-    depth: F32
-    normals: NDArray[np.float16]
-    confidence: NDArray[np.float16]
-    colors: NDArray[np.uint8]
-    things: NDArray[np.uint16]
-    labels: NDArray[np.uint16]
+    posed: PosedCamera  # the camera, scaled to the size of the pictures
+    depth: F32  # float32 [H, W], camera z, scene units, 0 where no surface can be relied on
+    normals: NDArray[np.float16]  # float16 [H, W, 3], world frame, towards the camera
+    confidence: NDArray[np.float16]  # float16 [H, W], 0..1, see `ViewGeometry`
+    colors: NDArray[np.uint8]  # uint8 [H, W, 3]
+    things: NDArray[np.uint16]  # uint16 [H, W], ids of things, 0 for none
+    labels: NDArray[np.uint16]  # uint16 [H, W], dictionary ids, 0 for undetected
 
 
 @dataclass(frozen=True)
@@ -57,23 +47,17 @@ class SurfaceSamples:
     """P points with what the views say of them.
 
     Attributes:
-        points: float32 [P, 3], world frame, scene units.
-        normals: float32 [P, 3], unit length, or zero where no view sees the point.
-        colors: uint8 [P, 3], sRGB.
-        things: uint16 [P], ids of things, 0 for none.
-        labels: uint16 [P], dictionary ids, 0 for undetected.
         confidence: float32 [P], 0..1: mean confidence of the views that see the point, times their share among those
             that see it or see through it.
-        views: int32 [P], how many views see the point.
     """
 
-    points: F32
-    normals: F32
-    colors: NDArray[np.uint8]
-    things: NDArray[np.uint16]
-    labels: NDArray[np.uint16]
+    points: F32  # float32 [P, 3], world frame, scene units
+    normals: F32  # float32 [P, 3], unit length, or zero where no view sees the point
+    colors: NDArray[np.uint8]  # uint8 [P, 3], sRGB
+    things: NDArray[np.uint16]  # uint16 [P], ids of things, 0 for none
+    labels: NDArray[np.uint16]  # uint16 [P], dictionary ids, 0 for undetected
     confidence: F32
-    views: NDArray[np.int32]
+    views: NDArray[np.int32]  # int32 [P], how many views see the point
 
     def __len__(self) -> int:
         return len(self.points)

@@ -21,21 +21,13 @@ USUAL_M = 0.22
 
 @dataclass(frozen=True)
 class Hollow:
-    """The largest space inside of a thing that no photo shows.
+    """The largest space inside of a thing that no photo shows."""
 
-    Attributes:
-        thing: its id, or that of the label where no things are stored.
-        volume: scene units cubed.
-        width: of the largest ball that fits into it, scene units.
-        middle: of that ball, world frame.
-        view: the camera nearest to it that has it in the picture; "" for none.
-    """
-
-    thing: int
-    volume: float
-    width: float
-    middle: Vector3
-    view: str = ""
+    thing: int  # its id, or that of the label where no things are stored
+    volume: float  # scene units cubed
+    width: float  # of the largest ball that fits into it, scene units
+    middle: Vector3  # of that ball, world frame
+    view: str = ""  # the camera nearest to it that has it in the picture; "" for none
 
 
 @dataclass(frozen=True)
@@ -43,21 +35,18 @@ class UnseenSpace:
     """What of a place no photo shows, see `unseen_space`.
 
     Attributes:
-        share: 0..1, of the space between the things.
         behind: what hides most of it, the most first: ids of things, or of labels where no things are stored.
         middle: of the largest ball that fits into the space between things, world frame; None where `share` is 0.
-        hollows: of things, whether they are hollow or solid, the largest first.
         meter: scene units that count as a meter: 1 in a scene that has meters; elsewhere half of the things are taken
             to be `USUAL_M` long at most.
-        in_meters: whether the scene has meters.
     """
 
-    share: float
+    share: float  # 0..1, of the space between the things
     behind: tuple[int, ...]
     middle: Vector3 | None = None
-    hollows: tuple[Hollow, ...] = ()
+    hollows: tuple[Hollow, ...] = ()  # of things, whether they are hollow or solid, the largest first
     meter: float = 1.0
-    in_meters: bool = False
+    in_meters: bool = False  # whether the scene has meters
 
     @property
     def hides(self) -> bool:

@@ -22,34 +22,21 @@ TRIM = 0.01
 
 @dataclass(frozen=True)
 class CubeGrid:
-    """Cubes inside a convex hull.
+    """Cubes inside a convex hull."""
 
-    Attributes:
-        thing: whose hull; 0 for all together.
-        inside: bool [X, Y, Z], which cubes are inside.
-        middles: float64 [K, 3], their middles, world frame.
-        width: of a cube, scene units.
-    """
-
-    thing: int
-    inside: Mask
-    middles: F64
-    width: float
+    thing: int  # whose hull; 0 for all together
+    inside: Mask  # bool [X, Y, Z], which cubes are inside
+    middles: F64  # float64 [K, 3], their middles, world frame
+    width: float  # of a cube, scene units
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Cubes of a grid that touch each other.
+    """Cubes of a grid that touch each other."""
 
-    Attributes:
-        numbers: int64 [K], of which piece each cube inside the hull is, from 1; 0 for none.
-        widths: float64 [P + 1], of the largest ball that fits into each piece, scene units; 0 first.
-        middles: P + 1 middles of these balls, world frame.
-    """
-
-    numbers: NDArray[np.int64]
-    widths: F64
-    middles: tuple[Vector3, ...]
+    numbers: NDArray[np.int64]  # int64 [K], of which piece each cube inside the hull is, from 1; 0 for none
+    widths: F64  # float64 [P + 1], of the largest ball that fits into each piece, scene units; 0 first
+    middles: tuple[Vector3, ...]  # P + 1 middles of these balls, world frame
 
 
 def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:

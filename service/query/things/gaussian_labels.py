@@ -14,15 +14,10 @@ from fastsplat.service.scene.types import F32, Evidence, Scene, ThingSemantics, 
 
 @dataclass(frozen=True)
 class GaussianLabels:
-    """Labels of G Gaussians.
+    """Labels of G Gaussians."""
 
-    Attributes:
-        classes: int32 [G], dictionary id of each Gaussian, 0 = undetected or never seen.
-        confidence: float32 [G], 0..1, the probability of that class; 0 = never seen by a labelled view.
-    """
-
-    classes: NDArray[np.int32]
-    confidence: F32
+    classes: NDArray[np.int32]  # int32 [G], dictionary id of each Gaussian, 0 = undetected or never seen
+    confidence: F32  # float32 [G], 0..1, the probability of that class; 0 = never seen by a labelled view
 
 
 def label_gaussians(scene: Scene) -> GaussianLabels:

@@ -27,19 +27,12 @@ Trust = Mapping[str, float]
 
 @dataclass(frozen=True)
 class MergedName:
-    """A name that is suggested for one thing.
+    """A name that is suggested for one thing."""
 
-    Attributes:
-        name: as its likeliest source writes it.
-        aliases: other words for it, of all sources.
-        probability: 0..1, of all sources together.
-        told: what each of them says, the likeliest first.
-    """
-
-    name: str
-    aliases: tuple[str, ...]
-    probability: float
-    told: tuple[Suggestion, ...]
+    name: str  # as its likeliest source writes it
+    aliases: tuple[str, ...]  # other words for it, of all sources
+    probability: float  # 0..1, of all sources together
+    told: tuple[Suggestion, ...]  # what each of them says, the likeliest first
 
 
 def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:

@@ -16,17 +16,11 @@ from fastsplat_contract.observation_messages import Observation
 
 @dataclass(frozen=True)
 class Sighting:
-    """What one observation says of a thing, or the capture, which shows it where it is.
+    """What one observation says of a thing, or the capture, which shows it where it is."""
 
-    Attributes:
-        at: when its photos were taken.
-        observation_id: of the observation; "" of the capture.
-        change: what has become of the thing; None: it is where it was when the scene was made.
-    """
-
-    at: datetime
-    observation_id: str
-    change: SceneChange | None = None
+    at: datetime  # when its photos were taken
+    observation_id: str  # of the observation; "" of the capture
+    change: SceneChange | None = None  # what has become of the thing; None: it is where it was when the scene was made
 
     @property
     def missing(self) -> bool:

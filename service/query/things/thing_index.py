@@ -143,7 +143,16 @@ class SceneThings:
         )
         counts = {each.id: int(self.counts[each.id]) for each in present}
         counts |= {each.id: int(self.part_counts[each.id]) for each in parts}
-        return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene), counts=counts)
+        return ThingNames(
+            self.scene.dictionary,
+            present,
+            parts,
+            searched_names(self.scene),
+            counts=counts,
+            searched_for=tuple(self.scene.quality.get("searched_for") or ()),
+            boxes={each: extent.box for each, extent in self.extents.items()},
+            metric=self.scene.scale == "METRIC",
+        )
 
     @property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:

@@ -35,23 +35,19 @@ class ThingShape:
     """One thing, in axes of which z is up where the scene tells that (see `ThingMeasures`), else in the world's.
 
     Attributes:
-        id: of the thing.
-        points: float64 [K, 3], K ≥ 1: at most 1,200 of its Gaussians, without those far from all others.
-        center: float64 [3], the middle of its box.
         size: edge lengths of its box: the longer and the shorter one across, and the one up; where nothing tells what
             is up, of the box along its principal axes. Strays count less than for `oriented_box`, so that sizes can be
             compared: each edge leaves out 1.5 % of the points at either end.
         low, high: the z of its lowest and its highest place.
-        deviation: median standard deviation of its Gaussians: how sure its surface is.
     """
 
-    id: int
-    points: F64
-    center: F64
+    id: int  # of the thing
+    points: F64  # float64 [K, 3], K ≥ 1: at most 1,200 of its Gaussians, without those far from all others
+    center: F64  # float64 [3], the middle of its box
     size: tuple[float, float, float]
     low: float
     high: float
-    deviation: float
+    deviation: float  # median standard deviation of its Gaussians: how sure its surface is
 
     @cached_property
     def tree(self) -> cKDTree:
@@ -96,30 +92,19 @@ class ThingShape:
 
 @dataclass(frozen=True)
 class ThingColor:
-    """The color of a thing.
+    """The color of a thing."""
 
-    Attributes:
-        lab: float64 [3], CIELAB (D65): the medians of its Gaussians' constant colors, weighted by opacity times area.
-        spread: the median distance of their colors from that one, CIE94.
-        shares: 0..1 by name, on how much of it that is clearly its color.
-    """
-
-    lab: F64
-    spread: float
-    shares: Mapping[str, float]
+    lab: F64  # float64 [3], CIELAB (D65): the medians of its Gaussians' constant colors, weighted by opacity times area
+    spread: float  # the median distance of their colors from that one, CIE94
+    shares: Mapping[str, float]  # 0..1 by name, on how much of it that is clearly its color
 
 
 @dataclass
 class ThingMeasures:
-    """What is measured of the things of a scene; each thing when it is first asked for. Threads may share it.
+    """What is measured of the things of a scene; each thing when it is first asked for. Threads may share it."""
 
-    Attributes:
-        scene: its Gaussians, and what is up.
-        owners: int32 [G] each: the thing of each Gaussian, and the part, 0 for none.
-    """
-
-    scene: Scene
-    owners: tuple[NDArray[np.int32], ...]
+    scene: Scene  # its Gaussians, and what is up
+    owners: tuple[NDArray[np.int32], ...]  # int32 [G] each: the thing of each Gaussian, and the part, 0 for none
     _shapes: dict[int, ThingShape] = field(default_factory=dict)
     _colors: dict[int, ThingColor] = field(default_factory=dict)
 
@@ -211,17 +196,11 @@ def _principal_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
 
 
 class Extent(NamedTuple):
-    """Where a thing that can be seen is.
+    """Where a thing that can be seen is."""
 
-    Attributes:
-        box: see `oriented_box`.
-        centroid: the mean of its surface, scene units.
-        opacity: the sum of its Gaussians' opacities: how large it is beside others.
-    """
-
-    box: Box
-    centroid: Vector3
-    opacity: float
+    box: Box  # see `oriented_box`
+    centroid: Vector3  # the mean of its surface, scene units
+    opacity: float  # the sum of its Gaussians' opacities: how large it is beside others
 
 
 def extents_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Extent]:

@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import prod
+from statistics import median
+
+import numpy as np
 
 from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
-from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.absence import USUAL_M, searched_names
 from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.scene.suggestions import SaidName, Suggestion
 from fastsplat.service.scene.types import Scene, Thing
+from fastsplat_contract.poses import Box
 from fastsplat_contract.queries import Answer, Searched
 
 _MAX_UNNAMED = 100
+_GRID, _SLACK = 5, 0.05
+"""Places along each edge of a box; by which share of its longest edge a box is taken to be larger."""
+_SPECK, _AROUND = 0.125, 0.5
+"""What has less than this share of another thing's volume is a speck; the slack with which it lies in that."""
 
 
 @dataclass(frozen=True)
@@ -22,19 +31,15 @@ class Name:
     """One name, and what it belongs to.
 
     Attributes:
-        label: as it is shown.
         things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
             at least half of `probability`, the likeliest first.
-        probability: 0..1, the largest with which it belongs to one of them.
-        suggested: whether nothing bears it, neither a thing nor, by themselves, Gaussians.
-        sources: who suggests it, but for the scene's own models.
     """
 
-    label: str
+    label: str  # as it is shown
     things: tuple[int, ...]
-    probability: float
-    suggested: bool
-    sources: tuple[str, ...] = ()
+    probability: float  # 0..1, the largest with which it belongs to one of them
+    suggested: bool  # whether nothing bears it, neither a thing nor, by themselves, Gaussians
+    sources: tuple[str, ...] = ()  # who suggests it, but for the scene's own models
 
 
 @dataclass(frozen=True)
@@ -52,10 +57,6 @@ class ThingNames:
     """Names of things. Threads may share it.
 
     Attributes:
-        labels: the scene's dictionary.
-        present: the things that have Gaussians, by id.
-        parts: those of them that have Gaussians, by the ids of the things, then by their own.
-        searched_names: how many names were looked for; None if nobody noted it.
         marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
             where labels are the names of things.
         said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
@@ -64,14 +65,17 @@ class ThingNames:
             of its labels.
     """
 
-    labels: Dictionary
-    present: tuple[Thing, ...]
-    parts: tuple[Thing, ...]
-    searched_names: int | None
+    labels: Dictionary  # the scene's dictionary
+    present: tuple[Thing, ...]  # the things that have Gaussians, by id
+    parts: tuple[Thing, ...]  # those of them that have Gaussians, by the ids of the things, then by their own
+    searched_names: int | None  # how many names were looked for; None if nobody noted it
     marked: Mapping[int, float] = field(default_factory=dict)
     said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
     counts: Mapping[int, int] = field(default_factory=dict, repr=False)
+    searched_for: tuple[str, ...] = ()  # the names that were looked for, as far as somebody noted them
+    boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)  # of the things that can be seen, by their ids
+    metric: bool = False  # whether the unit of these is the meter
 
     @cached_property
     def dictionary(self) -> Dictionary:
@@ -196,6 +200,24 @@ class ThingNames:
         return replace(answer, matches=tuple(matches))
 
     @cached_property
+    def lengths(self) -> Mapping[int, float]:
+        """Longest edge of each visible thing, meters; without meters, of the median thing `USUAL_M`."""
+        edges = {thing.id: max(self.boxes[thing.id].size) for thing in self.present if thing.id in self.boxes}
+        usual = [edges[thing.id] for thing in self.present if thing.id in edges and not thing.surface]
+        meter = 1.0 if self.metric or not usual else median(usual) / USUAL_M or 1.0
+        return {thing_id: edge / meter for thing_id, edge in edges.items()}
+
+    def counted_once(self, thing_ids: Sequence[int]) -> tuple[int, ...]:
+        """Drops fragments: things that lie in the place of another one of their name."""
+        boxes = {each: self.boxes[each] for each in thing_ids if each in self.boxes}
+        wholes: list[int] = []
+        for each in sorted(boxes, key=lambda one: -prod(boxes[one].size)):
+            name = self.called.get(each)
+            if not (name and any(self.called[one] == name and _lies_in(boxes[each], boxes[one]) for one in wholes)):
+                wholes.append(each)
+        return tuple(each for each in thing_ids if each in wholes or each not in boxes)
+
+    @cached_property
     def called(self) -> Mapping[int, str]:
         """The name of each thing and part, or "" for none."""
         return {thing.id: thing.name for thing in self._everything}
@@ -214,6 +236,16 @@ class ThingNames:
         unnamed = [thing.id for thing in self.present if not thing.name]
         named = len(self.present) - len(unnamed) if self.stored else None
         return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
+
+
+def _lies_in(one: Box, other: Box) -> bool:
+    """Tells whether most of a box lies in another one; of a speck, in it or at it."""
+    slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
+    grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
+    world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
+    own = (world - other.center.position) @ other.center.matrix()[:3, :3]
+    inside = np.abs(own) <= np.array(other.size) / 2 + slack * max(other.size)
+    return bool(2 * inside.all(axis=1).sum() > len(grid))
 
 
 def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:

@@ -79,23 +79,14 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
 
 @dataclass(frozen=True)
 class _Looked:
-    """What photos show of the cubes of a grid.
+    """What photos show of the cubes of a grid."""
 
-    Attributes:
-        grid: K cubes.
-        seen: int64 [K], how many photos see the cube.
-        hidden: how many have it in the picture behind something.
-        outside: in how many of these that is a floor, a ceiling or a wall.
-        own: in how many it is the grid's thing.
-        behind: the last thing that was before it, and is none of those; 0 for none.
-    """
-
-    grid: CubeGrid
-    seen: NDArray[np.int64]
-    hidden: NDArray[np.int64]
-    outside: NDArray[np.int64]
-    own: NDArray[np.int64]
-    behind: NDArray[np.int64]
+    grid: CubeGrid  # K cubes
+    seen: NDArray[np.int64]  # int64 [K], how many photos see the cube
+    hidden: NDArray[np.int64]  # how many have it in the picture behind something
+    outside: NDArray[np.int64]  # in how many of these that is a floor, a ceiling or a wall
+    own: NDArray[np.int64]  # in how many it is the grid's thing
+    behind: NDArray[np.int64]  # the last thing that was before it, and is none of those; 0 for none
 
 
 def _looks(

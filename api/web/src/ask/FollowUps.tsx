@@ -1,7 +1,7 @@
-import type { ComponentChildren } from "preact";
+import { type ComponentChildren, Fragment } from "preact";
 
 import { isShared } from "../address/share";
-import type { Answer } from "../api/types";
+import type { Answer, SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
 import { ThingPicture } from "../look/ThingPicture";
 import type { SceneState } from "../state/sceneState";
@@ -21,9 +21,14 @@ interface Properties {
 export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properties) {
   const ids = answer.things;
   const here = answer.outcome === "here" || answer.outcome === "probably_here";
-  const meant = (state.things.value ?? []).filter((thing) => ids.includes(thing.id));
+  const meant = ids.flatMap((id) => state.things.value?.find((thing) => thing.id === id) ?? []);
   const unnamed = meant.filter((thing) => !thing.name);
   const label = answer.matches.find((match) => match.relevant)?.label ?? "";
+  const confirm = (things: readonly SceneThing[], name: string) => {
+    const ids = things.map((thing) => thing.id);
+    const edit = () => void state.edit({ action: "name", things: ids, name }, texts.things.saved(name));
+    return !isShared && <Chip onClick={edit}>{texts.ask.confirm(name)}</Chip>;
+  };
   if (here)
     return (
       <>
@@ -31,18 +36,7 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
         <ul class="chips follow-ups">
           {meant.length > 0 && <Chip onClick={() => select(state, ids)}>{texts.ask.select}</Chip>}
           {label && <Chip onClick={() => onAsk(texts.ask.near(label))}>{texts.ask.near(label)}</Chip>}
-          {answer.outcome === "probably_here" && unnamed.length > 0 && label && !isShared && (
-            <Chip
-              onClick={() =>
-                void state.edit(
-                  { action: "name", things: unnamed.map((thing) => thing.id), name: label },
-                  texts.things.saved(label),
-                )
-              }
-            >
-              {texts.ask.confirm(label)}
-            </Chip>
-          )}
+          {answer.outcome === "probably_here" && unnamed.length > 0 && label && confirm(unnamed, label)}
         </ul>
       </>
     );
@@ -51,14 +45,16 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
       {meant.length > 0 && (
         <ul class="chips">
           {meant.slice(0, MOST_SHOWN).map((thing) => (
-            <Chip
-              key={thing.id}
-              label={texts.ask.lookAt(texts.things.titleOf(thing))}
-              before={!thing.name && <ThingPicture state={state} thing={thing.id} />}
-              onClick={() => onThing(thing.id)}
-            >
-              {thing.name || thing.id}
-            </Chip>
+            <Fragment key={thing.id}>
+              <Chip
+                label={texts.ask.lookAt(texts.things.titleOf(thing))}
+                before={!thing.name && <ThingPicture state={state} thing={thing.id} />}
+                onClick={() => onThing(thing.id)}
+              >
+                {thing.name || thing.id}
+              </Chip>
+              {!thing.name && !answer.phrase?.refusal && confirm([thing], answer.asked)}
+            </Fragment>
           ))}
         </ul>
       )}
@@ -70,7 +66,7 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
   );
 }
 
-const MOST_SHOWN = 6;
+const MOST_SHOWN = 8;
 
 function select(state: SceneState, ids: readonly number[]): void {
   state.selected.value = ids;

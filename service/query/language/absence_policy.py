@@ -1,0 +1,216 @@
+"""Decides what is said when nothing is called what was asked for; docs/asking.md has the table."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from fastsplat.service.common.dictionary import dictionary_of, label_key
+from fastsplat.service.query.language.common_things import common_things
+from fastsplat.service.query.language.enclosures import is_furniture
+from fastsplat.service.query.language.judgement import Ranked
+from fastsplat.service.query.language.name_matching import NameIndex
+from fastsplat.service.query.language.noun_phrases import noun_phrase
+from fastsplat.service.query.language.word_senses import ranked as solid_senses
+from fastsplat.service.query.things.absence import RATHER, USUAL_M, unnamed_probability
+from fastsplat.service.query.things.color_names import NAMES as COLORS
+from fastsplat.service.query.things.color_names import UNMEASURED, basic_name
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.scene.types import SurfaceKind, Thing
+from fastsplat_contract.queries import Answer
+
+if TYPE_CHECKING:
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+
+_COUNTED: Mapping[str, tuple[int, int]] = {
+    **{"apple": (8, 14), "banana": (4, 5), "book": (102, 106), "bottle": (16, 16), "bowl": (14, 14)},
+    **{"cell phone": (3, 3), "chair": (12, 12), "clock": (6, 7), "couch": (3, 3), "cup": (28, 30), "fork": (1, 3)},
+    **{"dining table": (14, 19), "donut": (8, 8), "keyboard": (1, 1), "knife": (3, 6), "laptop": (2, 2)},
+    **{"mouse": (3, 3), "orange": (15, 17), "potted plant": (4, 7), "scissors": (6, 12), "spoon": (0, 3)},
+    **{"sports ball": (1, 2), "teddy bear": (4, 5), "tv": (1, 1), "vase": (3, 4)},
+}
+"""Of the things of each name in the sets of `name_calibration.json`: how many the default detector called so most of
+all names, and how many there are."""
+_OTHERS, _PRIOR = 0.85, 4.0
+"""The share of all of these but the books that it called so, and as how many things of each name that counts."""
+_LEAST_M, _MOST_M, _LEAST_LARGE_M = 0.02, 2.0, 0.35
+"""Between which lengths a thing may be what is asked for; from which on, if that is large."""
+_USUAL_LARGE_M, _SPREAD = 0.9, 1.0
+"""The usual length of what is large, and the standard deviation of the logarithms of lengths."""
+_ROUND = frozenset({"animal", "body", "food", "person", "plant", "substance"})
+"""Lexical classes of what is never a wall, nor lies flat on one."""
+_FAINT = 0.5
+"""What a thing of no color that is asked for counts beside one of it."""
+_NEAR = 0.05
+"""The least probability that a name answers, for what bears it to be offered."""
+_ON, _OFF = 2.0, 0.3
+"""How much likelier a surface is what lies on, or is one of its kind, and how much less anything else is that."""
+_NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 8
+"""What a thing without a name that is as large as what is asked for counts beside the name of another; how much of
+that a suggested name takes away at most; how many things are offered."""
+_LIVING = frozenset({"animal", "person"})
+"""Lexical classes of which a model calls all kinds by one word."""
+_UPRIGHT = frozenset({"art", "artwork", "opening", "part of a building", "wall decoration", "window covering"})
+_LYING = frozenset({"bedding", "cloth", "floor covering", "soft furnishing", "table", "table linen", "textile"})
+"""Kinds of what is, or hangs on, a wall, and of what is, or lies on, something else; see `common_things`."""
+
+
+@dataclass(frozen=True)
+class Vocabulary:
+    """The words that the models which looked at a scene could say."""
+
+    names: Sequence[str]  # that were looked for
+    lexicon: Lexicon | None  # knows kinds of things; None: only names and the list of common things count
+
+    @cached_property
+    def _index(self) -> NameIndex:
+        return NameIndex(dictionary_of(self.names))
+
+    @cached_property
+    def _by_key(self) -> Mapping[str, str]:
+        return {label_key(name): name for name in self.names}
+
+    @cached_property
+    def _by_sense(self) -> Mapping[int, str]:
+        senses = {name: solid_senses(self.lexicon.senses(name))[:1] for name in self.names} if self.lexicon else {}
+        return {sense.id: name for name, own in senses.items() for sense, _ in own}
+
+    def word_for(self, text: str) -> str:
+        """Finds the name that a model would have called such a thing by; "" for none.
+
+        It is its own, another word for it, or, of animals and people, one that it is a kind of.
+        """
+        exact = self._index.match(text).exact
+        if exact:
+            return list(self._by_key.values())[exact[0] - 1]
+        things, whole = common_things(text)
+        known = [self._by_key.get(name, "") for thing in things if whole for name in thing.names]
+        for sense, _ in solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ():
+            above = self.lexicon.wider(sense.id) if self.lexicon and sense.lexical_class in _LIVING else (sense.id,)
+            known += [self._by_sense.get(each, "") for each in above]
+        return next(filter(None, known), "")
+
+    def knows(self, text: str) -> bool:
+        """Tells whether a text as a whole is a name of something."""
+        return common_things(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
+
+    def class_of(self, text: str) -> str:
+        """Finds the lexical class of a text's most frequent sense, or of its end's; "" if unknown."""
+        words = text.split(" ")
+        ends = (
+            solid_senses(self.lexicon.senses(" ".join(words[at:]))) if self.lexicon else () for at in range(len(words))
+        )
+        return next((senses[0][0].lexical_class for senses in ends if senses), "")
+
+    def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
+        """Lists the surfaces that what is called so is, or lies flat on."""
+        kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
+        upright: tuple[SurfaceKind, ...] = ("wall", "surface") if kinds & _UPRIGHT else ()
+        return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
+
+
+def found_share(word: str) -> float:
+    """Estimates how often the default detector finds a thing of this name, 0..1."""
+    found, things = _COUNTED.get(label_key(word), (0, 0))
+    return (found + _OTHERS * _PRIOR) / (things + _PRIOR)
+
+
+def with_absence_judged(
+    ranked: Ranked, names: ThingNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
+) -> Ranked:
+    """Decides between "not here" and "cannot say" where nothing is called what was asked for.
+
+    Before anything is looked at, a thing is as likely here as not. It can be a thing without a name that fits in size.
+    If there is none, it is not here. If the models could have said its name, they missed it with the probability
+    m = 1 - `found_share`, and it is not here with 1 / (1 + m). Else it cannot be said.
+
+    Args:
+        ranked: what is decided of a text.
+        names: of the scene's things.
+        vocabulary: of the models that looked at the scene.
+        color_share: of the thing with an id, 0..1, how much of it is clearly of a color.
+    """
+    answer, remarks = ranked.answer, ranked.remarks
+    asked = remarks.head or noun_phrase(answer.text)
+    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(asked))):
+        return ranked
+    fitting = [
+        thing
+        for thing in names.present
+        if (not thing.name or thing.guessed)
+        and thing.id in names.lengths
+        and _may_be(thing, names.lengths[thing.id], asked, vocabulary)
+    ]
+    if all(thing.name for thing in fitting):
+        return ranked
+    figures = {each: each.relevancy if each.probability is None else each.probability for each in answer.matches}
+    matches = tuple(each._replace(relevant=False) for each in sorted(answer.matches, key=lambda one: -figures[one]))
+    nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other=False)
+    word = vocabulary.word_for(asked)
+    seen = names.labels.id_of(word) if word else None
+    if word and not (seen and names.labels.entries[seen - 1].views):
+        missed = 1.0 - found_share(word)
+        presence = None if answer.presence is None else missed / (1.0 + missed)
+        sure = None if presence is None else 1.0 - presence
+        absent = replace(nothing, presence=presence, probability=sure, things=(), relation="absent")
+        return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
+    colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
+    likely = unnamed_probability(names.searched)
+    presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
+    colored = {
+        thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
+    }
+    may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
+    offered = replace(nothing, presence=presence, probability=None, things=may_be, relation="undecided")
+    return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
+
+
+def _is_absent(ranked: Ranked) -> bool:
+    """Tells whether nothing has the name that was asked for, whatever else a phrase says."""
+    of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
+    return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
+
+
+def _is_weak(ranked: Ranked, names: ThingNames) -> bool:
+    """Tells whether something else answers that rather is not what was asked for."""
+    answer, remarks = ranked.answer, ranked.remarks
+    plain = answer.phrase is None and not (remarks.by_shape or remarks.by_looks)
+    if not plain or answer.relation != "related" or answer.probability is None or not answer.relevant_ids:
+        return False
+    return answer.probability < RATHER * names.table[answer.relevant_ids[0]].probability
+
+
+def _likeliest(
+    asked: str,
+    answer: Answer,
+    fitting: Sequence[Thing],
+    names: ThingNames,
+    vocabulary: Vocabulary,
+    colored: Mapping[int, float],
+) -> tuple[int, ...]:
+    """Ranks the things that may be what is asked for: by size, color, surface, suggestions and near names."""
+    near = {match.label_id: match.probability or 0.0 for match in answer.matches}
+    usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
+    comes_near = [label_id for label_id in near if near[label_id] >= _NEAR]
+    likely = {thing_id: near[label_id] for label_id in comes_near for thing_id in names.by_label.get(label_id, ())}
+    for thing in fitting:
+        off = math.log(names.lengths[thing.id] / usual) / _SPREAD
+        own = [(near.get(names.dictionary.id_of(each.name) or 0, 0.0), each.probability) for each in thing.suggestions]
+        other = thing.probability if thing.name else sum(sure * (1.0 - alike) for alike, sure in own)
+        weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
+        kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF
+        alike = max((alike for alike, _ in own), default=near.get(names.labels.id_of(thing.name) or 0, 0.0))
+        likely[thing.id] = _NAMELESS * weight * kind + alike
+    return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
+
+
+def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
+    """Tells whether a thing so many meters long may be what is asked for."""
+    if is_furniture(asked):
+        return length >= _LEAST_LARGE_M
+    flat = bool(thing.surface) and vocabulary.class_of(asked) in _ROUND
+    return _LEAST_M <= length <= _MOST_M and not flat
