@@ -77,7 +77,7 @@ lint-api:  ## check the API's description by redocly and spectral (npm fetches t
 	npx --yes @redocly/cli@2 lint --extends recommended --skip-rule operation-4xx-response api/rest/openapi.json
 	npx --yes @stoplight/spectral-cli@6 lint --fail-severity warn --ruleset api/rest/spectral.yaml api/rest/openapi.json
 
-sample-scene: setup  ## train the sample scene that the package brings anew (a few minutes): service/store/sample_scene.zip
+sample-scene: setup  ## train the sample scene that the package brings anew (a few minutes): service/store/care/sample_scene.zip
 	$(BIN)/python -m demo.train_sample_scene
 
 docs: setup  ## the documentation as a site, with the reference of Python, REST and gRPC, in site/
@@ -114,7 +114,7 @@ bench: setup  ## run the benchmark NAME=..., with ARGS="..."; without a name the
 # The tests that a GPU alone can run come last: what they say is a yes or no, and a lent GPU may be gone by then.
 first-gpu: setup  ## on a machine with an NVIDIA GPU: kernels, parity with the CPU, joint against RGB-only training; into build/first-gpu
 	DRAFT=build/first-gpu $(BIN)/python -m benchmarks gpu --rounds 20 $(ARGS)
-	$(BIN)/pytest --numprocesses 0 tests/splatting/raster/test_raster_cuda.py tests/splatting/train/test_train_backends.py
+	$(BIN)/pytest --numprocesses 0 tests/splatting/raster/test_raster_cuda.py tests/splatting/training/test_train_backends.py
 
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture

@@ -18,7 +18,7 @@ from google.rpc import code_pb2, error_details_pb2, status_pb2
 
 from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError, Kind
-from fastsplat_contract.problems import Problem
+from fastsplat_contract.server.problems import Problem
 
 DOMAIN = "fastsplat"
 """The `domain` of every ErrorInfo."""

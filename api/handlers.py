@@ -22,8 +22,8 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract import calls
 from fastsplat_contract.call import Call
-from fastsplat_contract.operating_messages import JobLog, ProjectList
-from fastsplat_contract.scenes import Edit, VersionList
+from fastsplat_contract.messages.projects import JobLog, ProjectList
+from fastsplat_contract.messages.scenes import Edit, VersionList
 
 Q = TypeVar("Q")
 A = TypeVar("A")

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
+from fastsplat_contract.codec.json_codec import to_json
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import to_json
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.jobs.operations import Operation
 
 POLL_INTERVAL_S = 0.25
 MAX_WAIT_S = 300.0

@@ -25,7 +25,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.application.uploading.validation_slots import CONCURRENT_VALIDATIONS
-from fastsplat.service.needed_models import log_missing_models
+from fastsplat.service.jobs.needed_models import log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
 

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.jobs.operations import SceneOptions
 
 OPTIONS = frozenset(field.name for field in fields(SceneOptions)) - {"labels"}
 """Names of the options that both faces send as they are."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import RESULTS
-from fastsplat.service.capture.types import Capture
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.capture.captures import Capture
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError

@@ -14,7 +14,7 @@ from typing import Any
 from benchmarks.provenance import ROOT
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 
 _POLL_S = 0.3
 

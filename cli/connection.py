@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fastsplat.service.settings import Settings
     from fastsplat.service.store.store import Store
     from fastsplat_client import Client
-    from fastsplat_contract.keys import NewKey
+    from fastsplat_contract.server.keys import NewKey
 
 SAMPLE = "sample"
 """What stands for the sample scene in the place of a folder, where there is no folder of that name."""
@@ -153,7 +153,7 @@ def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
 def _is_data_folder(text: str) -> bool:
     if not text or not Path(text).is_dir():
         return False
-    from fastsplat.service.store.database import SQLITE_NAME  # loads the database's library
+    from fastsplat.service.store.rows.database import SQLITE_NAME  # loads the database's library
 
     return (Path(text) / SQLITE_NAME).is_file()
 

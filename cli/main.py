@@ -9,7 +9,23 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
+from fastsplat.cli.demo.command import demo
+from fastsplat.cli.operating.backup_commands import backup, restore
+from fastsplat.cli.operating.check import check
+from fastsplat.cli.operating.doctor import doctor
+from fastsplat.cli.operating.jobs import jobs_app
+from fastsplat.cli.operating.keys import keys_app
+from fastsplat.cli.operating.local_commands import train, view
+from fastsplat.cli.operating.logs import log_to_stderr
+from fastsplat.cli.operating.mcp import mcp
+from fastsplat.cli.operating.models import models_app
+from fastsplat.cli.operating.projects import projects_app
+from fastsplat.cli.operating.serve_command import Devices, Workers
+from fastsplat.cli.operating.serve_command import serve as serve_command
+from fastsplat.cli.operating.status import status
+from fastsplat.cli.operating.tags import tags
+from fastsplat.cli.options import service_command
+from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a group
     clean_command,
     create_commands,
     edit_commands,
@@ -18,26 +34,10 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
     measure_commands,
     version_commands,
 )
-from fastsplat.cli.ask_command import ask
-from fastsplat.cli.backup_commands import backup, restore
-from fastsplat.cli.check import check
-from fastsplat.cli.demo.command import demo
-from fastsplat.cli.doctor import doctor
-from fastsplat.cli.jobs import jobs_app
-from fastsplat.cli.keys import keys_app
-from fastsplat.cli.local_commands import train, view
-from fastsplat.cli.logs import log_to_stderr
-from fastsplat.cli.mcp import mcp
-from fastsplat.cli.models import models_app
-from fastsplat.cli.options import service_command
-from fastsplat.cli.projects import projects_app
-from fastsplat.cli.scene_commands import scenes_app
-from fastsplat.cli.serve_command import Devices, Workers
-from fastsplat.cli.serve_command import serve as serve_command
+from fastsplat.cli.scenes.ask_command import ask
+from fastsplat.cli.scenes.scene_commands import scenes_app
+from fastsplat.cli.scenes.thing_commands import things_app
 from fastsplat.cli.settings import load_settings
-from fastsplat.cli.status import status
-from fastsplat.cli.tags import tags
-from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import die_with_named_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 
@@ -90,13 +90,13 @@ def api() -> None:
 def worker(devices: Devices = "", workers: Workers = 1) -> None:
     """Run workers alone, one by default; they take their jobs from the database."""
     if devices or workers != 1:
-        from fastsplat.cli.devices import worker_roles
-        from fastsplat.cli.serve import serve
+        from fastsplat.cli.operating.devices import worker_roles
+        from fastsplat.cli.operating.serve import serve
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
     with loading_modules():
-        from fastsplat.workers.worker_process import run
+        from fastsplat.workers.engine.worker_process import run
 
     _start("worker")
     run(load_settings())

@@ -14,9 +14,9 @@ import typer
 from fastsplat.cli.connection import Address, open_client
 from fastsplat.cli.short_ids import whole_id
 from fastsplat.cli.tables import duration
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import NotFoundError, NotReadyError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.jobs.operations import Operation
 
 if TYPE_CHECKING:
     from fastsplat_client import Client

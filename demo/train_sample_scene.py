@@ -34,8 +34,8 @@ def main() -> None:
     os.environ |= _SETTINGS  # before they are read
     from fastsplat.service.library.training_run import train
     from fastsplat.service.settings import load_settings
-    from fastsplat.service.store.backup import back_up
-    from fastsplat.service.store.sample_scene import SAMPLE_ARCHIVE
+    from fastsplat.service.store.care.backup import back_up
+    from fastsplat.service.store.care.sample_scene import SAMPLE_ARCHIVE
     from fastsplat.service.store.store import open_store
 
     parser = argparse.ArgumentParser(prog="python -m demo.train_sample_scene", description=__doc__)
@@ -67,7 +67,7 @@ def main() -> None:
 
 def pack(saved: Path, target: Path) -> None:
     """A backup as the archive that `unpack_sample` reads: without the PLY file, and without dates."""
-    from fastsplat.service.store.sample_scene import PLY_NAME
+    from fastsplat.service.store.care.sample_scene import PLY_NAME
 
     with zipfile.ZipFile(target, "w") as archive:
         for path in sorted(saved.rglob("*")):

@@ -17,7 +17,7 @@ from pathlib import Path
 _TESTED = ("networkx", "numpy", "scipy", "sympy")
 """Packages whose folders `tests` hold tests alone; torch's `testing` and numpy's are read by other modules."""
 
-_SCRIPTS = ("fastsplat.service.store.migrations.env",)
+_SCRIPTS = ("fastsplat.service.store.rows.migrations.env",)
 """Alembic runs it; nothing imports it."""
 
 

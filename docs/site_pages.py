@@ -59,8 +59,11 @@ def python_page() -> str:
     """Markdown by which mkdocstrings shows the public names of the three packages."""
     parts = ["# Python", "What the packages export. Shapes, units and errors stand with each name."]
     for package in ("fastsplat", "fastsplat_client", "fastsplat_contract"):
+        folder = _ROOT / "client" / package
         modules = sorted(
-            path.stem for path in (_ROOT / "client" / package).glob("*.py") if not path.stem.startswith(("_", "client"))
+            ".".join(path.relative_to(folder).with_suffix("").parts)
+            for path in folder.rglob("*.py")
+            if not path.stem.startswith(("_", "client")) and "_pb2" not in path.stem
         )
         parts += [f"## {package}", f"::: {package}", "    options: {show_root_heading: false}"]
         if package == "fastsplat_contract":

@@ -16,8 +16,8 @@ from typing import Any, Literal, get_args, get_origin
 import fastsplat_contract
 from fastsplat_contract.call import Call
 from fastsplat_contract.calls import CALLS
+from fastsplat_contract.codec.members import Member, members
 from fastsplat_contract.masks import ViewMaskPiece
-from fastsplat_contract.members import Member, members
 from protos.registry import Registry
 
 _WIDTH = 120
@@ -64,11 +64,11 @@ def _name_of(kind: Any) -> str:
 @cache
 def _choice_name(choice: Any) -> str:
     """What the contract calls a Literal."""
-    modules = (f"fastsplat_contract.{module.name}" for module in pkgutil.iter_modules(fastsplat_contract.__path__))
+    modules = (module.name for module in pkgutil.walk_packages(fastsplat_contract.__path__, "fastsplat_contract."))
     named = {
         name
         for module in modules
-        if not module.endswith(".v1")
+        if ".v1" not in module
         for name, value in vars(importlib.import_module(module)).items()
         if get_origin(value) is Literal and value == choice
     }

@@ -13,20 +13,20 @@ from PIL import Image
 
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.language.embeddings import embed_labels
+from fastsplat.service.perception.results import TextEncoder
+from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.things.labeled_things import things_of
-from fastsplat.service.scene.drafts import draft_of
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.scene.things import thing_count
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead
-from fastsplat.service.store.codec import camera_to_json
-from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.scene.artefact.drafts import draft_of
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene_files import write_scene
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.objects.things import thing_count
+from fastsplat.service.store.rows.codec import camera_to_json
+from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.job_watching import Provisional
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.job_watching import Provisional
 
 EMBEDDING_SIZE = 16
 """Of label embeddings that no encoder made."""

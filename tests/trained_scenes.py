@@ -15,8 +15,8 @@ import pytest
 
 import fastsplat
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.json_codec import to_json
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.codec.json_codec import to_json
+from fastsplat_contract.jobs.operations import Operation
 from tests.processes import processes_with
 from tests.small_tabletop import small_tabletop
 

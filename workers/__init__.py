@@ -1,1 +1,0 @@
-"""Durable jobs: a worker process claims them, one trainer process runs each."""

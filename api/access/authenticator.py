@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 from fastsplat.api.access.caller import Principal
 from fastsplat.service.application.admin.keys import KeyRing, key_id_of
-from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT
 from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import FastSplatError, NotFoundError, PermissionDeniedError, UnauthenticatedError
-from fastsplat_contract.keys import Role
+from fastsplat_contract.server.keys import Role
 
 _log = logging.getLogger(__name__)
 

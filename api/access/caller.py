@@ -9,7 +9,7 @@ from typing import Any, cast
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.upload_keys import OneUpload
 from fastsplat_contract.errors import UnauthenticatedError
-from fastsplat_contract.keys import Role
+from fastsplat_contract.server.keys import Role
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from datetime import UTC, datetime
 
 from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
-from fastsplat_contract.known_names import KnownName, KnownNameList
-from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
-from fastsplat_contract.operating_messages import CreateProjectRequest, Project
-from fastsplat_contract.server_status import (
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus
+from fastsplat_contract.messages.known_names import KnownName, KnownNameList
+from fastsplat_contract.messages.projects import CreateProjectRequest, Project
+from fastsplat_contract.server.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
+from fastsplat_contract.server.server_status import (
     DiskHealth,
     ModelStatus,
     QueueHealth,

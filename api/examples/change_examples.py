@@ -8,21 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.detection_messages import Detection, DetectionList, Support
-from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
-from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
-from fastsplat_contract.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
-from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
-from fastsplat_contract.operations import RetryIn
-from fastsplat_contract.places import KnownLength, Place
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
-from fastsplat_contract.thing_messages import NameSuggestion
-from fastsplat_contract.thing_prompts import Pixel
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.places import KnownLength, Place
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.thing_prompts import Pixel
+from fastsplat_contract.jobs.look_again import LookAgainIn
+from fastsplat_contract.jobs.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
+from fastsplat_contract.jobs.operations import RetryIn
+from fastsplat_contract.messages.detections import Detection, DetectionList, Support
+from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditIn
+from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.measurements import Length, LocatedPlace, MeasureIn, Measurement
+from fastsplat_contract.messages.scenes import Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.messages.things import NameSuggestion
+from fastsplat_contract.photos.next_photos import NextPhoto, NextPhotoList
 
 Bodies = Mapping[str, tuple[str, Any]]
 """Bodies of one type by name, with a summary each."""

@@ -6,9 +6,9 @@ from datetime import datetime
 
 import numpy as np
 
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo
-from fastsplat_contract.operations import JobEstimate, Operation, StageProgress
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo
+from fastsplat_contract.jobs.operations import JobEstimate, Operation, StageProgress
 
 _PLACED = PlacedInfo(1, 60, 60, complete=True)
 

@@ -9,12 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, SceneChange, ThingInView
-from fastsplat_contract.observation_messages import Observation, ObservationList, ObservedPhoto
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.thing_prompts import PixelBox
+from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.thing_prompts import PixelBox
+from fastsplat_contract.photos.localization import (
+    Localization,
+    LocalizedPhoto,
+    PhotoDifference,
+    SceneChange,
+    ThingInView,
+)
+from fastsplat_contract.photos.observations import Observation, ObservationList, ObservedPhoto
 
 _ROUGH = (
     Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),

@@ -13,17 +13,15 @@ import numpy as np
 from fastsplat.api.examples.change_examples import SCALE, Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
 from fastsplat.api.examples.job_watching_examples import running_operation
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.thing_prompts import ThingPrompt
+from fastsplat_contract.jobs.operations import OperationList
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.operations import OperationList
-from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
-from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
-from fastsplat_contract.phrase_messages import PhraseAnswer, Witness
-from fastsplat_contract.pictures import RenderIn, Tint
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, SkippedScene
-from fastsplat_contract.scenes import (
+from fastsplat_contract.messages.phrases import PhraseAnswer, Witness
+from fastsplat_contract.messages.queries import Answer, Match, QueryIn, QueryOut, SkippedScene
+from fastsplat_contract.messages.scenes import (
     Color,
     DictionaryEntry,
     Edit,
@@ -37,7 +35,9 @@ from fastsplat_contract.scenes import (
     UndoIn,
     VersionList,
 )
-from fastsplat_contract.thing_messages import (
+from fastsplat_contract.messages.thing_reads import ThingRead
+from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.messages.things import (
     NameSuggestion,
     PickedLevel,
     PickedThing,
@@ -47,9 +47,9 @@ from fastsplat_contract.thing_messages import (
     SceneThing,
     ThingList,
 )
-from fastsplat_contract.thing_prompts import ThingPrompt
-from fastsplat_contract.thing_reads import ThingRead
-from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict, PhotoVerdictList
+from fastsplat_contract.photos.pictures import RenderIn, Tint
+from fastsplat_contract.photos.scene_photos import BestView, BestViewList, PhotoList, ScenePhoto
 
 _POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 _DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)

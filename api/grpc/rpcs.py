@@ -17,8 +17,8 @@ from fastsplat.api.handlers import HANDLERS, Handler
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.calls import CALLS
-from fastsplat_contract.pieces import chunks
-from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
+from fastsplat_contract.messages.pieces import chunks
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 Behavior: TypeAlias = "Callable[[Any, Context], Any]"

@@ -14,11 +14,11 @@ from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
 from fastsplat_contract.errors import CancelledError
-from fastsplat_contract.operations import Operation
-from fastsplat_contract.pieces import CHUNK_BYTES, messages_of_query
-from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.pieces import CHUNK_BYTES, messages_of_query
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 M = TypeVar("M")

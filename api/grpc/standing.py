@@ -14,12 +14,12 @@ from google.protobuf import timestamp_pb2
 
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.codec.proto_codec import from_proto
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.pieces import messages_of
-from fastsplat_contract.poses import pose_of
-from fastsplat_contract.proto_codec import from_proto
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import pose_of
+from fastsplat_contract.messages.pieces import messages_of
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _SHORTEST_HEARTBEAT_S = 0.1

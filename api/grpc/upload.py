@@ -8,7 +8,7 @@ from fastsplat.api.uploads import OPTIONS, scene_options
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.uploads import UploadFile, UploadSession
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 MAX_MESSAGE_BYTES = 4 * 2**20

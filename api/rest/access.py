@@ -17,7 +17,7 @@ from fastsplat.api.access.exposure import check_local
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.access.policy import UNMATCHED, rule_of
 from fastsplat.api.errors import status_of
-from fastsplat.api.rest.events import end_events
+from fastsplat.api.rest.routes.events import end_events
 from fastsplat_contract.call import Rule
 from fastsplat_contract.calls import DEPRECATED, DEPRECATED_SINCE
 from fastsplat_contract.errors import FastSplatError, UnauthenticatedError

@@ -21,29 +21,29 @@ from fastsplat.api.access.policy import rule_of
 from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
-from fastsplat.api.rest.assistant import Assistant
 from fastsplat.api.rest.examples import add_examples
-from fastsplat.api.rest.export_routes import export_routes
-from fastsplat.api.rest.health import health_routes
-from fastsplat.api.rest.localize_routes import localize_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
-from fastsplat.api.rest.photo_routes import photo_routes
-from fastsplat.api.rest.query_routes import query_routes
 from fastsplat.api.rest.responses import json_response
-from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
+from fastsplat.api.rest.routes.assistant import Assistant
+from fastsplat.api.rest.routes.export_routes import export_routes
+from fastsplat.api.rest.routes.health import health_routes
+from fastsplat.api.rest.routes.localize_routes import localize_routes
+from fastsplat.api.rest.routes.photo_routes import photo_routes
+from fastsplat.api.rest.routes.query_routes import query_routes
+from fastsplat.api.rest.routes.scene_routes import operation_routes, scene_routes, server_routes
+from fastsplat.api.rest.routes.table_routes import table_routes
+from fastsplat.api.rest.routes.tus import tus_routes
 from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
 from fastsplat.api.rest.static_files import ReleaseFiles
-from fastsplat.api.rest.table_routes import table_routes
-from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.call import Tag
 from fastsplat_contract.calls import DEPRECATED
-from fastsplat_contract.json_codec import json_schema_of
-from fastsplat_contract.problems import Problem
-from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.codec.json_codec import json_schema_of
+from fastsplat_contract.server.problems import Problem
+from fastsplat_contract.server.server_info import ServerInfo
 
 _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"

@@ -15,9 +15,9 @@ from fastsplat.api.examples.scene_examples import FORM, OPERATION, VIEW
 from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.exporting.camera_files import camera_list
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server.server_info import ServerInfo
 
 PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
     "4XX": {

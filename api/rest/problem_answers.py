@@ -13,6 +13,7 @@ from starlette.responses import Response
 from starlette.routing import Match
 
 from fastsplat.api.errors import Refusal, refusal_of
+from fastsplat_contract.codec.json_codec import invalid_input
 from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,
@@ -20,7 +21,6 @@ from fastsplat_contract.errors import (
     MethodNotAllowedError,
     NotFoundError,
 )
-from fastsplat_contract.json_codec import invalid_input
 
 MEDIA_TYPE = "application/problem+json"
 

@@ -12,8 +12,8 @@ from starlette.responses import Response
 
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
 from fastsplat.api.rest.standard_http import reads_gzip
-from fastsplat_contract.json_codec import to_json
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.codec.json_codec import to_json
+from fastsplat_contract.jobs.operations import Operation
 
 _R = TypeVar("_R")
 

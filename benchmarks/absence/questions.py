@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.calibration.lists import names_of, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.common_things import FILE as LISTED
+from fastsplat.service.query.language.meaning.common_things import FILE as LISTED
 
 FILE = Path(__file__).with_name("questions.txt")
 FITTED = FILE.parents[1] / "calibration" / "lists.txt"

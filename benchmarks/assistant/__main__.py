@@ -40,8 +40,8 @@ from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene
 from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.language.embeddings import embed_labels
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.query.language.meaning.embeddings import embed_labels
+from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
 

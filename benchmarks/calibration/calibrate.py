@@ -34,13 +34,12 @@ from benchmarks.calibration.separation import auroc, balanced, calibration_error
 from benchmarks.provenance import parser_of
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.language.calibration import FILE, Score, calibration_key
-from fastsplat.service.query.language.embeddings import TextCache
-from fastsplat.service.query.language.meaning import FILE as MEANING_FILE
-from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.language.probability import (
+from fastsplat.service.query.language.meaning.calibration import FILE, Score, calibration_key
+from fastsplat.service.query.language.meaning.embeddings import TextCache
+from fastsplat.service.query.language.meaning.meaning import FILE as MEANING_FILE
+from fastsplat.service.query.language.meaning.probability import (
     Logistic,
     Nonconformities,
     ScoreCalibration,
@@ -50,9 +49,9 @@ from fastsplat.service.query.language.probability import (
     leads,
     present_probability,
 )
-from fastsplat.service.query.language.ranking import RELATED_PROBABILITY
-from fastsplat.service.query.language.relevancy import entries, relevancy_scores
-from fastsplat.service.query.language.text_similarity import text_similarity
+from fastsplat.service.query.language.meaning.relevancy import entries, relevancy_scores
+from fastsplat.service.query.language.ranking import RELATED_PROBABILITY, text_similarity
+from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.settings import QuerySettings
 
 F64 = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Fit `service/query/language/meaning.json`, the model that weighs what lexicon and text encoder say of a question.
+"""Fit `meaning.json`, the model that weighs what lexicon and text encoder say of a question.
 
 It learns from the dictionaries of `scenes.txt`, `lists.txt` and `compounds.txt`. Every choice (units of the hidden
 layer, ridge) and every probability comes from predictions for dictionaries that the model of that fold has not seen:
@@ -29,13 +29,13 @@ from benchmarks.calibration.separation import auroc, balanced, calibration_error
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
-from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.language.embeddings import TextCache, TextCaches
-from fastsplat.service.query.language.label_meanings import BASE, LabelMeanings
-from fastsplat.service.query.language.meaning import MeaningModel, expanded, summed_odds
-from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.probability import Logistic, Nonconformities, candidates, label_set
-from fastsplat.service.query.language.text_similarity import text_similarity
+from fastsplat.service.perception.results import TextEncoder
+from fastsplat.service.query.language.meaning.embeddings import TextCache, TextCaches
+from fastsplat.service.query.language.meaning.label_meanings import BASE, LabelMeanings
+from fastsplat.service.query.language.meaning.meaning import MeaningModel, expanded, summed_odds
+from fastsplat.service.query.language.meaning.probability import Logistic, Nonconformities, candidates, label_set
+from fastsplat.service.query.language.ranking import text_similarity
+from fastsplat.service.query.language.words.name_matching import NameIndex
 
 F64 = NDArray[np.float64]
 

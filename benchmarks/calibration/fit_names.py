@@ -1,4 +1,4 @@
-"""Fit `service/instances/name_calibration.json`: how probable it is that the default detector calls a thing right.
+"""Fit `name_calibration.json`: how probable it is that the default detector calls a thing right.
 
     python -m benchmarks.calibration.fit_names FOLDER [FOLDER ...] [--keep FOLDER] [--dry-run]
 
@@ -30,15 +30,21 @@ from PIL import Image
 from scipy.optimize import minimize
 
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
-from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import silent
-from fastsplat.service.instances.name_calibration import FILE, NameCategory, NameModel, evidence_logit, name_evidence
+from fastsplat.service.instances.naming.name_calibration import (
+    FILE,
+    NameCategory,
+    NameModel,
+    evidence_logit,
+    name_evidence,
+)
 from fastsplat.service.instances.scene_things import NAME_OVERLAP
-from fastsplat.service.perception.labelling import label_capture
-from fastsplat.service.perception.types import Regions
+from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.results import Regions
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 F64 = NDArray[np.float64]
 

@@ -40,7 +40,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat_contract.localize_messages import SceneChange
+from fastsplat_contract.photos.localization import SceneChange
 
 _MOST_CHANGES = 6
 _SLACK = 0.02

@@ -13,9 +13,9 @@ from benchmarks.rooms.drawing import Studio, camera_of, room_of
 from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.pictures import Faults, photo_of
 from benchmarks.rooms.shapes import F64, Meshes, placed, resting
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.localize_messages import ChangeKind
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import look_at
+from fastsplat_contract.photos.localization import ChangeKind
 
 PHOTOS = 10
 _MOST_CHANGES = 6

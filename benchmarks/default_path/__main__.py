@@ -35,7 +35,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat_contract.operations import PresetName
+from fastsplat_contract.jobs.operations import PresetName
 
 NAMES = ("sample", "tabletop", "skull")
 _MASK_LABELS = {"skull": "skull"}

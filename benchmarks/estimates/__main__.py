@@ -30,7 +30,7 @@ from benchmarks.whole_jobs import run_job
 from fastsplat.service.planning.job_time import PhotoSet, job_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.settings import Settings
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 
 _LEAST_LEFT_S, _GOAL, _LINES = 10.0, 2.0, 20
 

@@ -22,7 +22,7 @@ from benchmarks.evaluation.validation_split import Split
 from benchmarks.provenance import parser_of
 from fastsplat.service.planning.presets import apply_preset
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.operations import PresetName
+from fastsplat_contract.jobs.operations import PresetName
 
 
 def main() -> None:

@@ -14,16 +14,16 @@ from torch import Tensor
 from benchmarks.evaluation.image_quality import psnr
 from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
 from benchmarks.evaluation.types import Skipped, mean
-from fastsplat.service.capture.types import Capture
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.capture.captures import Capture
+from fastsplat.service.perception.results import Labelling
+from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import load_views
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
 from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
-from fastsplat.service.splatting.quality import color_corrected
+from fastsplat.service.splatting.training.quality import color_corrected
 
 _SIGMA = 1.5
 _REACH = 5  # of SSIM's window of 11×11 pixels to each side
@@ -37,7 +37,7 @@ def psnr(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) 
 
 def psnr_color_corrected(image: Pixels, target: Pixels, valid: NDArray[np.bool_] | None = None) -> float | Skipped:
     """As `psnr`, after the colors of the image were brought as close to the target's as an affine map can
-    (`service.splatting.quality.color_corrected`)."""
+    (`service.splatting.training.quality.color_corrected`)."""
     counted = None if valid is None else torch.tensor(valid)
     corrected = color_corrected(torch.tensor(image), torch.tensor(target), counted)
     return psnr(corrected.numpy(), target, valid)

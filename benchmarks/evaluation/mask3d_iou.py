@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 NO_TRUTH = -1
 _RELATIVE_TOLERANCE = 0.02

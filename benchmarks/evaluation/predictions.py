@@ -14,15 +14,15 @@ from benchmarks.evaluation.localization import box_of
 from benchmarks.evaluation.published.mask_pairs import silhouette_mask
 from benchmarks.evaluation.types import QueryPrediction, ViewPrediction
 from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
-from fastsplat.service.query.language.query_text import MAX_TEXTS
+from fastsplat.service.query.language.words.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.queries import Answer
 
 
 def predict_view(

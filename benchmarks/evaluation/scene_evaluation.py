@@ -14,7 +14,7 @@ from benchmarks.evaluation.predictions import ask_all, predict_view, texts_of, t
 from benchmarks.evaluation.registry import METRICS
 from benchmarks.evaluation.types import EvaluatedScene, Report, Skipped, ViewMetric
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.errors import InvalidInputError
 
 _SAME = 1e-4

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from benchmarks.evaluation.datasets.types import Dataset, TrueView
 from benchmarks.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
-from fastsplat.service.scene.types import Scene
-from fastsplat.service.splatting.blending import thing_map
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.splatting.labels.blending import thing_map
 
 F64 = NDArray[np.float64]
 

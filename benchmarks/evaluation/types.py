@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
 
 C = TypeVar("C")
 

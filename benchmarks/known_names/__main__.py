@@ -28,11 +28,11 @@ from benchmarks.rooms.drawing import ROOMS, room_of
 from benchmarks.rooms.figures import measured
 from benchmarks.rooms.truth import read_truth
 from benchmarks.things.discovered import settings_by_steps
-from fastsplat.service.instances.thing_appearances import with_appearances
+from fastsplat.service.instances.naming.thing_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
-from fastsplat.service.query.things.look_alikes import Sizes, sizes_in_meters
-from fastsplat.service.query.things.names_by_looks import KnownThing, described, names_by_looks
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_meters
+from fastsplat.service.query.things.names.names_by_looks import KnownThing, described, names_by_looks
+from fastsplat.service.scene.artefact.scene import Thing, Things
 from fastsplat.service.settings import Settings
 
 _CHOSEN_ON = "the six validation rooms, each compared with the five others"

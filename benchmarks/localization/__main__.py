@@ -41,7 +41,7 @@ from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, p
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 NAMES = (*POSED, UNPOSED)
 _ELSEWHERE = ("kitchen", "skull")

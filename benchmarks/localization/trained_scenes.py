@@ -14,17 +14,17 @@ from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
 from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import ROOT
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.settings import PhotoSettings
-from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.pipeline import build_scene, capture_folder
-from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.perception.results import Labelling
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 POSED = ("sample", "tabletop")
 UNPOSED = "plush"

@@ -36,15 +36,15 @@ from benchmarks.rooms.pictures import phone_faults, photo_of
 from benchmarks.rooms.truth import Shown
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, label_key
-from fastsplat.service.nameless_things import said_by, sheets_of
+from fastsplat.service.jobs.nameless_things import said_by, sheets_of
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.types import Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.settings import NamerSettings, load_settings
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.scenes import Edit
 
 _TWELVE = (*ROOMS["validation"], *ROOMS["test"])
 _CHOSEN_ON = "nothing was chosen by these figures"

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from fastsplat_contract.thing_sheets import ThingSheet
+from fastsplat_contract.messages.thing_sheets import ThingSheet
 
 Says = Callable[[ThingSheet], Any]
 """What is said of a sheet: JSON, or the bytes of a whole response with its status."""

@@ -22,10 +22,10 @@ from benchmarks.provenance import MADE_FAST_HERE, ROOT, begin, parser_of, write_
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room, seen_around
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.sample_scene import unpack_sample
+from fastsplat.service.store.care.sample_scene import unpack_sample
 from fastsplat.service.store.store import open_store
 from fastsplat_client import Client
-from fastsplat_contract.scenes import SceneSummary
+from fastsplat_contract.messages.scenes import SceneSummary
 
 
 def main() -> None:

@@ -28,7 +28,7 @@ from benchmarks.published.llff import with_transforms
 from benchmarks.published.paper import PAPER, figures_of, tables
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.operations import PresetName
+from fastsplat_contract.jobs.operations import PresetName
 
 _PIECE = 1 << 20
 

@@ -40,8 +40,8 @@ from benchmarks.questions.trained_questions import Photographed, Question, read_
 from benchmarks.relations.__main__ import share_right
 from fastsplat.service.library.local_scene import LocalScene, open_scene
 from fastsplat.service.library.sample import open_sample
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
+from fastsplat_contract.photos.pictures import PictureRequest
 
 _CHOSEN_ON = "rules of answers and of judging: on the part mending, and since the row unseen on the doll's questions"
 

@@ -23,7 +23,7 @@ from benchmarks.questions.trained_questions import PhotoObject, Question
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat_contract.masks import decode_mask3d
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
 
 _DECIDED = ("here", "probably_here")
 

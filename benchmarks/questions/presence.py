@@ -25,7 +25,7 @@ from benchmarks.questions.judging import Truth
 from benchmarks.questions.trained_questions import Photographed, object_of, read_scenes
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.library.local_scene import open_scene
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
 
 FILE = Path(__file__).with_name("presence.txt")
 

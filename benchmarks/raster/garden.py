@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from torch import Tensor
 
 from fastsplat.service.splatting.raster.types import Splats
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 
 OPACITY = 0.1
 

@@ -1,4 +1,4 @@
-"""The time of one optimization step, of `service.splatting.train` itself: what is measured is what the product does."""
+"""The time of one optimization step, of `train` itself: what is measured is what the product does."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from PIL import Image
 
 from benchmarks.raster.garden import Scene
 from benchmarks.raster.raster_rows import Row
-from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
-from fastsplat.service.splatting.train import train
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.splatting.training.train import train
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _WARM_UP = 5  # steps: images are converted and memory is taken in the first of them
 _STILL = LearningRates(

@@ -30,12 +30,12 @@ from benchmarks.rooms.drawing import camera_of
 from benchmarks.rooms.pictures import phone_faults, photo_of
 from benchmarks.splits import results_file
 from benchmarks.things.discovered import timed
-from fastsplat.service.capture.types import View
-from fastsplat.service.instances.thing_reads import with_reads
+from fastsplat.service.capture.captures import View
+from fastsplat.service.instances.naming.thing_reads import with_reads
 from fastsplat.service.perception.readers.open_reader import open_reader
-from fastsplat.service.scene.types import Things
+from fastsplat.service.scene.artefact.scene import Things
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _CHOSEN_ON = "how many views must read a line: on the rooms of the validation split"
 _SEEDS = {"validation": 100, "test": 200}

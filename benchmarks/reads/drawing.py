@@ -9,7 +9,7 @@ from benchmarks.rooms.arranging import Room
 from benchmarks.rooms.materials import F32
 from benchmarks.rooms.shapes import F64, Mesh
 from benchmarks.rooms.truth import Shown
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _MOST_TEXELS = 800
 """Along either side of a rectangle."""

@@ -18,9 +18,9 @@ from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, box, placed, sheet
 from benchmarks.rooms.truth import Shown
 from demo.sample_paint import hex_rgb
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Gaussians, Thing, Things
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import PosedCamera
 
 DOTS = 2_500
 """Of a label, a meter."""

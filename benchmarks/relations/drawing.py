@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import SH_C0, Gaussians, Scene, SemanticHead, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]

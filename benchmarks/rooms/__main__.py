@@ -43,17 +43,17 @@ from benchmarks.rooms.figures import figures_of, measured, worst_of
 from benchmarks.rooms.truth import read_truth
 from benchmarks.splits import results_file
 from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
-from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.perception.labelling import label_capture
-from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.scene.types import Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.quality import color_corrected, psnr
+from fastsplat.service.splatting.training.quality import color_corrected, psnr
 
 _SHEET_SCALE, _SHEET_QUALITY = 0.5, 60
 _CHOSEN_ON = {

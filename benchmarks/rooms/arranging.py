@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, placed, resting
-from fastsplat.service.scene.types import SurfaceKind
-from fastsplat_contract.poses import look_at
+from fastsplat.service.scene.artefact.scene import SurfaceKind
+from fastsplat_contract.geometry.poses import look_at
 
 Build = Callable[[Random], Meshes]
 

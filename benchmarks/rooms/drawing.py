@@ -21,7 +21,7 @@ from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of, picture_of
 from benchmarks.rooms.rasterizing import Soup, soup_of
 from benchmarks.rooms.shapes import F64, Ints, Mesh
 from benchmarks.rooms.truth import Shown, truth_of, write_truth
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 KINDS = {
     "desk": kinds.desk,

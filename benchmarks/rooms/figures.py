@@ -29,10 +29,10 @@ from benchmarks.rooms.truth import Truth
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import Gaussians, Scene
-from fastsplat.service.splatting.blending import thing_map
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.labels.blending import thing_map
 from fastsplat.service.splatting.raster.rendering import rasterize
 
 MARGIN = 0.01

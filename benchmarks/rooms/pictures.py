@@ -13,7 +13,7 @@ from benchmarks.rooms.lighting import Light
 from benchmarks.rooms.materials import F32
 from benchmarks.rooms.rasterizing import Soup, corner_shares, projected_into, rasterized
 from benchmarks.rooms.shapes import F64, Ints, Mesh
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _STEPS = 2
 _BRIGHT, _DARK = np.array([0.95, 0.97, 1.0]), np.array([0.16, 0.14, 0.12])

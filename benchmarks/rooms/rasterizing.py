@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rooms.shapes import F64, Ints, Mesh
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 
 NOTHING = -1
 NEAR = 0.03

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.rooms.arranging import Room
 from benchmarks.rooms.rasterizing import Soup, projected_into, rasterized
 from benchmarks.rooms.shapes import F64, Ints
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _POINTS = 1500
 """Points that are drawn on each thing, those included that no photo shows."""

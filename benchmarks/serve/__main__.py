@@ -26,8 +26,8 @@ from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
-from fastsplat_client.rpc_stub import SceneServiceStub
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_client.stream import SceneServiceStub
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")

@@ -12,15 +12,15 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.language.embeddings import embed_labels
+from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
-from fastsplat.service.store.codec import camera_to_json
-from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene_files import write_scene
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat.service.store.rows.codec import camera_to_json
+from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 ENCODER = "minilm_l6_int8"
 LABELS = tuple(

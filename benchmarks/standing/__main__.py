@@ -21,7 +21,7 @@ from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.room_beside_training import served_room
 from fastsplat_client import Client, QueryRequest, StandingQuestion
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _QUESTIONS = (("tea",), ("something to sit on", "submarine"), ("fork", "banana", "time"))
 _CAMERA = Camera(width=320, height=240, fx=250.0, fy=250.0, cx=160.0, cy=120.0)

@@ -29,18 +29,18 @@ from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
 from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.perception.capture_masks import propose_capture_masks
+from fastsplat.service.jobs.pipeline import capture_folder
+from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.pipeline import capture_folder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.types import Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.settings import Settings
 
 _MASK_LABELS = {"skull": "skull"}

@@ -11,16 +11,16 @@ from typing import TypeVar
 import numpy as np
 from PIL import Image
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.pipeline import build_scene
+from fastsplat.service.jobs.pipeline import build_scene
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.drawing.pictures import label_colors
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.splatting.blending import thing_map
+from fastsplat.service.splatting.labels.blending import thing_map
 
 _SHEET_VIEWS = 4
 _PANEL = (480, 360)

@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, write_results
 from benchmarks.whole_jobs import run_job
 from fastsplat.service.settings import Settings
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.jobs.operations import SceneOptions
 
 _STAGES = ("perception", "training", "export")
 

@@ -19,9 +19,9 @@ from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.splatting.train import train
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene_files import write_scene
+from fastsplat.service.splatting.training.train import train
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _TIMED = 5
 T = TypeVar("T")
@@ -47,7 +47,7 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
     figures["peak_mb"] = peak_megabytes()
     # The libraries of these are not training's, and not in its peak.
     from benchmarks.trade.score import localization, maps_iou, score
-    from fastsplat.service.pipeline import assemble_scene
+    from fastsplat.service.jobs.pipeline import assemble_scene
 
     scene = assemble_scene(trained, labelling, data.capture, settings, trained.quality)
     with tempfile.TemporaryDirectory() as folder:

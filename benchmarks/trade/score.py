@@ -12,7 +12,7 @@ from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
 from benchmarks.evaluation.types import Skipped, mean
 from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.scene_index import SceneIndex
 
 

@@ -13,7 +13,7 @@ from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
 from fastsplat.service.planning.presets import PRESETS
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat_contract.operations import PresetName
+from fastsplat_contract.jobs.operations import PresetName
 
 BASE: dict[str, Any] = {
     "iterations": 400,

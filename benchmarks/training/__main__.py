@@ -22,9 +22,9 @@ from benchmarks.training.drawn_light import in_drawn_light
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.training.train import train
 
 
 def main() -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 from PIL import Image
 
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.types import Capture
-from fastsplat.service.splatting.photometric import correct, zero_mean
+from fastsplat.service.splatting.exposure.photometric import correct, zero_mean
 
 _EXPOSURE_EV, _BALANCE = 1.2, 0.06
 

@@ -9,11 +9,11 @@ import numpy as np
 from PIL import Image
 from plyfile import PlyData
 
-from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.splatting.training_views import split_views
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _TEST_EVERY = 5
 

@@ -21,7 +21,7 @@ from benchmarks.provenance import NOT_CHOSEN, RESULTS, ROOT, begin, parser_of, w
 from benchmarks.workers.simulation import Costs, simulate
 from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.jobs.operations import Operation
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment
 

@@ -13,8 +13,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.browser import serve_in_browser
-from fastsplat.cli.models import pull_with_progress
+from fastsplat.cli.operating.browser import serve_in_browser
+from fastsplat.cli.operating.models import pull_with_progress
 from fastsplat.cli.settings import load_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError
 
@@ -86,8 +86,8 @@ def prepare(folder: Path) -> None:
         ConflictError: `folder` has other things in it.
         ResourceError, InvalidInputError: as `unpack_sample`.
     """
-    from fastsplat.service.store.database import SQLITE_NAME
-    from fastsplat.service.store.sample_scene import unpack_sample
+    from fastsplat.service.store.care.sample_scene import unpack_sample
+    from fastsplat.service.store.rows.database import SQLITE_NAME
 
     if (folder / "service" / SQLITE_NAME).is_file():
         return

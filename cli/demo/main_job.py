@@ -17,9 +17,9 @@ from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ResourceError
-from fastsplat_contract.operations import Operation, SceneOptions
-from fastsplat_contract.queries import Answer, QueryRequest
-from fastsplat_contract.scenes import Scene
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from fastsplat_contract.messages.queries import Answer, QueryRequest
+from fastsplat_contract.messages.scenes import Scene
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
 """The sample capture: 26 photos of a table with things on it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_client import Client
-from fastsplat_contract.thing_messages import PickedThing, SceneThing
+from fastsplat_contract.messages.things import PickedThing, SceneThing
 
 NAME = "Oskar"
 """A name that no detector knows."""

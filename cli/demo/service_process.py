@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fastsplat.cli.browser import is_ready
+from fastsplat.cli.operating.browser import is_ready
 from fastsplat.service.common.process import PARENT_VARIABLE
 from fastsplat_contract.errors import ResourceError
 

@@ -20,10 +20,6 @@ from fastsplat_client.pending_queries import StandingQuestion
 from fastsplat_client.releases import ReleaseWarning
 from fastsplat_client.stream import PoseAnswer, Reconnect
 from fastsplat_client.transport import Retry
-from fastsplat_contract.assessments import Assessment, Finding
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.detection_messages import Detection, DetectionList, Support
-from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import (
     CancelledError,
     ConflictError,
@@ -39,22 +35,21 @@ from fastsplat_contract.errors import (
     RateLimitedError,
     UnauthenticatedError,
 )
-from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.keys import AccessKey, NewKey
-from fastsplat_contract.localize_messages import Localization, LocalizedPhoto
-from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.places import Alignment, KnownLength, KnownSize, Place, PointPair
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.jobs.look_again import FoundName, LookAgainResult
+from fastsplat_contract.jobs.name_suggestions import SuggestedName
+from fastsplat_contract.jobs.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
-from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
-from fastsplat_contract.name_suggestions import SuggestedName
-from fastsplat_contract.next_photo_messages import NextPhoto
-from fastsplat_contract.observation_messages import Observation, ObservedPhoto
-from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match, QueryRequest
-from fastsplat_contract.scenes import (
+from fastsplat_contract.messages.assessments import Assessment, Finding
+from fastsplat_contract.messages.detections import Detection, DetectionList, Support
+from fastsplat_contract.messages.edit_previews import EditPreview
+from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.measurements import Length, LocatedPlace, Measurement
+from fastsplat_contract.messages.queries import Answer, Match, QueryRequest
+from fastsplat_contract.messages.scenes import (
     Color,
     DictionaryEntry,
     Edit,
@@ -64,10 +59,15 @@ from fastsplat_contract.scenes import (
     SceneSummary,
     SceneVersion,
 )
-from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, PickedThing, SceneThing
-from fastsplat_contract.thing_reads import ThingRead
-from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.messages.thing_reads import ThingRead
+from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.messages.things import NameSuggestion, PickedLevel, PickedThing, SceneThing
+from fastsplat_contract.photos.localization import Localization, LocalizedPhoto
+from fastsplat_contract.photos.next_photos import NextPhoto
+from fastsplat_contract.photos.observations import Observation, ObservedPhoto
+from fastsplat_contract.photos.pictures import PictureRequest
+from fastsplat_contract.server.keys import AccessKey, NewKey
+from fastsplat_contract.server.server_info import ServerInfo
 
 __all__ = [
     "AccessKey",

@@ -29,19 +29,20 @@ from fastsplat_client.stream_calls import StreamCalls
 from fastsplat_client.table_calls import in_path, scene_path
 from fastsplat_client.thing_calls import ThingCalls
 from fastsplat_client.transport import Retry, Transport
-from fastsplat_contract import calls, requests
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract import calls
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import DeadlineExceededError, FastSplatError, Kind
-from fastsplat_contract.exports import ExportFormat
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.operations import Operation, OperationState, SceneOptions
 from fastsplat_contract.masks import decode_mask3d
-from fastsplat_contract.operations import Operation, OperationState, SceneOptions
-from fastsplat_contract.photo_verdicts import PhotoVerdict
-from fastsplat_contract.pictures import PictureKind, PictureRequest, Tint
-from fastsplat_contract.queries import Answer, Output, QueryOut, QueryRequest
-from fastsplat_contract.scenes import DictionaryEntry, Scene, SceneSummary
-from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.server_status import ServerStatus
+from fastsplat_contract.messages import requests
+from fastsplat_contract.messages.exports import ExportFormat
+from fastsplat_contract.messages.queries import Answer, Output, QueryOut, QueryRequest
+from fastsplat_contract.messages.scenes import DictionaryEntry, Scene, SceneSummary
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
+from fastsplat_contract.photos.pictures import PictureKind, PictureRequest, Tint
+from fastsplat_contract.server.server_info import ServerInfo
+from fastsplat_contract.server.server_status import ServerStatus
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from typing import TypeVar
 
 import httpx
 
+from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind
-from fastsplat_contract.json_codec import from_json
 
 T = TypeVar("T")
 

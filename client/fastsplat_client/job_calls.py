@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_client.table_calls import TableCalls
-from fastsplat_contract import calls, requests
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.job_watching import PlacedInfo, Preview, Until
-from fastsplat_contract.operations import JobEstimate, Operation, PresetName
-from fastsplat_contract.scenes import Scene
+from fastsplat_contract import calls
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.job_watching import PlacedInfo, Preview, Until
+from fastsplat_contract.jobs.operations import JobEstimate, Operation, PresetName
+from fastsplat_contract.messages import requests
+from fastsplat_contract.messages.scenes import Scene
 
 
 class Placed(NamedTuple):

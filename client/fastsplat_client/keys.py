@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from urllib.parse import quote
 
 from fastsplat_client.table_calls import TableCalls
-from fastsplat_contract import calls, requests
-from fastsplat_contract.keys import AccessKey, KeyIn, NewKey, Role, UploadKeyIn
+from fastsplat_contract import calls
+from fastsplat_contract.messages import requests
+from fastsplat_contract.server.keys import AccessKey, KeyIn, NewKey, Role, UploadKeyIn
 
 
 class ClientKeys(TableCalls):

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from fastsplat_client.table_calls import TableCalls
-from fastsplat_contract import calls, requests
-from fastsplat_contract.known_names import KnownName
+from fastsplat_contract import calls
+from fastsplat_contract.messages import requests
+from fastsplat_contract.messages.known_names import KnownName
 
 
 class ClientKnownNames(TableCalls):

@@ -25,11 +25,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fastsplat_client.errors import seconds_after
 from fastsplat_client.transport import Retry
+from fastsplat_contract.codec.unseen_characters import unseen_in
 from fastsplat_contract.errors import InvalidInputError, NamerError
-from fastsplat_contract.name_suggestions import SuggestedName
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_sheets import ThingSheet
-from fastsplat_contract.unseen_characters import unseen_in
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.jobs.name_suggestions import SuggestedName
+from fastsplat_contract.messages.thing_sheets import ThingSheet
 
 if TYPE_CHECKING:
     from fastsplat_client.client import Client

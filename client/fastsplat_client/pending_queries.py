@@ -6,9 +6,9 @@ import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.codec.proto_codec import to_proto
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 

@@ -10,13 +10,14 @@ from pathlib import Path
 
 from fastsplat_client.errors import read
 from fastsplat_client.table_calls import TableCalls, scene_path
-from fastsplat_contract import calls, requests
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.localize_messages import Localization
-from fastsplat_contract.next_photo_messages import NextPhoto
-from fastsplat_contract.observation_messages import GetObservationRequest, ListObservationsRequest, Observation
-from fastsplat_contract.photo_messages import BestView, ScenePhoto
-from fastsplat_contract.poses import Pose
+from fastsplat_contract import calls
+from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.geometry.poses import Pose
+from fastsplat_contract.messages import requests
+from fastsplat_contract.photos.localization import Localization
+from fastsplat_contract.photos.next_photos import NextPhoto
+from fastsplat_contract.photos.observations import GetObservationRequest, ListObservationsRequest, Observation
+from fastsplat_contract.photos.scene_photos import BestView, ScenePhoto
 
 
 class PhotoCalls(TableCalls):

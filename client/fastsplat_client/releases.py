@@ -7,8 +7,8 @@ import warnings
 from importlib.metadata import PackageNotFoundError, version
 from typing import TypeVar
 
-from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.server_status import ServerStatus
+from fastsplat_contract.server.server_info import ServerInfo
+from fastsplat_contract.server.server_status import ServerStatus
 
 Told = TypeVar("Told", ServerInfo, ServerStatus)
 

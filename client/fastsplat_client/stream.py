@@ -2,28 +2,103 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Protocol
 
 import grpc
+from google.protobuf import message_factory
 from google.protobuf.message import DecodeError
+from grpc import aio
 
 from fastsplat_client.errors import UnreachableError, error_of
-from fastsplat_client.keepalive import KeepaliveReplies
 from fastsplat_client.pending_queries import Connection, PendingQueries, StandingQuestion
-from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_client.transport import Retry
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
-from fastsplat_contract.pieces import answers_of, query_of
-from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
-from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.pieces import answers_of, query_of
+from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest
+from fastsplat_contract.server.server_info import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import status_pb2
+
+_SERVICE = pb.DESCRIPTOR.services_by_name["SceneService"]
+
+
+class SceneServiceStub:
+    """The RPCs of `fastsplat.v1.SceneService` over a channel, each by its name, as `stub.GetScene(request)`.
+
+    Args:
+        channel: to the server; of `grpc.aio` where calls are awaited.
+    """
+
+    def __init__(self, channel: grpc.Channel | aio.Channel) -> None:
+        for rpc, method in _SERVICE.methods_by_name.items():
+            kinds = ("stream" if many else "unary" for many in (method.client_streaming, method.server_streaming))
+            request, response = map(message_factory.GetMessageClass, (method.input_type, method.output_type))
+            call = getattr(channel, "_".join(kinds))(
+                f"/{_SERVICE.full_name}/{rpc}",
+                request_serializer=request.SerializeToString,
+                response_deserializer=response.FromString,
+            )
+            setattr(self, rpc, call)
+
+    def __getattr__(self, rpc: str) -> Any:
+        raise AttributeError(f"{_SERVICE.full_name} has no RPC {rpc!r}")
+
+
+class _Call(Protocol):
+    """The part of a streaming gRPC call that is used here."""
+
+    def __iter__(self) -> Iterator[pb.StreamQueryResponse]: ...
+
+    def cancel(self) -> object: ...
+
+
+class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
+    """Replies of a call with a timeout: where the reader waits too long for one, the call is cancelled.
+
+    Time that the reader spends elsewhere does not count.
+
+    Args:
+        call: its replies are read.
+        limit_s: says how long the silence may last, each time that it is looked at.
+    """
+
+    def __init__(self, call: _Call, limit_s: Callable[[], float]) -> None:
+        self._call = call
+        self._replies = iter(call)
+        self._limit_s = limit_s
+        self.timed_out = False
+        """Whether the call was cancelled for its silence."""
+        self._waiting_since: float | None = None
+        self._over = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def __next__(self) -> pb.StreamQueryResponse:
+        self._waiting_since = time.monotonic()
+        try:
+            return next(self._replies)
+        finally:
+            self._waiting_since = None
+
+    def close(self) -> None:
+        """Cancel the call, and watch it no longer."""
+        self._over.set()
+        self._call.cancel()
+
+    def _watch(self) -> None:
+        while not self._over.wait(self._limit_s() / 8):
+            since = self._waiting_since
+            if since is not None and time.monotonic() - since > self._limit_s():
+                self.timed_out = True
+                self._call.cancel()
+                return
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from fastsplat_client.pending_queries import StandingQuestion
 from fastsplat_client.stream import Grpc, PoseAnswer, Reconnect
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _USUAL = Reconnect()
 

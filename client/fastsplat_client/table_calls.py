@@ -12,8 +12,8 @@ from urllib.parse import quote
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.call import Answered, Asked, Call
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.requests import InPages
+from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.messages.requests import InPages
 
 _PAGE = 500
 """Entries that are asked for at a time; a server gives as many as it allows."""

@@ -9,21 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_client.table_calls import TableCalls
-from fastsplat_contract import calls, requests
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.detection_messages import Detection, DetectionList
-from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
-from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus, SuggestedName
-from fastsplat_contract.operations import Operation
-from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit, SceneVersion
-from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
-from fastsplat_contract.thing_prompts import ThingPrompt
-from fastsplat_contract.thing_sheets import ThingSheet
+from fastsplat_contract import calls
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.places import Alignment, KnownLength, KnownSize, Place
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.geometry.thing_prompts import ThingPrompt
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus, SuggestedName
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages import requests
+from fastsplat_contract.messages.detections import Detection, DetectionList
+from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
+from fastsplat_contract.messages.exports import ExportRequest
+from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.scenes import Edit, SceneVersion
+from fastsplat_contract.messages.thing_sheets import ThingSheet
+from fastsplat_contract.messages.things import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 
 _EDITS = 100
 """In one request, as the server takes them."""

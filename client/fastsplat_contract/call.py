@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Generic, Literal, NamedTuple, TypeVar, get_args
 
-from fastsplat_contract.keys import Role
+from fastsplat_contract.server.keys import Role
 
 Asked = TypeVar("Asked")
 Answered = TypeVar("Answered")

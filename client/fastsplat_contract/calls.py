@@ -12,31 +12,18 @@ from types import NoneType
 from typing import Any
 
 from fastsplat_contract.call import APART, Call, Rule
-from fastsplat_contract.detection_messages import DetectionList
-from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
-from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.job_watching import PlacedCameras, Preview
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
-from fastsplat_contract.known_names import KnownNameList
-from fastsplat_contract.localize_messages import Localization, LocalizeRequest
-from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
-from fastsplat_contract.next_photo_messages import NextPhotoList
-from fastsplat_contract.observation_messages import (
-    GetObservationRequest,
-    ListObservationsRequest,
-    Observation,
-    ObservationList,
-    ObserveRequest,
-)
-from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
-from fastsplat_contract.operations import JobEstimate, Operation, OperationList
-from fastsplat_contract.photo_messages import BestViewList, PhotoList
-from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.queries import QueryOut, QueryRequest
-from fastsplat_contract.requests import (
+from fastsplat_contract.jobs.job_watching import PlacedCameras, Preview
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus
+from fastsplat_contract.jobs.operations import JobEstimate, Operation, OperationList
+from fastsplat_contract.messages.detections import DetectionList
+from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
+from fastsplat_contract.messages.exports import ExportRequest
+from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.known_names import KnownNameList
+from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.projects import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
+from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.requests import (
     AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
@@ -76,10 +63,23 @@ from fastsplat_contract.requests import (
     WaitOperationRequest,
     WatchOperationRequest,
 )
-from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
-from fastsplat_contract.server_status import ServerStatus
-from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
-from fastsplat_contract.thing_sheets import ThingSheet
+from fastsplat_contract.messages.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
+from fastsplat_contract.messages.thing_sheets import ThingSheet
+from fastsplat_contract.messages.things import PickedThing, PickRequest, ThingList
+from fastsplat_contract.photos.localization import Localization, LocalizeRequest
+from fastsplat_contract.photos.next_photos import NextPhotoList
+from fastsplat_contract.photos.observations import (
+    GetObservationRequest,
+    ListObservationsRequest,
+    Observation,
+    ObservationList,
+    ObserveRequest,
+)
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdictList
+from fastsplat_contract.photos.pictures import PictureRequest
+from fastsplat_contract.photos.scene_photos import BestViewList, PhotoList
+from fastsplat_contract.server.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
+from fastsplat_contract.server.server_status import ServerStatus
 
 READ = Rule("reader")
 SHOW = Rule("reader", shared=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fastsplat_contract.codec.wire import Base64, Int64, Many, Response
 from fastsplat_contract.errors import InvalidInputError, MissingPackageError
-from fastsplat_contract.wire import Base64, Int64, Many, Response
 
 MaskEncoding = Literal["rle", "png"]
 Mask3dEncoding = Literal["bits", "runs", "indices", "ply"]

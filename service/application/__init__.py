@@ -1,1 +1,0 @@
-"""The service layer, in process and behind both transports: `SceneService`."""

@@ -48,22 +48,22 @@ from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.needed_models import check_models
+from fastsplat.service.jobs.needed_models import check_models
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.codec import options_to_json
-from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.reserve import check_free_space
+from fastsplat.service.store.blobs.blobs import remove
+from fastsplat.service.store.blobs.reserve import check_free_space
+from fastsplat.service.store.rows.codec import options_to_json
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.store import Store, open_store
-from fastsplat_contract.keys import Role
-from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
-from fastsplat_contract.server_status import ServerStatus
+from fastsplat_contract.jobs.look_again import LookAgainIn
+from fastsplat_contract.jobs.operations import Operation, OperationList, OperationState, SceneOptions
+from fastsplat_contract.messages.scenes import LabelList, Scene, SceneList, SceneUpdate
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdictList
+from fastsplat_contract.server.keys import Role
+from fastsplat_contract.server.server_status import ServerStatus
 
 MAX_LISTED = 5_000
 """Labels and cameras of a scene that are told in one piece."""

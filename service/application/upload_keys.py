@@ -9,7 +9,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat_contract.errors import PermissionDeniedError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 
 
 class OneUpload:

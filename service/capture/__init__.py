@@ -1,1 +1,0 @@
-"""Turns uploads into captures: undistorted views with poses."""

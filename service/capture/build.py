@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.captures import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.formats.depth_maps import DEPTHS
 from fastsplat.service.capture.formats.image_io import load_rgb
@@ -22,7 +23,6 @@ from fastsplat.service.capture.sfm.geometry import normalize_world
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.sfm.sfm_images import SfmImage, frame_width, photo_ups, upright_photos, video_frames
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.uploads.label_maps import LabelTable, read_label_table
@@ -80,7 +80,7 @@ def build_capture(
         raise InvalidInputError(
             f"{manifest.splat} has no views",
             field="upload",
-            hint="Build its capture by fastsplat.service.pipeline.build_views, which renders them.",
+            hint="Build its capture by fastsplat.service.jobs.pipeline.build_views, which renders them.",
         )
     if manifest.spherical and settings.lens == "auto":
         settings = settings.model_copy(update={"lens": "panorama"})

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from fastsplat.service.common.settings import Options, SettingGroup
-from fastsplat_contract.operations import Lens
+from fastsplat_contract.jobs.operations import Lens
 
 
 class CaptureOptions(Options):

@@ -1,1 +1,0 @@
-"""Utilities shared by all packages: cancellation, label dictionary, progress and others."""

@@ -21,7 +21,7 @@ class DictionaryEntry:
 
     Attributes:
         confidence: that objects with this label are of the class, 0..1. 1 for names from the capture or a person; for
-            detected ones see `fastsplat.service.perception.vocabulary.name_confidence`.
+            detected ones see `fastsplat.service.perception.label_maps.vocabulary.name_confidence`.
     """
 
     label: str

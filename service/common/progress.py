@@ -16,7 +16,7 @@ class ProgressEvent:
         files: files that can be viewed from now on, by kind, see `OperationRecord.progress_files`.
     """
 
-    stage: str  # see `workers.job_kinds`
+    stage: str  # see `workers.kinds.job_kinds`
     fraction: float  # of this stage, 0..1
     message: str  # short line for people, e.g. "matching image pairs 120/276"
     metrics: Mapping[str, float] = field(default_factory=dict)

@@ -14,14 +14,14 @@ from scipy.spatial import cKDTree
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.instances.prompt_answers import PicturePrompt, matching_mask, prompted_mask
-from fastsplat.service.perception.types import Segmenter
-from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.perception.results import Segmenter
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.gaussians.connectivity import components
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import label_sums, rasterize
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 Mask = NDArray[np.bool_]
 F64 = NDArray[np.float64]

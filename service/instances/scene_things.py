@@ -10,19 +10,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.types import Capture, View
-from fastsplat.service.instances.coded_things import fit_thing_codes
-from fastsplat.service.instances.discovery import OnView, discover_things, masked_view
-from fastsplat.service.instances.lifting import lift_regions_of
-from fastsplat.service.instances.naming import NameVotes, count_votes, name_things
+from fastsplat.service.capture.captures import Capture, View
+from fastsplat.service.instances.discovery.coded_things import fit_thing_codes
+from fastsplat.service.instances.discovery.discovery import OnView, discover_things, masked_view
+from fastsplat.service.instances.discovery.lifting import lift_regions_of
+from fastsplat.service.instances.naming.naming import NameVotes, count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.types import Gaussians, Things
-from fastsplat.service.scene.upright import up_of, vertical_figures, vertical_of
+from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
+from fastsplat.service.scene.artefact.scene import Gaussians, Things
+from fastsplat.service.scene.artefact.upright import up_of, vertical_figures, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.labels.region_groups import LiftedRegions
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.region_groups import LiftedRegions
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import training_size
 

@@ -1,1 +1,0 @@
-"""Scenes in notebooks and scripts, without a server."""

@@ -19,17 +19,17 @@ from PIL import Image
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.library.viewer import Viewer
 from fastsplat.service.settings import Settings, find_models, load_settings
-from fastsplat.service.store.database import SQLITE_NAME
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import NotFoundError, NotReadyError
-from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.places import Place
 from fastsplat_contract.masks import decode_mask3d
-from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.pictures import PictureKind, PictureRequest
-from fastsplat_contract.places import Place
-from fastsplat_contract.queries import Answer, Output, QueryRequest
-from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.messages.exports import ExportRequest
+from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.queries import Answer, Output, QueryRequest
+from fastsplat_contract.messages.scenes import Edit, Scene, SceneSummary, SceneVersion
+from fastsplat_contract.messages.things import SceneThing
+from fastsplat_contract.photos.pictures import PictureKind, PictureRequest
 
 Viewpoint = str | PosedCamera
 """Name of one of the scene's cameras, or a free viewpoint."""

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fastsplat.service.library.local_scene import LocalScene, open_scene
-from fastsplat.service.store.sample_scene import unpack_sample
+from fastsplat.service.store.care.sample_scene import unpack_sample
 
 
 @contextmanager

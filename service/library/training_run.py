@@ -15,7 +15,7 @@ from fastsplat.service.common.file_names import is_system_file
 from fastsplat.service.common.process import PARENT_VARIABLE
 from fastsplat.service.library.local_scene import LocalScene, folder_settings, newest_scene
 from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError, ResourceError
-from fastsplat_contract.operations import Operation, PresetName, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, PresetName, SceneOptions
 
 _POLL_S = 0.3
 _STOP_S = 40.0

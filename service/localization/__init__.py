@@ -1,1 +1,0 @@
-"""Visual localization: features, matching, pose solving, refinement, uncertainty, and change detection."""

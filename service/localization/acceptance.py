@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.localization.photometric_refinement import Comparison
-from fastsplat_contract.localize_messages import LocalizeRefusal
+from fastsplat_contract.photos.localization import LocalizeRefusal
 
 FEWEST_KEYPOINTS = 30
 LEAST_INLIERS = 15

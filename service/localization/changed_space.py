@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fastsplat.service.localization.photometric_refinement import Comparison
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -13,7 +13,7 @@ from fastsplat.service.localization.changed_space import ChangedPiece, changed_p
 from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.lost_things import STEPS, Lost, lost_pieces, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import Comparison
-from fastsplat_contract.localize_messages import ChangeKind, DifferenceKind
+from fastsplat_contract.photos.localization import ChangeKind, DifferenceKind
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from fastsplat.service.localization.matching import Matches
 from fastsplat.service.localization.pose_solving import SolvedPose, colmap_camera, error_px, refine_pose
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.localize_messages import FocalSource
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.localization import FocalSource
 
 F64 = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints
 from fastsplat.service.localization.triangulation import SeenKeypoints, triangulate
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry

@@ -34,8 +34,8 @@ from fastsplat.service.localization.pose_solving import (
     undistorted,
 )
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.localize_messages import FocalSource, LocalizeRefusal
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.localization import FocalSource, LocalizeRefusal
 
 _MATCHED_VIEWS = 8  # most similar photos of the scene that are matched in full
 

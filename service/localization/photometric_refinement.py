@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.drawing.view_geometry import ViewGeometry
-from fastsplat.service.splatting.photometric import correct, fitted_correction
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.splatting.exposure.photometric import correct, fitted_correction
+from fastsplat_contract.geometry.camera import PosedCamera
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.localization.keypoints import Keypoints, unit_rows
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 if TYPE_CHECKING:  # scipy loads when it is used
     from scipy.spatial import cKDTree

@@ -1,1 +1,0 @@
-"""Perception: photos to a dictionary of the capture and a label map per view."""

@@ -1,1 +1,0 @@
-"""Presets, time budgets, the cost of a run, and the speed of this machine."""

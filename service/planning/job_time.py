@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.planning.cost_model import (
     PerceptionCost,

@@ -13,16 +13,16 @@ import numpy as np
 import torch
 from PIL import Image
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.labelling import label_capture
-from fastsplat.service.perception.side_by_side import side_by_side
+from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.label_maps.side_by_side import side_by_side
 from fastsplat.service.planning.cost_model import PerceptionCost, Speed
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, Splats
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
 """CPU seconds of a round of each kind, by whole jobs on other machines (`benchmarks.estimates`)."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.operations import PresetName as PresetName
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.jobs.operations import PresetName as PresetName
+from fastsplat_contract.jobs.operations import SceneOptions
 
 if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
     from fastsplat.service.settings import Settings

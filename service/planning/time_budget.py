@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import Speed, fit_training, scene_size, views_within_budget

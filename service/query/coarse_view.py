@@ -9,8 +9,8 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat.service.scene.types import Parts, Scene, Things
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Parts, Scene, Things
+from fastsplat_contract.geometry.camera import PosedCamera
 
 
 class CoarseView:

@@ -13,29 +13,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.language.absence_policy import Vocabulary, with_absence_judged
-from fastsplat.service.query.language.english import is_foreign, names_nothing
-from fastsplat.service.query.language.history_answers import HistoryAnswers
-from fastsplat.service.query.language.judgement import Ranked
-from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.ranking import Ranker
-from fastsplat.service.query.language.sentences import spoken
-from fastsplat.service.query.language.time_questions import TimeQuestion, time_question
+from fastsplat.service.query.language.sentences.history_answers import HistoryAnswers
+from fastsplat.service.query.language.sentences.sentences import spoken
+from fastsplat.service.query.language.sentences.time_questions import TimeQuestion, time_question
+from fastsplat.service.query.language.words.english import is_foreign, names_nothing
+from fastsplat.service.query.language.words.judgement import Ranked
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
+from fastsplat.service.query.phrases.phrases import ParsedQuestion
 from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
 from fastsplat.service.query.phrases.thing_words import ThingWords
-from fastsplat.service.query.phrases.types import ParsedQuestion
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
-from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.query.things.names_by_tags import names_by_tags
+from fastsplat.service.query.things.names.names_by_looks import KnownThing, NameFromScene, names_by_looks
+from fastsplat.service.query.things.names.names_by_tags import names_by_tags
+from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_history import SceneHistory
-from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.scene.drafts import provisional_of
-from fastsplat.service.scene.types import Gaussians, Scene
-from fastsplat_contract.queries import Answer
+from fastsplat.service.scene.artefact.drafts import provisional_of
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat_contract.messages.queries import Answer
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.things.look_alikes import Sizes
+    from fastsplat.service.query.things.names.look_alikes import Sizes
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)

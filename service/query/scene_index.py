@@ -12,27 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.query.language.embeddings import TextCaches, embed_labels, embed_names
-from fastsplat.service.query.language.prompt_context import SceneLabels
-from fastsplat.service.query.language.query_text import check_query
+from fastsplat.service.query.language.meaning.embeddings import TextCaches, embed_labels, embed_names
+from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
+from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
-from fastsplat.service.query.language.word_senses import label_meaning
+from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
-from fastsplat.service.query.things.look_alikes import sizes_in_meters
+from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
+from fastsplat.service.query.things.names.thing_names import names_of
 from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.query.things.thing_names import names_of
-from fastsplat.service.scene.coarse import coarse_scene
-from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
+from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.queries import Answer
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.queries import Answer
+from fastsplat_contract.messages.things import SceneThing
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
-    from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.perception.results import TextEncoder
     from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Mask2D, Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
@@ -130,8 +130,8 @@ class SceneIndex:
 
     @cached_property
     def isolation(self) -> NDArray[np.float32]:
-        """float32 [G]: how far each Gaussian is from others, see `service.scene.isolation`."""
-        from fastsplat.service.scene.isolation import isolation  # scipy loads with the first filter
+        """float32 [G]: how far each Gaussian is from others, see `service.scene.gaussians.isolation`."""
+        from fastsplat.service.scene.gaussians.isolation import isolation  # scipy loads with the first filter
 
         return isolation(self.scene.gaussians)
 

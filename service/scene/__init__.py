@@ -1,1 +1,0 @@
-"""The trained scene: its arrays, its files, its exchange formats."""

@@ -1,1 +1,0 @@
-"""Turns splats of other tools into scenes: pictures rendered, labels lifted onto Gaussians."""

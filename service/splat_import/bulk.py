@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat_contract.errors import InvalidInputError
 
 F64 = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
-from fastsplat_contract.operations import UpAxis
+from fastsplat_contract.jobs.operations import UpAxis
 
 _SAMPLE = 100_000
 _DIRECTIONS = 1_500

@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.capture.formats.capture_files import load_capture, save_capture
 from fastsplat.service.capture.formats.image_io import save_rgb
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.capture.uploads.splat_input import load_splat, take_splat
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import find_bulk
 from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.settings import SplatImportSettings
@@ -27,8 +27,8 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.operations import UpAxis
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.operations import UpAxis
 
 _FIELD_OF_VIEW_DEG = 60.0  # horizontal
 

@@ -10,15 +10,15 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import Camera
+from fastsplat_contract.geometry.poses import look_at
 
 _RINGS = ((12.0, 2.8), (30.0, 2.8), (30.0, 2.0), (55.0, 2.4))
 """Elevation above the bulk's center, degrees, and distance from it in bulk radii."""

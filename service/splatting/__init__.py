@@ -1,1 +1,0 @@
-"""Trains and renders scenes: rasterizer, losses, label blending."""

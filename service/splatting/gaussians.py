@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.scene.morton import morton_order
-from fastsplat.service.scene.types import Gaussians, SemanticHead
+from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
+from fastsplat.service.scene.gaussians.morton import morton_order
 from fastsplat.service.splatting.raster.types import Splats
 from fastsplat_contract.errors import TrainingDivergedError
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.artefact.scene import SH_C0
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import InvalidInputError
 

@@ -57,7 +57,7 @@ class TrainingOptions(Options):
     seed: int = Field(0, ge=0)
     """Of every random choice."""
     min_iterations: int = Field(1_000, ge=0)
-    """Steps before which the clock does not end a run: what the verdict "good" needs (`service.scene.assessment`)."""
+    """Steps before which the clock does not end a run: what the verdict "good" needs (`assessment`)."""
     start_scale: float = Field(0.5, gt=0, le=1)
     """Image size at the start of the run, as a share of the training size."""
     full_size_from: float = Field(0.3, ge=0, le=1)
@@ -78,7 +78,7 @@ class TrainingOptions(Options):
     """What an undetected pixel weighs, in the cross-entropy and as evidence, where a labeled one has 1. In label maps
     that came with the capture a pixel without a label is as sure as any and weighs 1."""
     label_refit_epochs: int = Field(4, ge=0)
-    """How often every view is looked at when codes are fitted to exact label maps (`service.splatting.label_refit`)."""
+    """How often every view is looked at when codes are fitted to exact label maps (`label_refit`)."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
     background: Literal["black", "random"] = "black"
@@ -94,7 +94,7 @@ class TrainingOptions(Options):
     cull_opacity: float = Field(0.005, ge=0, lt=1)
     """A Gaussian less opaque than this is not stored."""
     depth_spread_weight: float = Field(0.1, ge=0)
-    """Weight of the spread of a pixel's depths, in squared shares (`service.splatting.depth_regularization`)."""
+    """Weight of the spread of a pixel's depths, in squared shares (`depth_regularization`)."""
     depth_smoothness_weight: float = Field(0.3, ge=0)
     """Weight of the bend of surfaces where the photo has no edge."""
     depth_anchor_weight: float = Field(0.3, ge=0)

@@ -20,7 +20,7 @@ class SplatState:
     """A run between two steps.
 
     Attributes:
-        parameters: leaves of the autograd graph, float32; see `service.scene.types.Gaussians` for shapes; `sh_dc` is
+        parameters: leaves of the autograd graph, float32; see `scene.Gaussians` for shapes; `sh_dc` is
             [G, 1, 3], `sh_rest` [G, K − 1, 3], `weight` [N + 1, D], `bias` [N + 1].
         exp_avg, exp_avg_sq: Adam's moments, shaped as the parameters.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
+from fastsplat.service.capture.captures import Capture, View
 from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth
 from fastsplat.service.capture.formats.image_io import load_rgb  # `capture.build.load_image` imports far more
-from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.dictionary import UNDETECTED
-from fastsplat.service.perception.types import Labelling
-from fastsplat_contract.camera import Camera
+from fastsplat.service.perception.results import Labelling
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import Backend, Rendering, Splats
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ class TrainingView:
     viewmat: Tensor  # [4, 4], camera-from-world
     position: Tensor  # [3], world frame
     frames: tuple[Frame, ...]  # from the smallest size to the training size
-    exposure_ev: float | None = None  # see `service.capture.types.View`
+    exposure_ev: float | None = None  # see `service.capture.captures.View`
 
     def to(self, device: torch.device) -> TrainingView:
         frames = tuple(frame.to(device) for frame in self.frames)
@@ -177,3 +179,36 @@ def _frame(
 def smallest_labels(labels: NDArray[np.integer]) -> NDArray[np.uint8 | np.int32]:
     """Copies labels to the smallest dtype that torch can index with."""
     return labels.astype(np.uint8) if labels.max(initial=0) < 256 else labels.astype(np.int32)
+
+
+def squared_depths(means: Tensor, viewmat: Tensor) -> Tensor:
+    """Returns squared camera z [G, 1] to composite as a feature, differentiable in the means."""
+    z = means @ viewmat[2, :3] + viewmat[2, 3]
+    return (z * z)[:, None]
+
+
+def render_frame(
+    parameters: Mapping[str, Tensor],  # colors and codes, see `SplatState`
+    splats: Splats,  # activated `parameters`; features are ignored
+    view: TrainingView,
+    frame: Frame,
+    *,
+    degree: int,
+    with_codes: bool = False,  # append composited codes, [H, W, 3 + D]
+    with_squared_depth: bool = False,  # append composited squared camera z
+    background: Tensor | None = None,  # RGB [3], default black; other channels have zero
+    backend: Backend,
+) -> Rendering:
+    """Renders the view at the size of `frame`: RGB, then optional further channels."""
+    sh = parameters["sh_dc"]
+    if degree:
+        sh = torch.cat([sh, parameters["sh_rest"][:, : (degree + 1) ** 2 - 1]], dim=1)
+    features = sh_to_rgb(parameters["means"], sh, view.position, degree, backend=backend)
+    if with_codes:
+        features = torch.cat([features, parameters["codes"]], dim=1)
+    if with_squared_depth:
+        features = torch.cat([features, squared_depths(parameters["means"], view.viewmat)], dim=1)
+    if background is not None:
+        background = torch.cat([background, background.new_zeros(features.shape[1] - 3)])
+    splats = replace(splats, features=features)
+    return rasterize(splats, view.viewmat, frame.camera, background=background, backend=backend)

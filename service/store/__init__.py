@@ -1,1 +1,0 @@
-"""Durable state: rows in a database and files in folders."""

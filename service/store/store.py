@@ -10,23 +10,23 @@ from pathlib import Path
 
 from sqlalchemy import URL, Connection, Engine
 
-from fastsplat.service.store.blobs import Blobs
-from fastsplat.service.store.database import open_engine, resolve_url
-from fastsplat.service.store.identity import adopt, check_new_database, establish_identity
-from fastsplat.service.store.job_metrics import JobMetrics
-from fastsplat.service.store.job_repository import JobRepository
-from fastsplat.service.store.key_repository import KeyRepository
-from fastsplat.service.store.migrations import Save
-from fastsplat.service.store.name_repository import KnownNameRepository
-from fastsplat.service.store.object_store import open_blobs
-from fastsplat.service.store.photo_repository import PhotoRepository
-from fastsplat.service.store.project_repository import ProjectRepository
-from fastsplat.service.store.quota_usage import QuotaUsage
-from fastsplat.service.store.reserve import Reserve
-from fastsplat.service.store.scene_repository import SceneRepository
+from fastsplat.service.store.blobs.blobs import Blobs
+from fastsplat.service.store.blobs.object_store import open_blobs
+from fastsplat.service.store.blobs.reserve import Reserve
+from fastsplat.service.store.queue.job_metrics import JobMetrics
+from fastsplat.service.store.queue.job_repository import JobRepository
+from fastsplat.service.store.queue.worker_repository import WorkerRepository
+from fastsplat.service.store.repositories.key_repository import KeyRepository
+from fastsplat.service.store.repositories.name_repository import KnownNameRepository
+from fastsplat.service.store.repositories.photo_repository import PhotoRepository
+from fastsplat.service.store.repositories.project_repository import ProjectRepository
+from fastsplat.service.store.repositories.quota_usage import QuotaUsage
+from fastsplat.service.store.repositories.scene_repository import SceneRepository
+from fastsplat.service.store.repositories.version_repository import VersionRepository
+from fastsplat.service.store.rows.database import open_engine, resolve_url
+from fastsplat.service.store.rows.identity import adopt, check_new_database, establish_identity
+from fastsplat.service.store.rows.migrations import Save
 from fastsplat.service.store.settings import ArtefactSettings
-from fastsplat.service.store.version_repository import VersionRepository
-from fastsplat.service.store.worker_repository import WorkerRepository
 from fastsplat_contract.errors import FastSplatError, ObjectStoreError, ResourceError
 
 _log = logging.getLogger(__name__)
@@ -121,7 +121,7 @@ def open_store(
 
 def _saving_into(data_dir: Path) -> Save:
     def save(live: Connection, bring: Callable[[Connection], None]) -> None:
-        from fastsplat.service.store.before_upgrade import save_before_upgrade  # only where there is an upgrade
+        from fastsplat.service.store.rows.before_upgrade import save_before_upgrade  # only where there is an upgrade
 
         save_before_upgrade(data_dir, live, bring)
 

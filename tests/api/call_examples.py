@@ -8,19 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.edit_previews import PreviewEditIn
-from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.measure_messages import MeasureRequest
-from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
-from fastsplat_contract.pictures import PictureRequest, Tint
-from fastsplat_contract.places import Alignment, Place
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
-from fastsplat_contract.thing_messages import PickRequest
-from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.places import Alignment, Place
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.thing_prompts import Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.jobs.look_again import LookAgainIn
+from fastsplat_contract.jobs.name_suggestions import SuggestedName, SuggestIn
+from fastsplat_contract.messages.edit_previews import PreviewEditIn
+from fastsplat_contract.messages.exports import ExportRequest
+from fastsplat_contract.messages.measurements import MeasureRequest
+from fastsplat_contract.messages.scenes import Color, Edit, EditIn, SceneUpdate
+from fastsplat_contract.messages.things import PickRequest
+from fastsplat_contract.photos.pictures import PictureRequest, Tint
 from tests.api.made_scene import turned
 
 _PIXEL = Pixel(24.0, 18.0)

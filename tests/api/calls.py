@@ -17,9 +17,9 @@ from fastsplat.api.handlers import HANDLERS
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract import calls
 from fastsplat_contract.call import Call
+from fastsplat_contract.codec.json_codec import from_json, to_plain
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
 from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.json_codec import from_json, to_plain
-from fastsplat_contract.proto_codec import from_proto, to_proto
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 Ids = Mapping[str, str]

@@ -10,7 +10,7 @@ import pytest
 
 from fastsplat_client import Client, Retry
 from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.server_status import ServerHealth
+from fastsplat_contract.server.server_status import ServerHealth
 from tests.api.served import Faces
 
 

@@ -25,9 +25,9 @@ from fastsplat.api.rest.access import route_name
 from fastsplat.api.rest.app import create_app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.members import members
-from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.codec.members import members
+from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.calls import CALLS
 from tests.api.made_scene import OBSERVED, PLAIN_PNG, add_known_name, add_scene

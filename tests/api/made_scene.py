@@ -12,15 +12,15 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import SH_C0, Scene
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.database import transaction
-from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.observation_messages import Observation
+from fastsplat.service.store.repositories.name_repository import NewName, VersionNames, record_names
+from fastsplat.service.store.rows.database import transaction
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.observations import Observation
 from tests.scenes import add_photos, labelled_scene, stand_in_models, store_scene
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import NamerSettings, Settings
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 from tests.api.clients import client_of
 from tests.api.served import Faces, served
 

@@ -19,9 +19,9 @@ from fastsplat.api.server import Ports, serve
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
-from fastsplat_client.rpc_stub import SceneServiceStub
+from fastsplat_client.stream import SceneServiceStub
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.formats.upload_manifest import VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_to_json
-from fastsplat.service.store.claims import Claim
-from fastsplat.service.store.records import NewJob
-from fastsplat.service.store.schema import operations
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.store.queue.claims import Claim
+from fastsplat.service.store.rows.records import NewJob
+from fastsplat.service.store.rows.schema import operations
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 
 def add_training_job(service: SceneService, name: str = "") -> Claim:

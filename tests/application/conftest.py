@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CorruptImageError
-from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.scenes import Scene as SceneInfo
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.jobs.operations import SceneOptions
+from fastsplat_contract.messages.scenes import Scene as SceneInfo
 from tests.scenes import finish_job, labelled_scene, stand_in_models
 
 LABELS = ("mug", "banana")

@@ -14,17 +14,17 @@ import pytest
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.application.answering import open_scenes
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.language.embeddings import embed_labels
+from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of, posterior
-from fastsplat.service.scene.suggestions import Suggestion
-from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Thing
+from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Thing
+from fastsplat.service.scene.artefact.suggestions import Suggestion
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, posterior
 from fastsplat.service.settings import Settings
-from fastsplat_contract.queries import Answer, QueryRequest
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.queries import Answer, QueryRequest
+from fastsplat_contract.messages.scenes import Edit
 from tests.application.conftest import ENCODER, LABELS
 from tests.scenes import labelled_scene, store_scene
 

@@ -12,9 +12,8 @@ from PIL import Image
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
-from fastsplat.service.scene.ply import read_ply
+from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import (
     InvalidInputError,
     ModelUnavailableError,
@@ -22,8 +21,9 @@ from fastsplat_contract.errors import (
     NotReadyError,
     SceneFileError,
 )
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.photos.pictures import PictureRequest
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
 

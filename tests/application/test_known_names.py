@@ -18,29 +18,29 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.artefact.scene_files import read_scene
+from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat.service.store.name_repository import KnownNameRecord, KnownNameRepository
-from fastsplat.service.store.ordered_jobs import order_job
-from fastsplat.service.store.schema import known_names
-from fastsplat.workers.claimed_job import ClaimedJob
-from fastsplat.workers.job_kinds import KINDS
-from fastsplat.workers.look_again_stages import write_renamed
-from fastsplat.workers.protocol import Job
-from fastsplat.workers.results import finish_stage, start_stage
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.store.queue.ordered_jobs import order_job
+from fastsplat.service.store.repositories.name_repository import KnownNameRecord, KnownNameRepository
+from fastsplat.service.store.rows.schema import known_names
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat.workers.job.protocol import Job
+from fastsplat.workers.job.results import finish_stage, start_stage
+from fastsplat.workers.kinds.job_kinds import KINDS
+from fastsplat.workers.kinds.look_again_stages import write_renamed
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.name_suggestions import SuggestedName
-from fastsplat_contract.operations import OperationKind
-from fastsplat_contract.places import Alignment, KnownLength, Place
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Color, Edit, EditAction, InsertSource
-from fastsplat_contract.thing_messages import NameSuggestion, PickRequest
-from fastsplat_contract.thing_reads import ThingRead
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.places import Alignment, KnownLength, Place
+from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.jobs.name_suggestions import SuggestedName
+from fastsplat_contract.jobs.operations import OperationKind
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.messages.scenes import Color, Edit, EditAction, InsertSource
+from fastsplat_contract.messages.thing_reads import ThingRead
+from fastsplat_contract.messages.things import NameSuggestion, PickRequest
 from tests.api.made_scene import ENCODER, write_words
 from tests.scenes import finish_job, labelled_scene, queued_job
 

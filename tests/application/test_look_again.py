@@ -20,7 +20,7 @@ from fastsplat_contract.errors import (
     NotFoundError,
     NotReadyError,
 )
-from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.jobs.look_again import LookAgainIn
 from tests.scenes import labelled_scene, queued_job, store_scene
 
 _DETECTOR = PerceptionSettings(open_set_detector="grounding_dino_tiny")

@@ -16,11 +16,11 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CancelledError, LimitExceededError
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Color, Edit
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.messages.scenes import Color, Edit
+from fastsplat_contract.photos.pictures import PictureRequest
 
 _PEAKS = """
 import json, sys
@@ -34,10 +34,10 @@ from fastsplat.service.application.answering.pictures import picture
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.language.query_text import check_query
+from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.splatting.torch_runtime import release_free_memory
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.pictures import (PictureKind, PictureRequest)
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.pictures import (PictureKind, PictureRequest)
 from tests.scenes import evidence_from_dense, labelled_scene
 
 SIDE, COUNT = 1800, 30_000
@@ -215,11 +215,11 @@ from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat_contract.poses import pose_of
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.poses import pose_of
+from fastsplat_contract.messages.scenes import Edit
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from tests.scenes import labelled_scene
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.scenes import stand_in_models
 
 

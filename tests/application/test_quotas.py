@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.errors import QuotaError
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.jobs.operations import SceneOptions
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ import pytest
 
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
-from fastsplat.service.store.blobs import Blobs
+from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
     InvalidInputError,

@@ -14,9 +14,9 @@ from PIL import Image
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat.workers.claimed_job import ClaimedJob
-from fastsplat.workers.protocol import Job, read_job
-from fastsplat.workers.results import operation_error
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat.workers.job.protocol import Job, read_job
+from fastsplat.workers.job.results import operation_error
 from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,
@@ -25,7 +25,7 @@ from fastsplat_contract.errors import (
     ResourceError,
     WorkerCrashedError,
 )
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.scenes import stand_in_models
 
 _NAMES = tuple(f"IMG_{number}.png" for number in range(4))

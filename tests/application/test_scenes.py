@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
-from fastsplat_contract.json_codec import from_json, to_json
-from fastsplat_contract.pieces import messages_of_query, query_of
-from fastsplat_contract.queries import QueryOut, QueryRequest
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.pieces import messages_of_query, query_of
+from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 

@@ -17,7 +17,7 @@ from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import ENCODER, made_scene, write_words
 from tests.scenes import finish_job, queued_job
 

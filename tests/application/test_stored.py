@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 
 from fastsplat.service.application.jobs.stored import operation_of, scene_of
-from fastsplat.service.scene.alignment import Alignment, alignment_to_json
-from fastsplat.service.store.codec import camera_to_json, options_from_json
-from fastsplat.service.store.records import OperationRecord
-from fastsplat.workers.protocol import Job, read_job
+from fastsplat.service.scene.artefact.alignment import Alignment, alignment_to_json
+from fastsplat.service.store.rows.codec import camera_to_json, options_from_json
+from fastsplat.service.store.rows.records import OperationRecord
+from fastsplat.workers.job.protocol import Job, read_job
 from fastsplat_client.assistant.tool_lengths import up_of
-from fastsplat_contract.json_codec import from_json, to_json
-from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import Color, Edit, Scene, SceneVertical
+from fastsplat_contract.codec.json_codec import from_json, to_json
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.jobs.operations import SceneOptions
+from fastsplat_contract.messages.scenes import Color, Edit, Scene, SceneVertical
 from tests.query.box_scenes import orbit
 
 

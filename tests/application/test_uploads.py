@@ -11,7 +11,7 @@ import pytest
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
-from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import (
@@ -22,8 +22,8 @@ from fastsplat_contract.errors import (
     LimitExceededError,
     ResourceError,
 )
-from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.requests import EstimateJobRequest
+from fastsplat_contract.jobs.operations import SceneOptions
+from fastsplat_contract.messages.requests import EstimateJobRequest
 from tests.web.photos import write_photos
 
 

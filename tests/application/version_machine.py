@@ -23,17 +23,17 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
 from fastsplat.service.application.editing.versions import Versions
-from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.artefact.scene import SH_C0
+from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import CallSettings
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store
-from fastsplat.workers.claimed_job import ClaimedJob
-from fastsplat.workers.job_kinds import KINDS
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from fastsplat_contract.scenes import Color, Edit
+from fastsplat_contract.messages.scenes import Color, Edit
 from tests.api.made_scene import LABELS
 from tests.application.version_model import (
     Acknowledged,

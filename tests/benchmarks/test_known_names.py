@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.known_names.__main__ import FoundRoom, examples, one_kind_each, summed, told
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 
 _SIZE = 16
 

@@ -10,10 +10,10 @@ from benchmarks.reads.__main__ import figures, judged
 from benchmarks.reads.drawing import FlatStudio
 from benchmarks.reads.labels import Line, labelled_room
 from benchmarks.rooms.drawing import camera_of
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import Thing, Things
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.thing_reads import ThingRead
+from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.thing_reads import ThingRead
 
 
 def test_ink_is_where_lines_are_and_covered_lines_have_no_height() -> None:

@@ -15,9 +15,9 @@ from benchmarks.rooms.__main__ import mean_of
 from benchmarks.rooms.figures import MARGIN, Measured, figures_of
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _CAMERA = PosedCamera(Camera(80, 60, 60.0, 60.0, 40.0, 30.0), np.eye(4), "0.jpg")
 _LABELS = ("wall", "cup", "hammer", "book")

@@ -19,7 +19,7 @@ from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
 from benchmarks.rooms.shapes import Meshes
 from benchmarks.rooms.truth import Shown, read_truth
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _WIDTH = 64
 _NEAR = 0.012

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.scene.types import SH_C0, Gaussians
+from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians
 
 
 def columns_of(gaussians: Gaussians) -> dict[str, np.ndarray]:

@@ -18,16 +18,16 @@ from rich.cells import cell_len
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
+from fastsplat.cli.scenes.thing_commands import _seen
 from fastsplat.cli.tables import WIDTH
-from fastsplat.cli.thing_commands import _seen
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
+from fastsplat_contract.codec.json_codec import from_json, to_json, to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
-from fastsplat_contract.json_codec import from_json, to_json, to_plain
-from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
-from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
-from fastsplat_contract.operations import Operation
-from fastsplat_contract.photo_verdicts import PhotoVerdict
+from fastsplat_contract.jobs.look_again import FoundName, LookAgainResult
+from fastsplat_contract.jobs.name_suggestions import SuggestedName, SuggestIn
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import serving
 from tests.api.training_job import add_cancelled_job

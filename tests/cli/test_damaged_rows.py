@@ -19,11 +19,11 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.checkup import check_database
-from fastsplat.service.store.row_checkup import check_rows
-from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Color, Edit
+from fastsplat.service.store.care.checkup import check_database
+from fastsplat.service.store.care.row_checkup import check_rows
+from fastsplat_contract.messages.exports import ExportRequest
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.messages.scenes import Color, Edit
 from tests.api.made_scene import ENCODER, made_scene, write_words
 from tests.scenes import add_photos, store_scene
 

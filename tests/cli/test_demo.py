@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.cli.browser import has_desktop
 from fastsplat.cli.demo import command
 from fastsplat.cli.demo.command import clear, demo, prepare, pull_defaults, pull_text_encoder, seen_by
 from fastsplat.cli.demo.main_job import SAMPLE_PHOTOS
+from fastsplat.cli.operating.browser import has_desktop
 from fastsplat.service.library.local_scene import open_scene
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store.database import SQLITE_NAME
+from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
 
 _ROOT = Path(__file__).parents[2]

@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store.file_digests import write_digests
-from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.blobs.file_digests import write_digests
+from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.operations import OperationError
+from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.jobs.operations import OperationError
 from tests.scenes import labelled_scene, write_version
 
 Doctor = Callable[..., tuple[int, list[dict[str, object]]]]

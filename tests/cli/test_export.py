@@ -12,9 +12,9 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import StoreOptions, load_settings
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.messages.exports import ExportRequest
 from tests.api.made_scene import add_scene
 from tests.api.upright_scene import add_upright_scene
 

@@ -6,7 +6,7 @@ import json
 import logging
 import sys
 
-from fastsplat.cli.logs import JsonLines
+from fastsplat.cli.operating.logs import JsonLines
 
 
 def line(message: str, *values: object, **extra: object) -> dict[str, object]:

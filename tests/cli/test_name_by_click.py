@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastsplat.cli.demo.name_by_click import thing_to_name
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.messages.things import SceneThing
 
 
 def _thing(thing_id: int, name: str = "", kind: str = "thing") -> SceneThing:

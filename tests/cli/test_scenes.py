@@ -13,10 +13,10 @@ from typer.testing import Result
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.uploads.splat_input import load_splat
-from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.photo_verdicts import PhotoVerdict
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 from tests.scene.conftest import make_gaussians
 from tests.scenes import queued_job
 

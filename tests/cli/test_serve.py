@@ -18,12 +18,12 @@ from tests.waiting import wait_for
 ROOT = Path(__file__).parent.parent.parent
 _SERVE = """
 import sys
-from fastsplat.cli.logs import log_to_stderr
-import fastsplat.cli.serve
-from fastsplat.cli.serve import Role, serve
+from fastsplat.cli.operating.logs import log_to_stderr
+import fastsplat.cli.operating.serve
+from fastsplat.cli.operating.serve import Role, serve
 log_to_stderr("serve")
-fastsplat.cli.serve._SUSPENDED_S, fastsplat.cli.serve._AFTER_CRASH_S = 0.5, 0.1
-fastsplat.cli.serve._MAX_PAUSE_S = 0.2
+fastsplat.cli.operating.serve._SUSPENDED_S, fastsplat.cli.operating.serve._AFTER_CRASH_S = 0.5, 0.1
+fastsplat.cli.operating.serve._MAX_PAUSE_S = 0.2
 sys.exit(serve({name: Role([sys.executable, name, sys.argv[1]], {"ROLE": name}) for name in sys.argv[2:]}))
 """
 _STEADY = """

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.store import open_store
-from fastsplat.workers.process_group import machine_id
+from fastsplat.workers.engine.process_group import machine_id
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ from typer.testing import Result
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Parts, Thing, ThingGroup, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene

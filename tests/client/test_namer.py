@@ -17,8 +17,8 @@ import pytest
 from benchmarks.naming.replay import named, replayed
 from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
 from fastsplat_contract.errors import InvalidInputError, NamerError
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from tests.client.scripted import Scripted, scripted
 
 

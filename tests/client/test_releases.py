@@ -8,7 +8,7 @@ from importlib.metadata import version
 import pytest
 
 from fastsplat_client.releases import ReleaseWarning, advice, fitting
-from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.server.server_info import ServerInfo
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_its_environment_is_small(python: Path) -> None:
 
 def test_importing_it_loads_nothing_of_the_service(python: Path) -> None:
     loaded = json.loads(_told(python, _IMPORT))
-    assert "fastsplat_contract.queries" in loaded
+    assert "fastsplat_contract.messages.queries" in loaded
     assert [name for name in loaded for top in _FORBIDDEN if f"{name}.".startswith(f"{top}.")] == []
 
 

@@ -10,8 +10,8 @@ import torch
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError
+from fastsplat_contract.geometry.camera import Camera
 
 
 def test_only_the_call_that_was_cancelled_stops() -> None:

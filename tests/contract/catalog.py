@@ -7,14 +7,13 @@ import pkgutil
 from typing import Any
 
 import fastsplat_contract
-from fastsplat_contract.wire import Message
+from fastsplat_contract.codec.wire import Message
 
 
 def _types() -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for module in pkgutil.iter_modules(fastsplat_contract.__path__):
-        name = f"{fastsplat_contract.__name__}.{module.name}"
-        if module.name == "v1":
+    for _, name, _ in pkgutil.walk_packages(fastsplat_contract.__path__, "fastsplat_contract."):
+        if ".v1" in name:
             continue
         for value in vars(importlib.import_module(name)).values():
             travels = isinstance(value, type) and (issubclass(value, Message) or hasattr(value, "as_named"))

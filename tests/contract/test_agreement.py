@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 
 import pytest
 
-from fastsplat_contract.members import Member, members
+from fastsplat_contract.codec.members import Member, members
 from tests.contract.catalog import TYPES
 
 _ROOT = Path(__file__).resolve().parents[2]

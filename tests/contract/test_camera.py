@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _CAMERA = Camera(640, 480, 500.0, 510.0, 320.0, 240.0)
 

@@ -13,17 +13,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.codec.json_codec import from_json, from_plain, path_of, to_json, to_plain
+from fastsplat_contract.codec.members import members
+from fastsplat_contract.codec.proto_codec import from_proto, message_class, to_proto
+from fastsplat_contract.codec.wire import Request
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import from_json, from_plain, path_of, to_json, to_plain
-from fastsplat_contract.members import members
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.pieces import answers_of, messages_of
-from fastsplat_contract.poses import Pose
-from fastsplat_contract.proto_codec import from_proto, message_class, to_proto
-from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Pose
+from fastsplat_contract.messages.pieces import answers_of, messages_of
+from fastsplat_contract.messages.queries import Answer, QueryRequest
+from fastsplat_contract.photos.pictures import PictureRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.wire import Request
 from tests.contract.catalog import TYPES
 from tests.contract.values import EXAMPLES, JSON_ONLY, values_of
 

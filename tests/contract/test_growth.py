@@ -20,11 +20,11 @@ _BOX = """    size: Annotated[Vector3, Field(description="whole edge lengths alo
 _ANSWER = """    version: Annotated[str, Field(description="of the scene")]
     gaussians"""
 _TRY = """
-from fastsplat_contract.json_codec import from_json, to_json
-from fastsplat_contract.pieces import answers_of, messages_of
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.codec.json_codec import from_json, to_json
+from fastsplat_contract.messages.pieces import answers_of, messages_of
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
+from fastsplat_contract.messages.queries import Answer
 
 box = Box(Pose(Vector3(0, 0, 0), Quaternion(0, 0, 0, 1)), Vector3(1, 1, 1), 0.75)
 assert from_json(Box, to_json(box)) == box == from_proto(Box, to_proto(box))
@@ -41,9 +41,9 @@ def grown(tmp_path: Path) -> Path:
     """A copy of the contract in which `Box.fill` and `Answer.seconds` are new on the type."""
     shutil.copytree(_ROOT / "client/fastsplat_contract", tmp_path / "client/fastsplat_contract")
     shutil.copytree(_ROOT / "protos", tmp_path / "protos")
-    _replace(tmp_path / "client/fastsplat_contract/poses.py", _BOX, f"{_BOX}    fill: float\n")
+    _replace(tmp_path / "client/fastsplat_contract/geometry/poses.py", _BOX, f"{_BOX}    fill: float\n")
     _replace(
-        tmp_path / "client/fastsplat_contract/queries.py",
+        tmp_path / "client/fastsplat_contract/messages/queries.py",
         _ANSWER,
         _ANSWER.replace("gaussians", "seconds: float\n    gaussians"),
     )
@@ -87,7 +87,7 @@ def test_a_number_is_given_once_and_never_again(tmp_path: Path) -> None:
 
 
 def test_what_is_gone_from_a_type_is_reserved_in_the_proto(grown: Path) -> None:
-    _replace(grown / "client/fastsplat_contract/poses.py", f"{_BOX}    fill: float\n", "    fill: float\n")
+    _replace(grown / "client/fastsplat_contract/geometry/poses.py", f"{_BOX}    fill: float\n", "    fill: float\n")
     written = _run(grown, "from protos import generate; generate.write_proto()")
     assert written.returncode == 0, written.stderr
     proto = (grown / "protos/fastsplat/v1/fastsplat.proto").read_text()

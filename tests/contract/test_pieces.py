@@ -7,11 +7,11 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.masks import Segmentation, ViewMask
-from fastsplat_contract.pieces import CHUNK_BYTES, answers_of, messages_of
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.messages.pieces import CHUNK_BYTES, answers_of, messages_of
+from fastsplat_contract.messages.queries import Answer, Match
+from fastsplat_contract.messages.things import SceneThing
 from tests.contract.values import EXAMPLES
 
 _GRPC_BYTES = 4 * 2**20

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import from_plain
-from fastsplat_contract.poses import Quaternion, unit_quaternion
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Quaternion, unit_quaternion
 
 _INTRINSICS = {"width": 8, "height": 6, "fx": 5.0, "fy": 5.0, "cx": 4.0, "cy": 3.0}
 _number = st.floats(-1, 1)

@@ -10,13 +10,13 @@ from typing import Any, Literal, get_args, get_origin
 
 from hypothesis import strategies as st
 
-from fastsplat_contract.json_codec import json_schema_of
-from fastsplat_contract.members import Member, members
-from fastsplat_contract.poses import Quaternion
-from fastsplat_contract.problems import Problem
-from fastsplat_contract.proto_codec import message_class
-from fastsplat_contract.queries import QueryOut
-from fastsplat_contract.server_info import ServerInfo
+from fastsplat_contract.codec.json_codec import json_schema_of
+from fastsplat_contract.codec.members import Member, members
+from fastsplat_contract.codec.proto_codec import message_class
+from fastsplat_contract.geometry.poses import Quaternion
+from fastsplat_contract.messages.queries import QueryOut
+from fastsplat_contract.server.problems import Problem
+from fastsplat_contract.server.server_info import ServerInfo
 
 EXAMPLES = int(os.environ.get("CONTRACT_EXAMPLES", "15"))
 """Random values of each type; fewer where the same tests run on several interpreters."""

@@ -16,7 +16,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import LimitSettings, Settings
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.rows.records import NewJob
 from tests.api.served import served
 from tests.scenes import stand_in_models
 

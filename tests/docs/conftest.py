@@ -15,7 +15,7 @@ import pytest
 
 import fastsplat
 from fastsplat.cli.demo.service_process import running_service
-from fastsplat.service.store.sample_scene import unpack_sample
+from fastsplat.service.store.care.sample_scene import unpack_sample
 from fastsplat_client import Client
 from tests.docs.forks import forks
 from tests.docs.page_blocks import ROOT

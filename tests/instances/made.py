@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.instances.candidates import Candidate
-from fastsplat.service.scene.types import Gaussians
-from fastsplat.service.splatting.region_groups import LiftedRegions
+from fastsplat.service.instances.discovery.candidates import Candidate
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.splatting.labels.region_groups import LiftedRegions
 
 
 def gaussians_at(points: np.ndarray, scale: float = 0.02) -> Gaussians:

@@ -9,13 +9,13 @@ import cv2
 import numpy as np
 import torch
 
-from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.perception.types import Detections, Image, MaskLogits, Prompts
-from fastsplat.service.scene.types import SH_C0, Gaussians
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
+from fastsplat.service.perception.results import Detections, Image, MaskLogits, Prompts
+from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 from tests.instances.made import gaussians_at, grid
 
 CAMERA = Camera(96, 72, 80.0, 80.0, 48.0, 36.0)

@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import SH_C0, Scene, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.perception.results import TextEncoder
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 
 SURFACES = ("table", "floor", "wall")

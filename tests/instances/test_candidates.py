@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.candidates import Candidate, common_weights, find_candidates, view_support
-from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
+from fastsplat.service.instances.discovery.candidates import Candidate, common_weights, find_candidates, view_support
+from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
 from tests.instances.made import candidate, lifted
 
 CUP, HANDLE, PLATE = range(0, 40), range(30, 40), range(40, 100)

@@ -10,14 +10,14 @@ import pytest
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.capture_masks import propose_view_masks
+from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.new_things import with_new_thing
-from fastsplat.service.scene.thing_codes import classes_of_codes, codes_of_things
-from fastsplat.service.scene.things import discard_thing, merge_things, thing_rows
-from fastsplat.service.scene.types import Scene, SemanticHead
-from fastsplat.service.splatting.blending import thing_map
+from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
+from fastsplat.service.scene.objects.new_things import with_new_thing
+from fastsplat.service.scene.objects.thing_codes import classes_of_codes, codes_of_things
+from fastsplat.service.scene.objects.things import discard_thing, merge_things, thing_rows
+from fastsplat.service.splatting.labels.blending import thing_map
 from tests.instances.made_room import ColorSegmenter, NoDetector, Room
 
 _PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)

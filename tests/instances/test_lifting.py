@@ -7,10 +7,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.lifting import image_pieces, lift_masks
+from fastsplat.service.instances.discovery.lifting import image_pieces, lift_masks
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 from tests.instances.made import gaussians_at
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)

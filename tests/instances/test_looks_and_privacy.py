@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.capture.captures import WithheldReport
 from fastsplat.service.capture.settings import PhotoSettings
-from fastsplat.service.capture.types import WithheldReport
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.capture_masks import propose_view_masks
+from fastsplat.service.jobs.things_of_photos import find_things
+from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.types import SemanticHead
+from fastsplat.service.scene.artefact.scene import SemanticHead
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.types import TrainedSplats
-from fastsplat.service.things_of_photos import find_things
+from fastsplat.service.splatting.results import TrainedSplats
 from tests.instances.made_room import ColorSegmenter, NoDetector, Room
 from tests.instances.test_discovery import PERCEPTION, SETTINGS
 from tests.looks_model import MODEL, write_looks_model

@@ -13,11 +13,11 @@ import pytest
 
 from fastsplat.service.instances.prompt_answers import PicturePrompt, matching_mask, prompted_mask
 from fastsplat.service.instances.prompted_pieces import PromptedScene, find_piece
-from fastsplat.service.perception.types import MaskLogits, Prompts
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.perception.results import MaskLogits, Prompts
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.instances.made import gaussians_at, grid
 from tests.query.box_scenes import look
 

@@ -10,11 +10,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.ownership import NOBODY
-from fastsplat.service.instances.refinement import UNKNOWN, MaskedView, refined_membership, repainted
+from fastsplat.service.instances.discovery.ownership import NOBODY
+from fastsplat.service.instances.discovery.refinement import UNKNOWN, MaskedView, refined_membership, repainted
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.types import ViewMasks
-from fastsplat.service.scene.label_evidence import posterior
+from fastsplat.service.perception.results import ViewMasks
+from fastsplat.service.scene.objects.label_evidence import posterior
 from tests.instances.made import gaussians_at, grid
 from tests.instances.made_room import Room
 

@@ -11,14 +11,20 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.instances.closer_look import best_positions, closer_look, mean_votes, things_in_map, votes_for
-from fastsplat.service.instances.second_look import NamesAdded, add_names, choose_views, shares_seen
+from fastsplat.service.instances.naming.closer_look import (
+    best_positions,
+    closer_look,
+    mean_votes,
+    things_in_map,
+    votes_for,
+)
+from fastsplat.service.instances.naming.second_look import NamesAdded, add_names, choose_views, shares_seen
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.types import Detections
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
-from fastsplat.service.scene.suggestions import Suggestion
-from fastsplat.service.scene.types import Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.perception.results import Detections
+from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.artefact.suggestions import Suggestion
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.instances.made_room import make_room
 
 _SHARES = hnp.arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5)), elements=st.floats(0, 1))

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.instances.selection import select_things
+from fastsplat.service.instances.discovery.discovery import find_groups
+from fastsplat.service.instances.discovery.selection import select_things
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.instances.thing_groups import find_groups
-from fastsplat.service.scene.types import ThingGroup
+from fastsplat.service.scene.artefact.scene import ThingGroup
 from tests.instances.made import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.instances.selection import select_things
+from fastsplat.service.instances.discovery.selection import select_things
+from fastsplat.service.instances.discovery.thing_parts import find_parts
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.instances.thing_parts import find_parts
-from fastsplat.service.scene.things import part_rows
-from fastsplat.service.scene.types import Parts, Things
+from fastsplat.service.scene.artefact.scene import Parts, Things
+from fastsplat.service.scene.objects.things import part_rows
 from tests.instances.made import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 
 
 def rows_of(parts: Parts, gaussians: int) -> np.ndarray:
-    from fastsplat.service.scene.label_evidence import no_evidence
-    from fastsplat.service.scene.types import Thing
+    from fastsplat.service.scene.artefact.scene import Thing
+    from fastsplat.service.scene.objects.label_evidence import no_evidence
 
     table = tuple(Thing(number) for number in sorted({part.parent for part in parts.table}))
     return part_rows(Things(table, no_evidence(gaussians), 0, parts))

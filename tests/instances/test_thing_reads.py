@@ -13,16 +13,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw, ImageFont
 
-from fastsplat.service.capture.types import View
+from fastsplat.service.capture.captures import View
 from fastsplat.service.common.edit_distance import text_difference
-from fastsplat.service.instances.thing_reads import voted_reads, with_reads
+from fastsplat.service.instances.naming.thing_reads import voted_reads, with_reads
 from fastsplat.service.perception.readers.open_reader import open_reader
+from fastsplat.service.perception.results import LineReader, Writing
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import LineReader, Writing
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Gaussians, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.thing_reads import ThingRead
+from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.thing_reads import ThingRead
 from tests.instances.made import gaussians_at, grid
 
 _CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0)

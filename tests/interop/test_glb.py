@@ -14,8 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.application.exporting.geometry_files import mesh_file
-from fastsplat.service.scene.glb import GlbBuilder, GlbScene, finished, linear, upright
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.formats.glb import GlbBuilder, GlbScene, finished, linear, upright
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 
 _DTYPES = {5126: "<f4", 5123: "<u2", 5121: "u1", 5125: "<u4"}

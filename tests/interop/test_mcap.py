@@ -22,12 +22,12 @@ from fastsplat.service.application.exporting.scene_recording import SceneRecordi
 from fastsplat.service.query.edits.aligning import align_scene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
-from fastsplat.service.scene.frames import frame_of, scaled
-from fastsplat.service.scene.scaling import ScaledLength, combined
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.places import Alignment
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of
-from fastsplat_contract.scenes import Edit
+from fastsplat.service.scene.artefact.frames import frame_of, scaled
+from fastsplat.service.scene.artefact.scaling import ScaledLength, combined
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.places import Alignment
+from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.messages.scenes import Edit
 from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall
 
 _NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}

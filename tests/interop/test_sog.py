@@ -14,10 +14,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.scene.morton import morton_order
-from fastsplat.service.scene.ply import read_ply
-from fastsplat.service.scene.sog_writing import MOST_GAUSSIANS, palette_entries, sog_bytes
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.ply import read_ply
+from fastsplat.service.scene.formats.sog_writing import MOST_GAUSSIANS, palette_entries, sog_bytes
+from fastsplat.service.scene.gaussians.morton import morton_order
 from fastsplat_contract.errors import LimitExceededError
 
 Reader = Callable[[Gaussians], Gaussians]

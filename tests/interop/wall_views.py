@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 
 START = 1_700_000_000_250_000_000

@@ -14,9 +14,9 @@ import pytest
 import fastsplat
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import folder_settings
+from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import from_json
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.jobs.operations import Operation
 from tests.processes import processes_with
 from tests.small_tabletop import small_tabletop
 from tests.trained_scenes import trained_tabletop

@@ -17,7 +17,7 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import LocalScene, folder_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import LABELS, add_scene, write_words
 from tests.api.training_job import add_training_job
 

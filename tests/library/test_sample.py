@@ -12,8 +12,8 @@ import pytest
 import fastsplat
 from fastsplat.service.library.sample import sample_folder
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import sample_scene
-from fastsplat.service.store.sample_scene import SAMPLE_ARCHIVE, unpack_sample
+from fastsplat.service.store.care import sample_scene
+from fastsplat.service.store.care.sample_scene import SAMPLE_ARCHIVE, unpack_sample
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
 

@@ -12,7 +12,7 @@ from benchmarks.questions.judging import contradictions
 from benchmarks.questions.trained_questions import read_scenes
 from fastsplat.service.library.local_scene import LocalScene
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.messages.queries import Answer, QueryRequest
 from tests.query.decisions import alike
 
 _TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]

@@ -7,8 +7,8 @@ import pytest
 
 from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
 from fastsplat.service.localization.photometric_refinement import Comparison
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 
 _CAMERA = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
 _PLACE = np.array([[-0.5, -0.5, -0.5], [0.5, 0.5, 0.5]])

@@ -15,8 +15,8 @@ from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.lost_things import Lost, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.localization.textured_room import looking, renderer, textured_room
 
 _FROM = ((-0.7, 1.0), (-0.45, 1.9), (-0.15, 1.2), (0.15, 2.3), (0.45, 1.2), (0.7, 1.9))

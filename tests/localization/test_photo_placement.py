@@ -14,9 +14,9 @@ from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.scene.types import Scene
-from fastsplat.service.splatting.photometric import correct
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.splatting.exposure.photometric import correct
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.localization.textured_room import CAMERA, looking, renderer, textured_room, through_lens
 
 _FOCAL = CAMERA.fx / CAMERA.width

@@ -11,7 +11,7 @@ from fastsplat.service.localization.matching import Matches
 from fastsplat.service.localization.pose_covariance import pose_covariance
 from fastsplat.service.localization.pose_solving import SolvedPose, pinhole, refine_pose, solve_pose
 from fastsplat.service.localization.projection import reprojected
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _NOISE_PX = 0.8
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import SH_C0, Scene
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 from tests.scenes import labelled_scene
 
 CAMERA = Camera(480, 360, 420.0, 420.0, 240.0, 180.0)

@@ -15,8 +15,8 @@ from tokenizers.normalizers import Lowercase
 from tokenizers.pre_tokenizers import Whitespace
 from tokenizers.processors import TemplateProcessing
 
-from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.capture.captures import Capture, CaptureReport, GivenLabels, View
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 WORDS = ["[PAD]", "[CLS]", "[SEP]", ".", "red", "cup", "chair", "lamp"]
 

@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.box_ops import box_iou, nms
-from fastsplat.service.perception.detection_voting import (
+from fastsplat.service.perception.label_maps.detection_voting import (
     SAME_LABEL_IOU,
     merge_spellings,
     region_votes,
     resolve_detections,
 )
+from fastsplat.service.perception.results import Detections
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Detections
 
 _SETTINGS = PerceptionSettings()
 _BOX, _ASIDE = (10, 10, 50, 50), (100, 100, 140, 140)

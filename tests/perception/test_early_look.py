@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.perception.early_look import covering_order
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
+from fastsplat.service.perception.label_maps.early_look import covering_order
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 
 def _view(x: float, width: int) -> View:

@@ -12,17 +12,17 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
-from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import Detections, Labelling, Regions, ViewMasks
-from fastsplat.service.perception.vocabulary import (
+from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
+from fastsplat.service.perception.label_maps.vocabulary import (
     build_labelling,
     labelling_from_maps,
     merge_synonyms,
     name_confidence,
     synonyms,
 )
+from fastsplat.service.perception.results import Detections, Labelling, Regions, ViewMasks
+from fastsplat.service.perception.segmenters.mask_postprocessing import clean_mask, paint, resolve_overlaps
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))

@@ -12,18 +12,18 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.types import GivenLabels
+from fastsplat.service.capture.captures import GivenLabels
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.perception import capture_detection
-from fastsplat.service.perception import labelling as labelling_module
-from fastsplat.service.perception.capture_detection import CaptureDetector
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
-from fastsplat.service.perception.labelling import label_capture, views_to_segment
+from fastsplat.service.perception.label_maps import capture_detection
+from fastsplat.service.perception.label_maps import labelling as labelling_module
+from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
+from fastsplat.service.perception.label_maps.labelling import label_capture, views_to_segment
+from fastsplat.service.perception.results import Detections, Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Detections, Labelling
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import make_capture, read_rgb
 

@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.perception.mask_proposals import (
+from fastsplat.service.perception.model_pull.pull import pull
+from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
+from fastsplat.service.perception.results import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
+from fastsplat.service.perception.segmenters.mask_proposals import (
     MaskProposals,
     boxes_to_prompt,
     distinct_proposals,
     joined_proposals,
     sure_proposals,
 )
-from fastsplat.service.perception.model_pull.pull import pull
-from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
 from tests.perception.conftest import read_rgb
 
 SETTINGS = PerceptionSettings(min_pixels=4)

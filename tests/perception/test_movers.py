@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.movers import MoverDetectors, MoverMasks, mover_detectors, open_withholding
+from fastsplat.service.perception.label_maps.movers import MoverDetectors, MoverMasks, mover_detectors, open_withholding
+from fastsplat.service.perception.results import Detections, MaskLogits, Prompts, ViewMasks
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Detections, MaskLogits, Prompts, ViewMasks
 from fastsplat_contract.errors import ModelUnavailableError
 
 _SETTINGS = PerceptionSettings(closer_look=False)

@@ -7,10 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
-from fastsplat.service.perception.mask_proposals import propose_masks
-from fastsplat.service.perception.prompt_points import CutImage, open_points
+from fastsplat.service.perception.results import MaskLogits, Prompts
+from fastsplat.service.perception.segmenters.mask_proposals import CutImage, open_points, propose_masks
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import MaskLogits, Prompts
 
 NOWHERE = np.zeros((0, 2))
 

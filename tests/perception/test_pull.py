@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from fastsplat.cli.models import models_app
+from fastsplat.cli.operating.models import models_app
 from fastsplat.service.perception.model_pull import sources
 from fastsplat.service.perception.model_pull.pull import Step, model_state, pull
 from fastsplat.service.perception.model_pull.sources import fetch_file

@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.planning import machine
-from fastsplat.service.planning.cost_model import (
-    SceneSize,
-    Speed,
-    _steps_of_run,
-    run_seconds_left,
-)
+from fastsplat.service.planning.cost_model import SceneSize, Speed, _steps_of_run, run_seconds_left
 from fastsplat.service.planning.job_time import (
     PACED,
     STAGES,

@@ -10,11 +10,11 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, fit_training
 from fastsplat.service.planning.presets import PERCEPTION_PRESETS, PRESETS, PresetName, apply_preset, override_training
 from fastsplat.service.planning.time_budget import clock_tradeoff
-from fastsplat.service.scene.assessment import assess
+from fastsplat.service.scene.artefact.assessment import assess
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
-from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.messages.assessments import Assessment
 
 
 def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> None:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 from tests.scenes import labelled_scene
 
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
-from fastsplat.service.query.language import calibration
+from fastsplat.service.query.language.meaning import calibration
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import EMBEDDING_SIZE, labelled_scene
 
 

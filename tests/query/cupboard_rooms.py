@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.things.visibility import SightLines
-from fastsplat.service.scene.types import Gaussians, Scene
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.box_scenes import BoxShell, look, scene_of
 from tests.query.walled_room import THINGS, WALLS
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fastsplat.service.query.language.judgement import Ranked
-from fastsplat.service.query.language.query_text import check_query
+from fastsplat.service.query.language.words.judgement import Ranked
+from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
 
 TEMPLATES = (
     *("Where is the {}?", "Could you please show me my {}?", "do you know where the {} is"),

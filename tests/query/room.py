@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastsplat.service.query.surfaces.surface_views import SurfaceView
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
 
 CAMERA = Camera(120, 90, 70.0, 70.0, 60.0, 45.0)
 

@@ -13,7 +13,7 @@ import pytest
 from plyfile import PlyData
 
 from fastsplat.service.application.exporting.geometry_files import cameras_file
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 
 

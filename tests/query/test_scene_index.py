@@ -11,10 +11,10 @@ import pytest
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.thing_codes import classes_of_codes
-from fastsplat.service.scene.types import SemanticHead
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import SemanticHead
+from fastsplat.service.scene.objects.thing_codes import classes_of_codes
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 from tests.query.decisions import decided
 

@@ -20,13 +20,13 @@ from fastsplat.service.query.measures.thing_extents import thing_extents
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
-from fastsplat.service.scene.types import Scene
-from fastsplat.service.scene.upright import up_of, vertical_of
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
-from fastsplat_contract.poses import Box, Vector3, pose_of, rigid, vector3
-from fastsplat_contract.scenes import Edit, SceneVertical
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.places import Alignment, KnownLength, KnownSize, Place
+from fastsplat_contract.geometry.poses import Box, Vector3, pose_of, rigid, vector3
+from fastsplat_contract.messages.scenes import Edit, SceneVertical
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 from tests.query.box_scenes import rigid as any_motion
 from tests.query.conftest import DrawnEncoder

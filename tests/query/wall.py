@@ -9,8 +9,8 @@ import numpy as np
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.surface_views import SurfaceView
-from fastsplat.service.scene.types import SH_C0
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import SH_C0
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.conftest import DrawnEncoder
 from tests.scenes import labelled_scene
 

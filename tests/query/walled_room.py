@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.box_scenes import BoxShell, look
 
 _WIDE, _DEEP, HEIGHT = 4.0, 3.0, 2.4

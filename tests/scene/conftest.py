@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 
 def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene.assessment import assess, viewing_spread_deg
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.assessment import assess, viewing_spread_deg
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
 _WELL: Mapping[str, Any] = {

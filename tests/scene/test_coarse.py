@@ -12,10 +12,10 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
-from fastsplat.service.scene.coarse import coarse_scene
-from fastsplat.service.scene.scene_rows import scene_of_rows
-from fastsplat.service.scene.types import SH_C0, Scene
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
+from fastsplat.service.scene.gaussians.coarse import coarse_scene
+from fastsplat.service.scene.gaussians.scene_rows import scene_of_rows
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 
 _GAUSSIANS = 40_000

@@ -7,8 +7,8 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.gaussians.connectivity import components
 
 
 def scattered(count: int, seed: int) -> Gaussians:

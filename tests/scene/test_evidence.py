@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene.label_evidence import (
+from fastsplat.service.scene.artefact.scene import Evidence
+from fastsplat.service.scene.objects.label_evidence import (
     UNIT,
     evidence_of,
     merged,
@@ -18,7 +19,6 @@ from fastsplat.service.scene.label_evidence import (
     rows_of,
     seen_pixels,
 )
-from fastsplat.service.scene.types import Evidence
 from fastsplat_contract.errors import InvalidInputError
 from tests.scenes import evidence_from_dense
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene.label_evidence import evidence_of, posterior
-from fastsplat.service.scene.new_things import with_new_thing
-from fastsplat.service.scene.things import MAX_THING_ID, thing_rows
-from fastsplat.service.scene.types import Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior
+from fastsplat.service.scene.objects.new_things import with_new_thing
+from fastsplat.service.scene.objects.things import MAX_THING_ID, thing_rows
 from fastsplat_contract.errors import LimitExceededError
 from tests.scenes import labelled_scene
 

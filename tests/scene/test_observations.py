@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity
-from fastsplat.service.scene.observations import in_frame, observations_from_json, observations_to_json
-from fastsplat_contract.localize_messages import SceneChange
-from fastsplat_contract.observation_messages import Observation
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
+from fastsplat.service.scene.artefact.observations import in_frame, observations_from_json, observations_to_json
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.photos.localization import SceneChange
+from fastsplat_contract.photos.observations import Observation
 
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _BEFORE = Box(Pose(Vector3(1.0, 2.0, 0.5), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.1, 0.2, 0.3))

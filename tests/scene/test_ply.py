@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.scene.ply import read_ply, write_ply
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.ply import read_ply, write_ply
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.scene.conftest import make_gaussians
 

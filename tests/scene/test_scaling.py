@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
-from fastsplat.service.scene.frames import scaled
-from fastsplat.service.scene.scaling import (
+from fastsplat.service.scene.artefact.frames import scaled
+from fastsplat.service.scene.artefact.scaling import (
     ScaledLength,
     capture_scale_source,
     combined,
     scaling_from_json,
     scaling_to_json,
 )
-from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 
 _LENGTH = ScaledLength(2.0, 0.01, 0.5, 0.001)

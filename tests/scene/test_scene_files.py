@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.scene_manifest import SCHEMA
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
+from fastsplat.service.scene.artefact.scene_manifest import SCHEMA
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
@@ -238,7 +238,7 @@ def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
         write_scene(scene, tmp_path / "v1")
     assert list(tmp_path.iterdir()) == []
     with monkeypatch.context() as patch:
-        patch.setattr("fastsplat.service.scene.scene_files.check_evidence", lambda *_: "")
+        patch.setattr("fastsplat.service.scene.artefact.scene_files.check_evidence", lambda *_: "")
         write_scene(scene, tmp_path / "v1")
     with pytest.raises(SceneFileError, match=wrong):
         read_scene(tmp_path / "v1")

@@ -13,8 +13,8 @@ import pytest
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
-from fastsplat.service.scene.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
 from tests.capture.splat_writers import spz_content
 from tests.scene.conftest import make_gaussians
 

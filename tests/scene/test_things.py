@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from fastsplat.service.application.base.validate import check_request, check_scene_name
 from fastsplat.service.capture.uploads.label_maps import parse_label_table
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.reads import MAX_READ_CHARS, MOST_READS, bounded_reads, one_line
-from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.suggestions import Suggestion
-from fastsplat.service.scene.things import (
+from fastsplat.service.scene.artefact.reads import MAX_READ_CHARS, MOST_READS, bounded_reads, one_line
+from fastsplat.service.scene.artefact.scene import Looks, Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
+from fastsplat.service.scene.artefact.suggestions import Suggestion
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat.service.scene.objects.things import (
     MAX_NAME_CHARS,
     checked_name,
     discard_thing,
@@ -28,12 +29,11 @@ from fastsplat.service.scene.things import (
     thing_rows,
     things_of_rows,
 )
-from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat.service.settings import StoreOptions
+from fastsplat_contract.codec.unseen_characters import unseen_in
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError, SceneFileError
-from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.thing_reads import ThingRead
-from fastsplat_contract.unseen_characters import unseen_in
+from fastsplat_contract.jobs.operations import SceneOptions
+from fastsplat_contract.messages.thing_reads import ThingRead
 from tests.scene.conftest import make_scene, sealed
 
 IDS = (2, 5, 9)

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.types import CodeSemantics
+from fastsplat.service.perception.results import Labelling
+from fastsplat.service.scene.artefact.scene import CodeSemantics
 from fastsplat.service.splat_import.label_lifting import lift_labels, splat_gaussians
 from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError, InvalidInputError
 from tests.instances.made_room import NAMES, Room, make_room
 

@@ -15,8 +15,8 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.splat_import.bulk import find_bulk, quantiles
 from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.pictures import render_views
@@ -25,7 +25,7 @@ from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_c
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.errors import CancelledError, InvalidInputError
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.poses import look_at
 
 _CAMERA = trial_camera(60.0)
 

@@ -20,7 +20,7 @@ from typing import Any
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import Settings
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words
 from tests.api.training_job import add_cancelled_job
 from tests.scenes import finish_job, queued_job

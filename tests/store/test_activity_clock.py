@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.store.activity_clock import ActivityClock
-from fastsplat.service.store.blobs import RESUMABLE_MARK, Blobs
+from fastsplat.service.store.blobs.activity_clock import ActivityClock
+from fastsplat.service.store.blobs.blobs import RESUMABLE_MARK, Blobs
 
 _DAY = 86_400.0
 _UNWRITTEN_S = 31.0  # it writes down how far it is about twice a minute

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.blobs.blobs import Blobs, remove
 
 
 def test_published_is_moved_whole(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.store.codec import camera_from_json, camera_to_json, options_from_json, options_to_json
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.operations import SceneOptions
+from fastsplat.service.store.rows.codec import camera_from_json, camera_to_json, options_from_json, options_to_json
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.jobs.operations import SceneOptions
 
 _OPTIONS = st.builds(
     SceneOptions,

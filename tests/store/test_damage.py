@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import event, text
 
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ArtefactError, DatabaseError, FastSplatError
 
@@ -84,7 +84,7 @@ _AS_ANOTHER_USER = """
 import os, sys
 from pathlib import Path
 from fastsplat.service.store.store import open_store
-from fastsplat.service.store.checkup import check_database, check_folder
+from fastsplat.service.store.care.checkup import check_database, check_folder
 from fastsplat_contract.errors import FastSplatError
 folder = Path(sys.argv[1])
 if os.getuid() == 0:

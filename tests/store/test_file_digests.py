@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.blobs import Blobs
-from fastsplat.service.store.file_digests import DIGESTS
+from fastsplat.service.store.blobs.blobs import Blobs
+from fastsplat.service.store.blobs.file_digests import DIGESTS
 from fastsplat_contract.errors import SceneFileError
 
 

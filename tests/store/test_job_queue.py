@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from fastsplat.service.store.claims import FencedError
+from fastsplat.service.store.queue.claims import FencedError
 from fastsplat.service.store.store import Store
 from tests.store.test_repositories import SUMMARY, job
 

@@ -21,13 +21,13 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, create_engine, inspect, text
 
-from fastsplat.service.store.backup import restore
-from fastsplat.service.store.before_upgrade import save_before_upgrade
-from fastsplat.service.store.checkup import check_database
-from fastsplat.service.store.database import open_engine, resolve_url
-from fastsplat.service.store.key_repository import KeyRecord
-from fastsplat.service.store.migrations import migrate
-from fastsplat.service.store.schema import metadata
+from fastsplat.service.store.care.backup import restore
+from fastsplat.service.store.care.checkup import check_database
+from fastsplat.service.store.repositories.key_repository import KeyRecord
+from fastsplat.service.store.rows.before_upgrade import save_before_upgrade
+from fastsplat.service.store.rows.database import open_engine, resolve_url
+from fastsplat.service.store.rows.migrations import migrate
+from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, ResourceError
 from tests.postgres import PostgresServer

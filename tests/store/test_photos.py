@@ -7,10 +7,10 @@ import json
 import pytest
 
 from fastsplat.service.settings import CallSettings
-from fastsplat.service.store.claims import FencedError
+from fastsplat.service.store.queue.claims import FencedError
 from fastsplat.service.store.store import Store
-from fastsplat.workers.claimed_job import ClaimedJob
-from fastsplat.workers.results import PHOTOS
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat.workers.job.results import PHOTOS
 from tests.scenes import queued_job
 
 _PHOTOS = [{"name": "a.jpg", "placed": True}, {"name": "<b>.jpg", "placed": False}]

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import ENCODER, write_words
 from tests.store.released_folder import MOST_BYTES, RELEASED, make, opened, told_by
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.claims import FencedError
-from fastsplat.service.store.database import resolve_url
-from fastsplat.service.store.records import NewJob, SceneSummary
-from fastsplat.service.store.schema import metadata
+from fastsplat.service.store.queue.claims import FencedError
+from fastsplat.service.store.rows.database import resolve_url
+from fastsplat.service.store.rows.records import NewJob, SceneSummary
+from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
 
@@ -211,7 +211,7 @@ def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
-    monkeypatch.setattr("fastsplat.service.store.scene_repository.time.time", lambda: 1000.0)
+    monkeypatch.setattr("fastsplat.service.store.repositories.scene_repository.time.time", lambda: 1000.0)
     for number in range(7):
         store.scenes.create(job(number))
     seen, after = [], None
@@ -223,7 +223,7 @@ def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
 
 def test_stalled_workers_are_known_and_can_be_unregistered(store, monkeypatch):
     clock = [1000.0]
-    monkeypatch.setattr("fastsplat.service.store.worker_repository.time.time", lambda: clock[0])
+    monkeypatch.setattr("fastsplat.service.store.queue.worker_repository.time.time", lambda: clock[0])
 
     def stalled() -> list[str]:
         return [worker.executor_id for worker in store.workers.list_workers() if worker.heartbeat_at < clock[0] - 10]

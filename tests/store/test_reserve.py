@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.reserve import Reserve, check_free_space
+from fastsplat.service.store.blobs.reserve import Reserve, check_free_space
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import DatabaseError, ResourceError
 
@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.rows.records import NewJob
 from fastsplat_contract.errors import DatabaseError
 
 service = open_service(Settings(data_dir=Path(sys.argv[1]) / "data"))

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.repositories.version_repository import NewVersion
+from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store, open_store
-from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
 _SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)

@@ -6,9 +6,9 @@ import numpy as np
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.scene.types import SH_C0, Scene
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.api.made_scene import ENCODER, LABELS
 from tests.scenes import labelled_scene, store_scene
 from tests.web.table import looking

@@ -13,7 +13,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import QuotaSettings, Settings
-from fastsplat_contract.keys import Role
+from fastsplat_contract.server.keys import Role
 from tests import color_detector, color_segmenter
 from tests.api.made_scene import ENCODER, write_words
 from tests.api.served import serving

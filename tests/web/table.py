@@ -12,11 +12,11 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import SH_C0, Scene
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
+from fastsplat_contract.photos.pictures import PictureRequest
 from tests.api.made_scene import ENCODER, LABELS
 from tests.scenes import add_photos, labelled_scene, store_scene
 

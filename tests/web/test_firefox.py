@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.messages.queries import QueryRequest
 from tests.web.firefox import firefox
 from tests.web.places import Place
 

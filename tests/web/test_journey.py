@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat_client import Client
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.messages.queries import QueryRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
 

@@ -20,12 +20,12 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.workers.job_kinds import KINDS
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat.workers.kinds.job_kinds import KINDS
+from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
 from tests.scenes import stand_in_models
@@ -38,16 +38,16 @@ _PATIENCE_S = 120.0
 _WORKER = """
 import os
 from dataclasses import replace
-import fastsplat.workers.heartbeat
+import fastsplat.workers.engine.heartbeat
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
-from fastsplat.cli.logs import log_to_stderr
+from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.job_kinds import KINDS
-from fastsplat.workers.worker_process import run
+from fastsplat.workers.kinds.job_kinds import KINDS
+from fastsplat.workers.engine.worker_process import run
 if {elsewhere}:
-    fastsplat.workers.heartbeat.machine_id = lambda: "another machine"
+    fastsplat.workers.engine.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
 run(load_settings(), {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}})
 """

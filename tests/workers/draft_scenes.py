@@ -8,9 +8,9 @@ import numpy as np
 
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import Scene, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.api.made_scene import ENCODER
 from tests.scenes import labelled_scene
 

@@ -27,15 +27,15 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene.types import Scene
-from fastsplat.service.store.codec import camera_to_json
-from fastsplat.workers.protocol import Job
-from fastsplat.workers.results import checkpoint_folder
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.store.rows.codec import camera_to_json
+from fastsplat.workers.job.protocol import Job
+from fastsplat.workers.job.results import checkpoint_folder
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import ReconstructionError
-from fastsplat_contract.job_watching import Provisional
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.jobs.job_watching import Provisional
+from fastsplat_contract.jobs.look_again import LookAgainResult
 
 _NUMBERS = itertools.count(1)
 
@@ -117,8 +117,8 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
-    from fastsplat.service.scene.drafts import draft_of, provisional_of
-    from fastsplat.workers.drafts import carry_into, write_made
+    from fastsplat.service.scene.artefact.drafts import draft_of, provisional_of
+    from fastsplat.workers.kinds.drafts import carry_into, write_made
 
     drafts = job.folder / "drafts"
     name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
@@ -167,7 +167,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    from fastsplat.workers.drafts import export_made
+    from fastsplat.workers.kinds.drafts import export_made
 
     export_made(job, folder, lambda: _assemble(job, folder))
     _obey(job, "export", progress)
@@ -206,7 +206,7 @@ def _looking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _naming(job: Job, folder: Path, progress: Progress) -> None:
     """Another scene of the same Gaussians, whose first label is what was looked for."""
-    from fastsplat.service.scene.scene_files import read_scene
+    from fastsplat.service.scene.artefact.scene_files import read_scene
     from tests.scenes import write_version
 
     _obey(job, "naming", progress)
@@ -231,7 +231,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _asking(job: Job, folder: Path, progress: Progress) -> None:
     """The real stage, then its orders."""
-    from fastsplat.workers.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer_stages import STAGES
 
     STAGES["asking"](job, folder, progress)
     _obey(job, "asking", progress)
@@ -239,7 +239,7 @@ def _asking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
     """Its orders, then the real stage."""
-    from fastsplat.workers.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer_stages import STAGES
 
     _obey(job, "suggesting", progress)
     STAGES["suggesting"](job, folder, progress)

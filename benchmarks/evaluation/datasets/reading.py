@@ -22,8 +22,8 @@ from fastsplat.service.capture.uploads.label_maps import check_label_map
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.view_writer import ViewGeometry, view_geometry
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 TEST_EVERY = 8
 

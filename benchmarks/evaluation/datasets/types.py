@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from benchmarks.evaluation.localization import Box
 from benchmarks.evaluation.validation_split import Split
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 Kind = Literal["nerfstudio", "colmap", "lerf_ovs", "3d_ovs"]
 

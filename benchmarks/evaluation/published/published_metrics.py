@@ -16,10 +16,7 @@ from benchmarks.evaluation.published.mask_pairs import (
     mean_over_pairs,
     pair_score,
 )
-from benchmarks.evaluation.published.relevancy_maps import (
-    localized,
-    thresholded_mask,
-)
+from benchmarks.evaluation.published.relevancy_maps import localized, thresholded_mask
 from benchmarks.evaluation.types import QueryPrediction, Skipped, ViewMetric, ViewPrediction
 
 

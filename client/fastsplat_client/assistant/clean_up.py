@@ -5,9 +5,9 @@ from __future__ import annotations
 from fastsplat_client.assistant.tool_results import CleanedUp
 from fastsplat_client.assistant.tools import resolve_scene
 from fastsplat_client.client import Client
-from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.messages.scenes import Edit
 
 _Three = tuple[float, float, float]
 

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from fastsplat_client.assistant.tools import resolve_scene
 from fastsplat_client.client import Client
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.pictures import Tint
-from fastsplat_contract.poses import look_at
-from fastsplat_contract.scenes import Color, Scene
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.poses import look_at
+from fastsplat_contract.messages.scenes import Color, Scene
+from fastsplat_contract.photos.pictures import Tint
 
 _MOST_PIXELS_A_SIDE = 768
 _HIGHLIGHT = Color(1.0, 0.55, 0.0)

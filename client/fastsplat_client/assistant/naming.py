@@ -12,8 +12,8 @@ from fastsplat_client.assistant.tool_results import Point, Unit, point
 from fastsplat_client.assistant.tools import SCENE_ID, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
-from fastsplat_contract.name_suggestions import SuggestedName
-from fastsplat_contract.requests import GetThingSheetRequest
+from fastsplat_contract.jobs.name_suggestions import SuggestedName
+from fastsplat_contract.messages.requests import GetThingSheetRequest
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from fastsplat_client.assistant.clean_up import clean_up as remove_from
 from fastsplat_client.assistant.look_from import look_from as picture_from
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import FastSplatError, InvalidInputError
-from fastsplat_contract.thing_messages import AskedLevel
+from fastsplat_contract.messages.things import AskedLevel
 
 T = TypeVar("T")
 ClientOf = Callable[[Any], contextlib.AbstractContextManager[Client]]

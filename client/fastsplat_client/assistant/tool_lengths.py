@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from fastsplat_client.assistant.tool_results import Interval, Point, Unit
-from fastsplat_contract.measure_messages import Length
-from fastsplat_contract.poses import Box
-from fastsplat_contract.scenes import Scene, SceneSummary
+from fastsplat_contract.geometry.poses import Box
+from fastsplat_contract.messages.measurements import Length
+from fastsplat_contract.messages.scenes import Scene, SceneSummary
 
 _ALONG = float(np.cos(np.radians(0.1)))
 """Cosine of the angle within which an axis is said to be the vertical."""

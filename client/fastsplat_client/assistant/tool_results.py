@@ -10,12 +10,12 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Literal
 
-from fastsplat_contract.assessments import Grade
-from fastsplat_contract.job_watching import DraftStage
-from fastsplat_contract.operations import OperationState
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.queries import Outcome, Relation
-from fastsplat_contract.thing_messages import PickLevel, SceneThing, ThingKind
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.jobs.job_watching import DraftStage
+from fastsplat_contract.jobs.operations import OperationState
+from fastsplat_contract.messages.assessments import Grade
+from fastsplat_contract.messages.queries import Outcome, Relation
+from fastsplat_contract.messages.things import PickLevel, SceneThing, ThingKind
 
 Unit = Literal["m", "scene units"]
 Point = tuple[float, float, float]

@@ -47,9 +47,9 @@ from fastsplat_client.assistant.tool_results import (
 )
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import Scene, SceneSummary
-from fastsplat_contract.thing_messages import AskedLevel, SceneThing
+from fastsplat_contract.messages.queries import Answer
+from fastsplat_contract.messages.scenes import Scene, SceneSummary
+from fastsplat_contract.messages.things import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
 _MOST_SCENES = 200

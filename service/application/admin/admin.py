@@ -12,11 +12,11 @@ from sqlalchemy import text
 from fastsplat.service.application.admin.keys import Keys
 from fastsplat.service.application.admin.service_metrics import ServiceMetrics
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.database import transaction
-from fastsplat.service.store.project_repository import ProjectRepository
+from fastsplat.service.store.repositories.project_repository import ProjectRepository
+from fastsplat.service.store.rows.database import transaction
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
-from fastsplat_contract.operating_messages import Project, ProjectList
+from fastsplat_contract.messages.projects import Project, ProjectList
 
 _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,62}")
 

@@ -17,11 +17,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from fastsplat.service.common.atomic import sync_directory
-from fastsplat.service.store.key_repository import ROLES, KeyRecord, KeyRepository
-from fastsplat.service.store.project_repository import ProjectRepository
-from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.repositories.key_repository import ROLES, KeyRecord, KeyRepository
+from fastsplat.service.store.repositories.project_repository import ProjectRepository
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
-from fastsplat_contract.keys import MAX_LIFETIME_S, Role
+from fastsplat_contract.server.keys import MAX_LIFETIME_S, Role
 
 _KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
 _NOBODY = "0" * 64

@@ -11,11 +11,11 @@ from fastsplat.service.application.admin.keys import Keys
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.key_repository import ROLES, KeyRecord, use_key
-from fastsplat.service.store.scene_repository import no_operation
+from fastsplat.service.store.repositories.key_repository import ROLES, KeyRecord, use_key
+from fastsplat.service.store.repositories.scene_repository import no_operation
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDeniedError, QuotaError
-from fastsplat_contract.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
+from fastsplat_contract.server.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
 
 MAX_KEYS = 1_000
 """Valid keys of a project, and those made in a day: every server has all valid keys in memory."""

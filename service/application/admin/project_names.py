@@ -12,15 +12,15 @@ from fastsplat.service.application.base.paging import read_page_token, write_pag
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.ranked_scene import RankedScene
-from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, agreed
-from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene
+from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, agreed
+from fastsplat.service.query.things.names.names_by_looks import KnownThing, NameFromScene
 from fastsplat.service.query.things.thing_index import listed_suggestions
-from fastsplat.service.scene.reads import tags_of
-from fastsplat.service.scene.suggestions import SaidName
+from fastsplat.service.scene.artefact.reads import tags_of
+from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.known_names import EVERY_NAME, KnownName, KnownNameList
-from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
+from fastsplat_contract.messages.known_names import EVERY_NAME, KnownName, KnownNameList
+from fastsplat_contract.messages.things import NameSuggestion, SceneThing, SuggestionSource
 
 _KEPT_PROJECTS = 64
 """Those whose names are kept in memory, 1 to 2 MB each at most."""

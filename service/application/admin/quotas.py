@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import Connection
 
 from fastsplat.service.settings import QuotaSettings
-from fastsplat.service.store.quota_usage import QuotaUsage, Usage, reserve
+from fastsplat.service.store.repositories.quota_usage import QuotaUsage, Usage, reserve
 from fastsplat_contract.errors import QuotaError
 
 

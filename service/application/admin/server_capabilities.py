@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
-from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
-from fastsplat.service.query.language.meaning import model_for, weighs_meanings
+from fastsplat.service.query.language.meaning.calibration import Score, calibration_for, calibration_key
+from fastsplat.service.query.language.meaning.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.reserve import floor_of
+from fastsplat.service.store.blobs.reserve import floor_of
 from fastsplat.service.store.store import Store
 from fastsplat_contract.call import APART
 from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.keys import Role
-from fastsplat_contract.name_suggestions import NamerStatus
-from fastsplat_contract.server_status import (
+from fastsplat_contract.jobs.name_suggestions import NamerStatus
+from fastsplat_contract.server.keys import Role
+from fastsplat_contract.server.server_status import (
     DiskHealth,
     ModelRole,
     ModelStatus,

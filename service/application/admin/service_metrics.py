@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.store.job_metrics import JobMetrics
+from fastsplat.service.store.queue.job_metrics import JobMetrics
 
 _OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
 

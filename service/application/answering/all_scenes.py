@@ -13,7 +13,7 @@ from fastsplat.service.application.answering.mask_encodings import encode_mask3d
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
@@ -26,8 +26,8 @@ from fastsplat_contract.errors import (
     SceneFileError,
 )
 from fastsplat_contract.masks import ViewMask
-from fastsplat_contract.queries import Answer, QueryOut, QueryRequest, SkippedScene
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest, SkippedScene
+from fastsplat_contract.messages.things import SceneThing
 
 _log = logging.getLogger(__name__)
 

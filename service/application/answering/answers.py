@@ -15,19 +15,19 @@ from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.drafts import provisional_of
+from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
-from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
-from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
+from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest
+from fastsplat_contract.messages.things import PickedThing, PickRequest, ThingList
+from fastsplat_contract.photos.pictures import PictureRequest
 
 _Camera = tuple[str, int, PosedCamera]
 """Name of the scene's own view or "", number in the request, and the view."""

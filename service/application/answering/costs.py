@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from fastsplat.service.query.language.query_text import TextQuery
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _MAX_ENCODINGS = 1_024
 """Sentences that one question may have encoded: (texts + negatives) x templates."""

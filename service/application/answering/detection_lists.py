@@ -8,7 +8,7 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat_contract.detection_messages import DetectionList
+from fastsplat_contract.messages.detections import DetectionList
 
 
 class Detections:

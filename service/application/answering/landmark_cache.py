@@ -22,9 +22,9 @@ from fastsplat.service.localization.landmarks import (
 )
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.store.blobs import Blobs
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat_contract.errors import NotReadyError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _KEPT = 2
 """Versions."""

@@ -17,9 +17,9 @@ from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, ThingInView
-from fastsplat_contract.thing_prompts import PixelBox
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.thing_prompts import PixelBox
+from fastsplat_contract.photos.localization import Localization, LocalizedPhoto, PhotoDifference, ThingInView
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.localize_messages import Localization, LocalizeRequest
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 
 if TYPE_CHECKING:  # torch and pycolmap load when they are used
     from fastsplat.service.application.answering.localized_photos import LocalizedPictures

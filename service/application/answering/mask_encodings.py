@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.pictures import png_bytes
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.types import Gaussians
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, Segmentation, ViewMask, encode_rle, pack_mask3d
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.messages.queries import Answer
 
 
 def view_mask(

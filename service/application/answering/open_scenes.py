@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING, TypeVar
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.query.language.embeddings import TextCaches, text_caches
+from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
-from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
-from fastsplat_contract.poses import F64
-from fastsplat_contract.queries import QueryIn
-from fastsplat_contract.scenes import SceneState
+from fastsplat_contract.geometry.poses import F64
+from fastsplat_contract.messages.queries import QueryIn
+from fastsplat_contract.messages.scenes import SceneState
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
-    from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.perception.results import TextEncoder
 
 T = TypeVar("T")
 _TRIES = 3

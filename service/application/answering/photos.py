@@ -16,18 +16,18 @@ from fastsplat.service.application.base.memory import MemoryBudget, picture_byte
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
-from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
+from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
-from fastsplat_contract.json_codec import from_plain
-from fastsplat_contract.next_photo_messages import NextPhotoList
-from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
-from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
-from fastsplat_contract.requests import MAX_VIEWS
+from fastsplat_contract.messages.requests import MAX_VIEWS
+from fastsplat_contract.photos.next_photos import NextPhotoList
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict, PhotoVerdictList
+from fastsplat_contract.photos.scene_photos import BestView, BestViewList, PhotoList, ScenePhoto
 
 _OBSERVED = re.compile(r"(e[0-9a-f]{16})/([0-9]{1,4})")
 """Names of photos of observations, see `ObservedPhoto.view`."""

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from fastsplat.service.query.drawing import pictures
-from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.pictures import PictureKind, PictureRequest
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.photos.pictures import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
 _ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")

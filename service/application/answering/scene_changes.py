@@ -11,14 +11,14 @@ from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_c
 from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photo_placement import PlacedPhoto
 from fastsplat.service.localization.photometric_refinement import compared
-from fastsplat.service.query.language.change_sentences import change_sentence
+from fastsplat.service.query.language.sentences.change_sentences import change_sentence
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat.service.query.things.visibility import shows
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.localize_messages import PhotoDifference, SceneChange
-from fastsplat_contract.poses import Box, Pose, Quaternion, vector3
-from fastsplat_contract.thing_prompts import PixelBox
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, vector3
+from fastsplat_contract.geometry.thing_prompts import PixelBox
+from fastsplat_contract.photos.localization import PhotoDifference, SceneChange
 
 F64 = NDArray[np.float64]
 

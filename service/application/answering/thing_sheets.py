@@ -10,14 +10,14 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.base.validate import check_page_size, check_texts
-from fastsplat.service.nameless_things import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
+from fastsplat.service.jobs.nameless_things import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
 from fastsplat.service.query.drawing.thing_sheets import MOST_THINGS
 from fastsplat.service.query.measures.thing_views import small_view
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.thing_messages import SceneThing
-from fastsplat_contract.thing_sheets import SheetThing, ThingSheet
+from fastsplat_contract.messages.thing_sheets import SheetThing, ThingSheet
+from fastsplat_contract.messages.things import SceneThing
 
 
 class ThingSheets:

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.call_scheduling import current_runner, wait_elsewhere
-from fastsplat.service.scene.types import Gaussians, Scene
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat.service.settings import CallSettings
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import FastSplatError, LimitExceededError
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import Mask3dEncoding
-from fastsplat_contract.pictures import PictureKind
+from fastsplat_contract.photos.pictures import PictureKind
 
 _POLL_S = 0.1
 _FORGOTTEN_S = 5.0

@@ -8,15 +8,15 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import get_args
 
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreOptions
+from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
-from fastsplat_contract.thing_messages import PickRequest
-from fastsplat_contract.unseen_characters import check_seen
+from fastsplat_contract.jobs.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.messages.things import PickRequest
 
 _MAX_NAME_CHARS = 200
 """Characters of a scene's name."""
@@ -265,9 +265,9 @@ def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Setti
     withholds = options.privacy or options.movers == "ignore"
     if not withholds and (not options.labels or upload.has_labels):
         return  # onnxruntime loads with the first upload that names something
-    from fastsplat.service.perception.capture_detection import check_labels_known
     from fastsplat.service.perception.detectors.open_detectors import check_texts_known
-    from fastsplat.service.perception.movers import mover_detectors
+    from fastsplat.service.perception.label_maps.capture_detection import check_labels_known
+    from fastsplat.service.perception.label_maps.movers import mover_detectors
 
     if options.labels and not upload.has_labels:
         check_labels_known(options.labels, settings.perception)

@@ -22,22 +22,22 @@ from fastsplat.service.application.editing.version_files import new_version_name
 from fastsplat.service.application.editing.versions import VersionOrder, Versions
 from fastsplat.service.capture.photos.scene_photos import write_observed_photos
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.language.change_sentences import changes_sentence, in_words
-from fastsplat.service.scene.frames import frame_of
-from fastsplat.service.scene.observations import in_frame
+from fastsplat.service.query.language.sentences.change_sentences import changes_sentence, in_words
+from fastsplat.service.scene.artefact.frames import frame_of
+from fastsplat.service.scene.artefact.observations import in_frame
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.localize_messages import LocalizeRequest
-from fastsplat_contract.observation_messages import (
+from fastsplat_contract.messages.scenes import Edit
+from fastsplat_contract.photos.localization import LocalizeRequest
+from fastsplat_contract.photos.observations import (
     Observation,
     ObservationList,
     ObservedPhoto,
     ObserveRequest,
     SeenAtSource,
 )
-from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.application.answering.localized_photos import LocalizedPictures

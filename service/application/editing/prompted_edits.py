@@ -14,10 +14,10 @@ from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
 from fastsplat.service.application.editing.segmenter_cache import SegmenterCache
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.scenes import Edit
-from fastsplat_contract.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.instances.prompt_answers import PicturePrompt

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.settings import Settings
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 if TYPE_CHECKING:  # onnxruntime loads with the first prompt
-    from fastsplat.service.perception.types import Segmenter
+    from fastsplat.service.perception.results import Segmenter
 
 _KEPT_VIEWS = 16
 """Views of which the segmenter's answer to the picture is kept for the next prompt, about 4 MiB each; the least

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fastsplat.service.capture.photos.scene_photos import share_photos
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.scene.types import Scene
-from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_files import write_scene
+from fastsplat.service.scene.formats.ply import write_ply
+from fastsplat.service.store.blobs.blobs import Blobs, remove
 
 
 def new_version_name() -> str:

@@ -7,12 +7,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.application.base.validate import check_texts
-from fastsplat.service.store.damaged_rows import decodes
-from fastsplat.service.store.version_repository import VersionRecord
+from fastsplat.service.store.repositories.version_repository import VersionRecord
+from fastsplat.service.store.rows.damaged_rows import decodes
+from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.scenes import Edit, SceneVersion
-from fastsplat_contract.thing_prompts import PromptedThing
+from fastsplat_contract.geometry.thing_prompts import PromptedThing
+from fastsplat_contract.messages.scenes import Edit, SceneVersion
 
 _MAX_EDITS = 100
 """Edits in one request."""

@@ -15,20 +15,15 @@ from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.version_files import new_version_name, write_version
-from fastsplat.service.application.editing.version_rows import (
-    ASKS_KIND,
-    PROMPTED,
-    check_edits,
-    version_of,
-)
+from fastsplat.service.application.editing.version_rows import ASKS_KIND, PROMPTED, check_edits, version_of
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.new_versions import content_of, new_version
+from fastsplat.service.jobs.new_versions import content_of, new_version
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.types import Things
+from fastsplat.service.scene.artefact.scene import Things
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.repositories.version_repository import VersionRecord
 from fastsplat.service.store.store import Store
-from fastsplat.service.store.version_repository import VersionRecord
-from fastsplat_contract.edit_previews import EditPreview
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import (
     ConflictError,
     DatabaseError,
@@ -38,9 +33,9 @@ from fastsplat_contract.errors import (
     NotReadyError,
     ObjectStoreError,
 )
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
-from fastsplat_contract.thing_prompts import PromptedThing
+from fastsplat_contract.geometry.thing_prompts import PromptedThing
+from fastsplat_contract.messages.edit_previews import EditPreview
+from fastsplat_contract.messages.scenes import Edit, InsertSource, SceneVersion
 
 _TRIES = 5
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.common.zips import zipped
-from fastsplat.service.scene.colmap_writing import colmap_text_model
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.formats.colmap_writing import colmap_text_model
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 

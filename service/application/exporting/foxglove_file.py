@@ -21,20 +21,15 @@ from foxglove import Context, channels, messages, open_mcap
 from foxglove.mcap import MCAPWriteOptions
 from PIL import Image
 
-from fastsplat.service.application.exporting.scene_recording import (
-    SceneRecording,
-    described,
-    thing_color,
-    thing_facts,
-)
+from fastsplat.service.application.exporting.scene_recording import SceneRecording, described, thing_color, thing_facts
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, OccupancyMap
-from fastsplat.service.scene.frames import frame_id
-from fastsplat.service.scene.point_ply import point_rows
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import Camera
-from fastsplat_contract.poses import F64, Box, Quaternion, Vector3, quaternion_of, vector3
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat.service.scene.artefact.frames import frame_id
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.formats.point_ply import point_rows
+from fastsplat_contract.geometry.camera import Camera
+from fastsplat_contract.geometry.poses import F64, Box, Quaternion, Vector3, quaternion_of, vector3
+from fastsplat_contract.messages.things import SceneThing
 
 STEP_NS = 100_000_000
 """Between two cameras."""

@@ -14,11 +14,11 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_mesh import surface_mesh
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, surface_points
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
-from fastsplat.service.scene.colmap_writing import colmap_model
-from fastsplat.service.scene.glb import GlbScene, NamedRows
-from fastsplat.service.scene.mesh_glb import mesh_glb
-from fastsplat.service.scene.point_ply import point_ply, point_rows
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat.service.scene.formats.colmap_writing import colmap_model
+from fastsplat.service.scene.formats.glb import GlbScene, NamedRows
+from fastsplat.service.scene.formats.mesh_glb import mesh_glb
+from fastsplat.service.scene.formats.point_ply import point_ply, point_rows
 from fastsplat_contract.errors import InvalidInputError
 
 ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]

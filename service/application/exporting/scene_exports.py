@@ -31,14 +31,14 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.optional_packages import MCAP, needed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
-from fastsplat.service.scene.scene_rows import gaussians_of_rows
-from fastsplat.service.scene.sog_writing import sog_bytes
-from fastsplat.service.scene.spz_writing import spz_bytes
-from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.sog_writing import sog_bytes
+from fastsplat.service.scene.formats.spz_writing import spz_bytes
+from fastsplat.service.scene.gaussians.scene_rows import gaussians_of_rows
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
-from fastsplat_contract.exports import FORMATS, ExportFormat, ExportRequest
-from fastsplat_contract.goal_messages import Goal
+from fastsplat_contract.messages.exports import FORMATS, ExportFormat, ExportRequest
+from fastsplat_contract.messages.goals import Goal
 
 ROBOT_RADIUS = 0.2
 """Meters, where a caller says none."""

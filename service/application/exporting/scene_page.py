@@ -13,10 +13,10 @@ import numpy as np
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.query_text import MAX_TEXTS
+from fastsplat.service.query.language.words.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.json_codec import to_plain
 
 TEMPLATE = Path(__file__).resolve().parents[3] / "api" / "web" / "dist" / "offline.html"
 """The built viewer, in a checkout and in a wheel."""

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
-from fastsplat.service.scene.frames import frame_id
-from fastsplat.service.scene.scaling import capture_scaling
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat.service.scene.artefact.frames import frame_id
+from fastsplat.service.scene.artefact.scaling import capture_scaling
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.messages.things import SceneThing
 
 MOST_PHOTO_BYTES = 64 << 20
 """Of all photos in one file; of a scene that has more, every second, third ... is in it."""

@@ -6,14 +6,14 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import PREDICTED_S
+from fastsplat.service.store.rows.records import PREDICTED_S
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.operations import JobEstimate, SceneOptions
-from fastsplat_contract.requests import EstimateJobRequest
+from fastsplat_contract.jobs.operations import JobEstimate, SceneOptions
+from fastsplat_contract.messages.requests import EstimateJobRequest
 
 if TYPE_CHECKING:
     from fastsplat.service.planning.cost_model import Speed

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.scene.things import checked_name
+from fastsplat.service.scene.objects.things import checked_name
 from fastsplat.service.settings import Settings, StoreOptions
-from fastsplat.service.store.ordered_jobs import order_job
-from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.queue.ordered_jobs import order_job
+from fastsplat.service.store.rows.records import NewJob
+from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.jobs.look_again import LookAgainIn
 
 
 def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: Settings) -> NewJob:

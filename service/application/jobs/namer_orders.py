@@ -12,11 +12,11 @@ from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import NamerSettings, Settings
-from fastsplat.service.store.ordered_jobs import order_job
+from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
-from fastsplat_contract.name_suggestions import NamerStatus
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.jobs.name_suggestions import NamerStatus
+from fastsplat_contract.jobs.operations import Operation
 
 
 class OwnNamer:

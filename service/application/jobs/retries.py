@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.uploads.photo_exclusion import photo_paths, without_photos
-from fastsplat.service.store.records import OperationRecord
-from fastsplat.service.store.scene_repository import no_upload
+from fastsplat.service.store.repositories.scene_repository import no_upload
+from fastsplat.service.store.rows.records import OperationRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotReadyError
-from fastsplat_contract.operations import FINAL_STATES
+from fastsplat_contract.jobs.operations import FINAL_STATES
 
 
 def retry(

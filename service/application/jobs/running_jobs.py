@@ -10,14 +10,14 @@ from typing import Any
 
 from fastsplat.service.application.jobs.stored import Ahead, operation_of
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.damaged_rows import each_readable
-from fastsplat.service.store.records import PREDICTED_S, SECONDS_LEFT, OperationRecord
+from fastsplat.service.store.rows.damaged_rows import each_readable
+from fastsplat.service.store.rows.records import PREDICTED_S, SECONDS_LEFT, OperationRecord
 from fastsplat.service.store.store import Store
+from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
-from fastsplat_contract.json_codec import from_json
-from fastsplat_contract.operating_messages import JobLog
-from fastsplat_contract.operations import FINAL_STATES, Operation
+from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
+from fastsplat_contract.jobs.operations import FINAL_STATES, Operation
+from fastsplat_contract.messages.projects import JobLog
 
 _MAX_LOG = 1 << 20
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fastsplat.service.application.admin.quotas import Quotas
-from fastsplat.service.store.records import NewJob, OperationRecord
+from fastsplat.service.store.rows.records import NewJob, OperationRecord
 from fastsplat.service.store.store import Store
 
 

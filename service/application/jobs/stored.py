@@ -11,22 +11,29 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
-from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
-from fastsplat.service.scene.assessment import assess
-from fastsplat.service.scene.capture_times import newest_photo_at
-from fastsplat.service.scene.drafts import provisional_of
-from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
-from fastsplat.service.scene.upright import vertical_of
-from fastsplat.service.store.codec import camera_from_json
-from fastsplat.service.store.damaged_rows import decodes, each_readable
-from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
-from fastsplat_contract.job_watching import DraftInfo, PlacedInfo, PreviewInfo, WorkerState
-from fastsplat_contract.json_codec import from_plain
-from fastsplat_contract.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of
-from fastsplat_contract.scenes import DictionaryEntry, ScaleSource, Scene, SceneAlignment, SceneScaling, SceneSummary
+from fastsplat.service.scene.artefact.alignment import alignment_from_json, frame_similarity
+from fastsplat.service.scene.artefact.assessment import assess
+from fastsplat.service.scene.artefact.capture_times import newest_photo_at
+from fastsplat.service.scene.artefact.drafts import provisional_of
+from fastsplat.service.scene.artefact.scaling import capture_scale_source, capture_scaling, scaling_from_json
+from fastsplat.service.scene.artefact.upright import vertical_of
+from fastsplat.service.store.rows.codec import camera_from_json
+from fastsplat.service.store.rows.damaged_rows import decodes, each_readable
+from fastsplat.service.store.rows.records import SECONDS_LEFT, OperationRecord, SceneRecord
+from fastsplat_contract.codec.json_codec import from_plain
+from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.jobs.job_watching import DraftInfo, PlacedInfo, PreviewInfo, WorkerState
+from fastsplat_contract.jobs.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
+from fastsplat_contract.messages.scenes import (
+    DictionaryEntry,
+    ScaleSource,
+    Scene,
+    SceneAlignment,
+    SceneScaling,
+    SceneSummary,
+)
 
 _LEFT_OUT = "left_out"
 _MAX_LEFT_OUT = 100

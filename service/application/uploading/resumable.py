@@ -29,9 +29,9 @@ from fastsplat.service.application.uploading.upload_piece import OFFSET, Algorit
 from fastsplat.service.application.uploading.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
-from fastsplat.service.store.activity_clock import ActivityClock
-from fastsplat.service.store.blobs import Blobs, remove
-from fastsplat.service.store.reserve import check_free_space
+from fastsplat.service.store.blobs.activity_clock import ActivityClock
+from fastsplat.service.store.blobs.blobs import Blobs, remove
+from fastsplat.service.store.blobs.reserve import check_free_space
 from fastsplat_contract.errors import (
     ConflictError,
     InvalidInputError,

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.uploading.uploads import disk_error
-from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.sample_scene import unpack_sample
+from fastsplat.service.store.blobs.blobs import remove
+from fastsplat.service.store.care.sample_scene import unpack_sample
 from fastsplat.service.store.store import Store, open_store
 
 _NAME = "A table (sample)"

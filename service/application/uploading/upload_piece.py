@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES, disk_error
-from fastsplat.service.store.blobs import RESUMABLE_MARK
+from fastsplat.service.store.blobs.blobs import RESUMABLE_MARK
 from fastsplat_contract.errors import ChecksumMismatchError, LimitExceededError
 
 Algorithm = Literal["sha1", "sha256"]

@@ -14,12 +14,12 @@ from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import BinaryIO, Self
 
+from fastsplat.service.capture.captures import Source
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import safe_parts
-from fastsplat.service.store.blobs import lock_of, remove
+from fastsplat.service.store.blobs.blobs import lock_of, remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
-from fastsplat_contract.operations import SceneOptions
+from fastsplat_contract.jobs.operations import SceneOptions
 
 _CHUNK = 1 << 20
 SPACE_CHECK_BYTES = 1 << 24

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from safetensors.numpy import load_file
 
-from fastsplat.service.capture.types import (
+from fastsplat.service.capture.captures import (
     Capture,
     CaptureReport,
     GivenLabels,
@@ -25,10 +25,10 @@ from fastsplat.service.capture.types import (
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import from_plain
-from fastsplat_contract.photo_verdicts import PhotoVerdict
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 
 _VERSION = 1
 _CAPTURE = "capture.json"

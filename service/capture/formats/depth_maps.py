@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.types import SensorDepth
-from fastsplat_contract.camera import Camera
+from fastsplat.service.capture.captures import SensorDepth
+from fastsplat_contract.geometry.camera import Camera
 
 DEPTHS = "depths"  # folder in a capture
 _STEPS = 65_535

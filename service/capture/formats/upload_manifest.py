@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from fastsplat.service.capture.captures import Source
 from fastsplat.service.capture.formats.image_io import PhotoInfo
-from fastsplat.service.capture.types import Source
 from fastsplat_contract.errors import InvalidInputError
 
 VALIDATED = ".validated"

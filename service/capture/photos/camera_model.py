@@ -11,8 +11,8 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera
 
 _PINHOLES = frozenset({"SIMPLE_PINHOLE", "PINHOLE"})
 _PINHOLES_AT_ZERO = frozenset({"SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "SIMPLE_DIVISION", "DIVISION"})

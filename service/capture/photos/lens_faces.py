@@ -11,8 +11,8 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.photos.camera_model import CameraModel, Undistortion, compute_undistortion
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera
 
 F64 = NDArray[np.float64]
 

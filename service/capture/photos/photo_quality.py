@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat_contract.photo_verdicts import NotPlaced, PhotoDefect, PhotoVerdict
+from fastsplat_contract.photos.photo_verdicts import NotPlaced, PhotoDefect, PhotoVerdict
 
 _SIDE = 800
 _THUMBNAIL = 16

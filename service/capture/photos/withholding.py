@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from fastsplat.service.capture.captures import CaptureReport, View, WithheldReport
 from fastsplat.service.capture.formats.image_io import save_rgb
-from fastsplat.service.capture.types import CaptureReport, View, WithheldReport
-from fastsplat_contract.operations import Privacy
+from fastsplat_contract.jobs.operations import Privacy
 
 BLANK = 128  # stored value of a withheld pixel in all channels
 _RIM = 0.015

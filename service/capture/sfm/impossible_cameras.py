@@ -15,7 +15,7 @@ from fastsplat.service.capture.photos.lens_faces import lens_of
 from fastsplat.service.capture.sfm import rigs
 from fastsplat.service.capture.sfm.mapping import Mapped, Mapping, largest_first
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.photo_verdicts import NotPlaced
+from fastsplat_contract.photos.photo_verdicts import NotPlaced
 
 _FOCAL_RANGE = (0.25, 8.0)  # over the longer side: 127° to 7° of view
 

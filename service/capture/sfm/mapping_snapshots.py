@@ -12,8 +12,8 @@ import numpy as np
 
 from fastsplat.service.capture.sfm.geometry import normalize_world
 from fastsplat.service.capture.sfm.placed_cameras import MAX_CAMERAS, MAX_POINTS, PlacedViews, evenly, thinned
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _FILE = "placed.npz"
 _SNAPSHOTS = 8  # about, per capture; each costs the mapper a write and a read of its model

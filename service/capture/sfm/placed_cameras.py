@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.types import Capture
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo
-from fastsplat_contract.json_codec import to_json
+from fastsplat.service.capture.captures import Capture
+from fastsplat_contract.codec.json_codec import to_json
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo
 
 MAX_CAMERAS, MAX_POINTS = 1_000, 5_000
 

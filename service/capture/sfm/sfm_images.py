@@ -30,7 +30,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
-from fastsplat_contract.photo_verdicts import NotPlaced
+from fastsplat_contract.photos.photo_verdicts import NotPlaced
 
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 _FISHEYE_FOV_DEG = 120.0

@@ -19,8 +19,8 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles
 from fastsplat.service.capture.uploads.photo_validation import too_many_images
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position
-from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import check_rigid
 
 _MAX_NAME_BYTES = 1_024
 _HINT = "Export the model again."

@@ -15,8 +15,8 @@ from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES, open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import MAX_LABELS, UNDETECTED, Dictionary, dictionary_of
 from fastsplat.service.common.file_names import common_folder
+from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.unseen_characters import check_seen
 
 _HINT = 'Write {"mug": 1, "table": 2}, {"labels": {"mug": 1}} or ["mug", "table"]; 0 stays undetected.'
 _MAX_NAME_LETTERS = 200

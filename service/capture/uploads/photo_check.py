@@ -18,7 +18,7 @@ from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.photo_verdicts import NotPlaced, PhotoVerdict
+from fastsplat_contract.photos.photo_verdicts import NotPlaced, PhotoVerdict
 
 _SIDE = 480
 _FEATURES = 800

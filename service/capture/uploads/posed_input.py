@@ -15,7 +15,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.scenes import Scale
+from fastsplat_contract.messages.scenes import Scale
 
 _FARTHEST = 1e7
 """World units; in meters, more than from any place on Earth to its center."""

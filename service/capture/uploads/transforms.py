@@ -34,9 +34,9 @@ from fastsplat.service.capture.uploads.posed_input import (
     stated_similarity,
 )
 from fastsplat.service.common.similarity import nearest_rotation
-from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.scenes import Scale
+from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.messages.scenes import Scale
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _POSE_HINT = "Give a rigid 4×4 world-from-camera matrix of finite numbers, or remove the frame."

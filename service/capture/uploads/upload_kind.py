@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+from fastsplat.service.capture.captures import Source
 from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
-from fastsplat.service.capture.types import Source
 from fastsplat.service.capture.untrusted.archive import ARCHIVE_SUFFIXES
 from fastsplat.service.capture.uploads.colmap_model import count_images, model_suffix
 from fastsplat.service.capture.uploads.left_out import LeftOut

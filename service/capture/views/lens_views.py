@@ -18,7 +18,7 @@ from fastsplat.service.capture.sfm.sfm_images import SfmImage
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.view_writer import SourceImage, ViewGeometry, reduced_camera
 from fastsplat.service.common.file_names import list_names
-from fastsplat_contract.photo_verdicts import NotPlaced
+from fastsplat_contract.photos.photo_verdicts import NotPlaced
 
 F64 = NDArray[np.float64]
 

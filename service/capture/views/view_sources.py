@@ -31,8 +31,8 @@ from fastsplat.service.capture.uploads.label_maps import LabelTable
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.lens_views import ViewLog, posed_lens, views_of
 from fastsplat.service.capture.views.view_writer import SourceImage
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.geometry.camera import Camera
 
 MAX_SIDE = 640  # of a stored depth map, pixels; training reads photos no more closely
 _BROKEN = (InvalidInputError, LimitExceededError)  # errors of `ImageDecoder` due to the file

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.captures import Capture, ScaleEstimate
 from fastsplat.service.capture.photos.photo_metadata import PhotoPlace
-from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat.service.capture.world.scale_estimates import metric_capture
 
 F64 = NDArray[np.float64]

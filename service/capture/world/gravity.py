@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.types import VerticalEstimate
+from fastsplat.service.capture.captures import VerticalEstimate
 from fastsplat.service.common.vertical import level_deviation, mean_up, vertical_of_poses
-from fastsplat_contract.scenes import VerticalSource
+from fastsplat_contract.messages.scenes import VerticalSource
 
 F64 = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.captures import Capture, ScaleEstimate, View
 from fastsplat.service.capture.formats.depth_maps import inner_pixels, load_depth
-from fastsplat.service.capture.types import Capture, ScaleEstimate, View
 from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
 from fastsplat.service.common.similarity import scaled_camera
 

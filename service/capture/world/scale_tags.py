@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.captures import Capture, ScaleEstimate
 from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat.service.capture.world.scale_estimates import metric_capture
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _TAG_SIDE_ERROR_M = 0.0002  # 1 σ of the side, by printer and ruler; part of every stated interval
 

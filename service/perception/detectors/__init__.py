@@ -1,1 +1,0 @@
-"""Detectors: images to named boxes."""

@@ -10,7 +10,7 @@ from fastsplat.service.perception.box_ops import clip_boxes
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.types import Detections, Image
+from fastsplat.service.perception.results import Detections, Image
 
 
 class PicoDet:

@@ -10,7 +10,7 @@ import numpy as np
 from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import letterboxed
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.types import Detections, Image, TextEncoder
+from fastsplat.service.perception.results import Detections, Image, TextEncoder
 from fastsplat_contract.errors import ModelUnavailableError
 
 _NMS_IOU = 0.6  # of boxes with one label; rivals between labels are resolved by the caller

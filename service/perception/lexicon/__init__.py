@@ -1,1 +1,0 @@
-"""Lexicons: senses of words, with definitions, hypernyms and parts."""

@@ -1,1 +1,0 @@
-"""Model pulls: fetch, conversion and checks, before models are put in place."""

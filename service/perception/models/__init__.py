@@ -1,1 +1,0 @@
-"""The manifest of known models, and their files."""

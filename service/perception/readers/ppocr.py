@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.onnx_session import check_contract, open_session
-from fastsplat.service.perception.types import Image, Writing
+from fastsplat.service.perception.results import Image, Writing
 from fastsplat_contract.errors import ModelUnavailableError
 
 F32 = NDArray[np.float32]

@@ -1,1 +1,0 @@
-"""Segmenters: boxes to masks."""

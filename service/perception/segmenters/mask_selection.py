@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.types import MaskLogits
+from fastsplat.service.perception.results import MaskLogits
 
 
 def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: NDArray[np.float32]) -> int:

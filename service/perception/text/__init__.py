@@ -1,1 +1,0 @@
-"""Text encoders: words to embeddings."""

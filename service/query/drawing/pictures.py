@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.pictures import Tint
+from fastsplat_contract.photos.pictures import Tint
 
 U8 = NDArray[np.uint8]
 

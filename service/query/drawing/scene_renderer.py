@@ -12,14 +12,14 @@ from torch import Tensor
 
 from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geometry
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things
-from fastsplat.service.splatting.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Parts, Scene, Things
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.labels.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, Rendering
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _SURE_PX = 64
 """Membership of a Gaussian of no part in none, pixels."""

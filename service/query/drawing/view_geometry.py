@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, Splats
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 RELATIVE_SPREAD = 0.05
 """Spread of the blended depth, as a share of the depth, at which confidence is half of what is covered."""

@@ -15,13 +15,13 @@ from scipy.stats import t as student
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.common.similarity import Similarity, fit_similarity
 from fastsplat.service.query.edits.gaussian_edits import moved_gaussians
-from fastsplat.service.scene.alignment import Alignment as SceneAlignment
-from fastsplat.service.scene.frames import frame_of
-from fastsplat.service.scene.scaling import ScaledLength, combined
-from fastsplat.service.scene.types import Gaussians, Scene
-from fastsplat_contract.camera import check_rigid
+from fastsplat.service.scene.artefact.alignment import Alignment as SceneAlignment
+from fastsplat.service.scene.artefact.frames import frame_of
+from fastsplat.service.scene.artefact.scaling import ScaledLength, combined
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

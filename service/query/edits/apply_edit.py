@@ -18,11 +18,11 @@ from fastsplat.service.query.edits.insertion import insert_things
 from fastsplat.service.query.edits.prompted_things import make_prompted_thing
 from fastsplat.service.query.edits.suggested_names import suggest_names
 from fastsplat.service.query.edits.thing_edits import edit_things
-from fastsplat.service.scene.changes import with_change
-from fastsplat.service.scene.types import Scene, Things
-from fastsplat_contract.camera import check_rigid
+from fastsplat.service.scene.artefact.changes import with_change
+from fastsplat.service.scene.artefact.scene import Scene, Things
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

@@ -11,9 +11,9 @@ from scipy.special import expit
 
 from fastsplat.service.query.edits.gaussian_filters import filtered
 from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

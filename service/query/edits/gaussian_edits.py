@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.edited_rows import Rows
 from fastsplat.service.query.things.solid_gaussians import masses
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.scene_rows import gaussians_of_rows, scene_of_rows
-from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows, with_rows_of_no_part
-from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
+from fastsplat.service.scene.artefact.scene import F32, SH_C0, Gaussians, Scene, Things
+from fastsplat.service.scene.gaussians.scene_rows import gaussians_of_rows, scene_of_rows
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat.service.scene.objects.things import MAX_THING_ID, next_thing_id, thing_rows, with_rows_of_no_part
 from fastsplat_contract.errors import LimitExceededError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 
 F64 = NDArray[np.float64]
 

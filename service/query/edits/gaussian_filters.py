@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.poses import Box
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.poses import Box
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

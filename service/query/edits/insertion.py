@@ -10,12 +10,12 @@ import numpy as np
 from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.edits.gaussian_edits import motion_of, moved_gaussians
 from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.scene_rows import appended_gaussians, gaussians_of_rows
-from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
-from fastsplat.service.scene.types import Evidence, Scene
+from fastsplat.service.scene.artefact.scene import Evidence, Scene
+from fastsplat.service.scene.gaussians.scene_rows import appended_gaussians, gaussians_of_rows
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.objects.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

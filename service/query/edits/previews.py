@@ -9,10 +9,10 @@ import numpy as np
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.masks import pack_bits
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.edit_previews import EditPreview
+from fastsplat_contract.messages.scenes import Edit
 
 
 def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.edits.thing_edits import check_no_parts, check_seen, edited_things, with_label
-from fastsplat.service.query.things.look_alikes import with_look_alikes
+from fastsplat.service.query.things.names.look_alikes import with_look_alikes
 from fastsplat.service.query.things.solid_gaussians import masses
-from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.new_things import with_new_thing
-from fastsplat.service.scene.types import Scene, Things
+from fastsplat.service.scene.artefact.scene import Scene, Things
+from fastsplat.service.scene.gaussians.connectivity import components
+from fastsplat.service.scene.objects.new_things import with_new_thing
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

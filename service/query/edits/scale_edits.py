@@ -8,12 +8,12 @@ from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.measuring import apart, extents_of
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.frames import scaled
-from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combined
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.frames import scaled
+from fastsplat.service.scene.artefact.scaling import ScaledLength, capture_scaling, combined
+from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.places import KnownSize
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.geometry.places import KnownSize
+from fastsplat_contract.messages.scenes import Edit
 
 _MAX_LENGTHS = 100
 _UNSURE_ENDS = 0.03

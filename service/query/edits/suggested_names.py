@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, TAG_SOURCE
+from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, TAG_SOURCE
 from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat.service.scene.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions
-from fastsplat.service.scene.things import checked_name
-from fastsplat.service.scene.types import Scene, Thing
+from fastsplat.service.scene.artefact.scene import Scene, Thing
+from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions
+from fastsplat.service.scene.objects.things import checked_name
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.name_suggestions import SuggestedName
+from fastsplat_contract.jobs.name_suggestions import SuggestedName
 
 MAX_SUGGESTED = 1_000
 """Names in one edit."""

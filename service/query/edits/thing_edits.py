@@ -13,11 +13,11 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.edited_rows import edited_label
-from fastsplat.service.query.things.look_alikes import with_look_alikes
-from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
-from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
+from fastsplat.service.query.things.names.look_alikes import with_look_alikes
+from fastsplat.service.scene.artefact.scene import Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.objects.things import checked_name, discard_thing, merge_things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

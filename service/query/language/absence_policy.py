@@ -10,18 +10,18 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from fastsplat.service.common.dictionary import dictionary_of, label_key
-from fastsplat.service.query.language.common_things import common_things
-from fastsplat.service.query.language.enclosures import is_furniture
-from fastsplat.service.query.language.judgement import Ranked
-from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.noun_phrases import noun_phrase
-from fastsplat.service.query.language.word_senses import ranked as solid_senses
+from fastsplat.service.query.language.meaning.common_things import common_things
+from fastsplat.service.query.language.meaning.word_senses import ranked as solid_senses
+from fastsplat.service.query.language.sentences.enclosures import is_furniture
+from fastsplat.service.query.language.words.judgement import Ranked
+from fastsplat.service.query.language.words.name_matching import NameIndex
+from fastsplat.service.query.language.words.noun_phrases import noun_phrase
 from fastsplat.service.query.things.absence import RATHER, USUAL_M, unnamed_probability
 from fastsplat.service.query.things.color_names import NAMES as COLORS
 from fastsplat.service.query.things.color_names import UNMEASURED, basic_name
-from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.scene.types import SurfaceKind, Thing
-from fastsplat_contract.queries import Answer
+from fastsplat.service.query.things.names.thing_names import ThingNames
+from fastsplat.service.scene.artefact.scene import SurfaceKind, Thing
+from fastsplat_contract.messages.queries import Answer
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon.wordnet import Lexicon

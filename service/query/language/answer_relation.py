@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from fastsplat.service.query.language.judgement import Verdict
-from fastsplat.service.query.language.label_meanings import BASE, Comparison
-from fastsplat.service.query.language.name_matching import NameMatch
-from fastsplat_contract.queries import Relation, RelationSubject
+from fastsplat.service.query.language.meaning.label_meanings import BASE, Comparison
+from fastsplat.service.query.language.words.judgement import Verdict
+from fastsplat.service.query.language.words.name_matching import NameMatch
+from fastsplat_contract.messages.queries import Relation, RelationSubject
 
 Related = tuple[Relation, RelationSubject | None]
 

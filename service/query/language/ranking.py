@@ -10,34 +10,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.language.answer_relation import answer_relation, stands_for
-from fastsplat.service.query.language.calibration import calibration_key
-from fastsplat.service.query.language.common_things import are_other_things
-from fastsplat.service.query.language.embeddings import TextCaches, text_caches
-from fastsplat.service.query.language.english import NoQuestion, names_nothing, no_question
-from fastsplat.service.query.language.judgement import Judgement, Mask, Ranked, Remarks
-from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
-from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
-from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.language.noun_phrases import parse_noun_phrase
-from fastsplat.service.query.language.probability import (
+from fastsplat.service.query.language.meaning.calibration import calibration_key
+from fastsplat.service.query.language.meaning.common_things import are_other_things
+from fastsplat.service.query.language.meaning.embeddings import TextCache, TextCaches, text_caches
+from fastsplat.service.query.language.meaning.label_meanings import Comparison, LabelMeanings
+from fastsplat.service.query.language.meaning.meaning import MeaningModel, model_for, weighs_meanings
+from fastsplat.service.query.language.meaning.probability import (
     Belief,
     believed,
     entry_probability,
     named_belief,
     scored_belief,
 )
-from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts, SceneLabels
-from fastsplat.service.query.language.query_text import TextQuery
-from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
-from fastsplat.service.query.language.text_similarity import text_similarity
+from fastsplat.service.query.language.meaning.prompt_context import PromptContext, PromptContexts, SceneLabels
+from fastsplat.service.query.language.meaning.relevancy import F32, F64, Scores, cosines, relevancy_scores
+from fastsplat.service.query.language.words.english import NoQuestion, names_nothing, no_question
+from fastsplat.service.query.language.words.judgement import Judgement, Mask, Ranked, Remarks
+from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.language.words.noun_phrases import noun_phrase, parse_noun_phrase
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER
-from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat_contract.queries import Answer, AnswerMethod, Match
+from fastsplat.service.query.things.names.thing_names import ThingNames
+from fastsplat_contract.messages.queries import Answer, AnswerMethod, Match
+
+
+def text_similarity(
+    texts: Sequence[str],
+    matches: Sequence[NameMatch],
+    labels: F32,
+    cache: TextCache,
+    templates: Sequence[str] | None = None,
+) -> F64:
+    """float64 [Q, N], cosines of questions and entries.
+
+    A shared word lifts a cosine whatever its part in the question: MiniLM has "picture of a dog" nearer to "dog" than
+    to "picture". So an entry that the question only mentions (`NameMatch.mentions`) is no closer than it is to the
+    words that remain without it: "wall" is as close to "wall clock" as to "clock".
+
+    Args:
+        texts: Q questions.
+        matches: what each of them names.
+        labels: float32 [N, E], unit length.
+        cache: embeds texts.
+        templates: sentences that names are put into, in place of the cache's own.
+    """
+    similarity = cosines(cache.embed([noun_phrase(text) for text in texts], templates), labels)
+    remainders = list(dict.fromkeys(words for match in matches for words in match.mentions.values()))
+    if remainders:
+        without_name = dict(zip(remainders, cosines(cache.embed(remainders, templates), labels), strict=True))
+        for row, match in enumerate(matches):
+            for label_id, words in match.mentions.items():
+                entry = label_id - 1
+                similarity[row, entry] = min(similarity[row, entry], without_name[words][entry])
+    return similarity
+
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
-    from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.perception.results import TextEncoder
 
 RELATED_PROBABILITY = 0.15
 """A related entry other than the leading one is relevant from this calibrated probability on. Measured by

@@ -13,10 +13,10 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.places import Place
-from fastsplat_contract.thing_prompts import Pixel
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.places import Place
+from fastsplat_contract.geometry.thing_prompts import Pixel
 
 F64 = NDArray[np.float64]
 

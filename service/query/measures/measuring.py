@@ -12,11 +12,11 @@ from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.measures.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.measures.thing_extents import ThingExtents, thing_extents
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.scaling import capture_scaling
+from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
-from fastsplat_contract.places import Place
-from fastsplat_contract.poses import rigid, vector3
+from fastsplat_contract.geometry.places import Place
+from fastsplat_contract.geometry.poses import rigid, vector3
+from fastsplat_contract.messages.measurements import Length, LocatedPlace, Measurement
 
 F64 = NDArray[np.float64]
 

@@ -13,16 +13,16 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.language.enclosures import may_hold
+from fastsplat.service.query.language.sentences.enclosures import may_hold
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import solid_rows
 from fastsplat.service.query.things.unseen_space import hiding_points
 from fastsplat.service.query.things.visibility import SightLines
-from fastsplat.service.scene.assessment import common_point
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoReason
-from fastsplat_contract.poses import look_at
+from fastsplat.service.scene.artefact.assessment import common_point
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import look_at
+from fastsplat_contract.photos.next_photos import NextPhoto, NextPhotoReason
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.intp]

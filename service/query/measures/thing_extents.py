@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.measures.locating import axes_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import solid_rows
-from fastsplat.service.scene.boxes import BOX_TRIM, oriented_box
-from fastsplat.service.scene.types import Gaussians
-from fastsplat_contract.poses import Box, Pose, quaternion_of, rigid, vector3
+from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.objects.boxes import BOX_TRIM, oriented_box
+from fastsplat_contract.geometry.poses import Box, Pose, quaternion_of, rigid, vector3
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]

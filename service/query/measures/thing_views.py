@@ -12,7 +12,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.visibility import view_scores
-from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _CANDIDATES = 5
 """Cameras that are looked through beyond those that are asked for: which they are is estimated without rendering."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from fastsplat.service.query.phrases.phrases import OrderKind, SizeKind
 from fastsplat.service.query.phrases.relations import Asker, Judged, Measured, clearness, gap_between
-from fastsplat.service.query.phrases.types import OrderKind, SizeKind
 from fastsplat.service.query.things.thing_measures import ThingShape
 
 _RATIO = float(np.log(1.1))

@@ -2,27 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.common_things import is_toy
-from fastsplat.service.query.language.judgement import Ranked, Remarks, Verdict
-from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.noun_phrases import noun_phrase, split_modifiers
-from fastsplat.service.query.language.sentences import doubt_of, quoted
+from fastsplat.service.query.language.meaning.common_things import is_toy
+from fastsplat.service.query.language.sentences.sentences import doubt_of, quoted
+from fastsplat.service.query.language.words.judgement import Ranked, Remarks, Verdict
+from fastsplat.service.query.language.words.name_matching import NameIndex
+from fastsplat.service.query.language.words.noun_phrases import noun_phrase, split_modifiers
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
+from fastsplat.service.query.phrases.phrases import Named, ParsedQuestion, Phrase, Possession, Relation, Says
 from fastsplat.service.query.phrases.relations import F64, asker_at
-from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
 from fastsplat.service.query.phrases.thing_looks import ThingLooks
-from fastsplat.service.query.phrases.types import Named, ParsedQuestion, Phrase, Possession, Relation, Says
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import RATHER
+from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_measures import ThingMeasures
-from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
-from fastsplat_contract.queries import Answer, Match, RelationSubject
-from fastsplat_contract.queries import Relation as Related
+from fastsplat.service.scene.artefact.scene import SurfaceKind, Thing
+from fastsplat_contract.messages.phrases import PhraseAnswer, Refusal
+from fastsplat_contract.messages.queries import Answer, Match, RelationSubject
+from fastsplat_contract.messages.queries import Relation as Related
+
+_WORDS: Mapping[SurfaceKind, str] = {
+    "floor": "floor, ground",
+    "wall": "wall",
+    "ceiling": "ceiling",
+    "horizontal surface": "table, desk, counter, countertop, tabletop, worktop, surface",
+}
+_KINDS: Mapping[str, SurfaceKind] = {word: kind for kind, words in _WORDS.items() for word in words.split(", ")}
+_SIDES: tuple[SurfaceKind, ...] = ("floor", "wall", "ceiling")
+"""What bounds a room, and is no thing in it."""
+_LARGE = 0.5
+"""What is smaller than this share of the largest of its kind is a picture on a wall, or a book on a table."""
+
+
+def surface_kind(noun: str) -> SurfaceKind:
+    """What a noun calls a surface by; "" for none."""
+    return _KINDS.get(label_key(noun), "")
+
+
+def unnamed_surfaces(kind: SurfaceKind, things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
+    """The ids of the surfaces of a kind that bear no name, without those that are small beside the largest of them; of
+    horizontal ones the largest alone, as a table may be in any of them."""
+    sizes = {}
+    for thing in things:
+        shape = measures.shape(thing.id) if thing.surface == kind and not thing.name else None
+        if shape is not None:
+            sizes[thing.id] = float(np.linalg.norm(shape.size))
+    most = max(sizes.values(), default=0.0)
+    least = most if kind == "horizontal surface" else _LARGE * most
+    return tuple(thing_id for thing_id, size in sizes.items() if size >= least)
+
+
+def things_in_room(things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
+    """The ids of all things but floors, walls and ceilings without a name."""
+    sides = {thing_id for kind in _SIDES for thing_id in unnamed_surfaces(kind, things, measures)}
+    return tuple(thing.id for thing in things if thing.id not in sides)
+
 
 _NOT_MEANT = ("referent_absent", "not_read")
 """Of a question with several readings, one that is refused so was not meant."""

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.noun_phrases import noun_phrase, without_address
+from fastsplat.service.query.language.words.name_matching import NameIndex
+from fastsplat.service.query.language.words.noun_phrases import noun_phrase, without_address
 from fastsplat.service.query.phrases.phrase_words import (
     ANYTHING,
     ASKER,
@@ -29,7 +29,7 @@ from fastsplat.service.query.phrases.phrase_words import (
     UNMEASURED_MODIFIERS,
     Marker,
 )
-from fastsplat.service.query.phrases.types import (
+from fastsplat.service.query.phrases.phrases import (
     ColorWord,
     Condition,
     ParsedQuestion,
@@ -42,7 +42,7 @@ from fastsplat.service.query.phrases.types import (
 )
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
 from fastsplat.service.query.things.color_names import NAMES, SHADES
-from fastsplat_contract.phrase_messages import Asks
+from fastsplat_contract.messages.phrases import Asks
 
 MAX_WORDS = 64
 """A longer text is taken for a description."""

@@ -8,6 +8,17 @@ from functools import cached_property, partial
 from itertools import combinations
 
 from fastsplat.service.query.phrases.orders import NEED_LEVEL, closest_in_color, is_large, ranked
+from fastsplat.service.query.phrases.phrases import (
+    SEEN_FROM,
+    ColorWord,
+    Named,
+    Phrase,
+    Possession,
+    Rank,
+    Relation,
+    Says,
+    SizeWord,
+)
 from fastsplat.service.query.phrases.relations import (
     NEED_VERTICAL,
     PAIRS,
@@ -20,22 +31,11 @@ from fastsplat.service.query.phrases.relations import (
     negated,
 )
 from fastsplat.service.query.phrases.stacks import PairBudget, Stacks
-from fastsplat.service.query.phrases.types import (
-    SEEN_FROM,
-    ColorWord,
-    Named,
-    Phrase,
-    Possession,
-    Rank,
-    Relation,
-    Says,
-    SizeWord,
-)
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.color_names import UNMEASURED, basic_name, color_clearness
 from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
-from fastsplat.service.scene.types import Thing
-from fastsplat_contract.phrase_messages import Refusal, RefusalReason, Witness
+from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat_contract.messages.phrases import Refusal, RefusalReason, Witness
 
 _MAX_PAIRS = 64
 _MAX_WITNESSES = 200

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from fastsplat.service.query.phrases.types import OrderKind, RelationKind, SizeKind
+from fastsplat.service.query.phrases.phrases import OrderKind, RelationKind, SizeKind
 
 MarkerKind = Literal["relation", "side", "distance", "of", "with", "says", "by", "not", "is", "rest"]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.phrases.types import RelationKind
+from fastsplat.service.query.phrases.phrases import RelationKind
 from fastsplat.service.query.things.thing_measures import ThingShape
-from fastsplat_contract.phrase_messages import RefusalReason
+from fastsplat_contract.messages.phrases import RefusalReason
 
 F64 = NDArray[np.float64]
 

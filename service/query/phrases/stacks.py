@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.phrases.relations import Judged, Measured, clearness, gap_between, is_in, is_on
 from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.scene.artefact.scene import Thing
 from fastsplat_contract.errors import LimitExceededError
 
 _MOST_BETWEEN = 3

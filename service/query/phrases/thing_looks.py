@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.logistic import logistic
-from fastsplat.service.query.language.probability import Logistic
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.query.language.meaning.probability import Logistic
+from fastsplat.service.scene.artefact.scene import Thing
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
-    from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.perception.results import TextEncoder
 
 _CLEAREST = 6.0
 """A log-likelihood ratio is clipped to this: a look makes nothing certain."""

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from fastsplat.service.query.language.sentences import MOST_NAMED, enumerated, quoted
-from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.query.language.sentences.sentences import MOST_NAMED, enumerated, quoted
+from fastsplat.service.query.things.names.thing_names import ThingNames
 
 if TYPE_CHECKING:  # scipy loads with the first measurement
     from fastsplat.service.query.things.thing_measures import ThingMeasures

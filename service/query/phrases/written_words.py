@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from fastsplat.service.common.edit_distance import text_difference
-from fastsplat.service.scene.types import Thing
-from fastsplat_contract.thing_reads import ReadKind, ThingRead
+from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 
 _ALIKE = 0.2
 """Words that differ by at most this share of their letters are one word, read differently: one letter of five."""

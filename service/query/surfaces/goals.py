@@ -10,9 +10,9 @@ from scipy.ndimage import distance_transform_edt
 
 from fastsplat.service.query.surfaces.occupancy import FREE, OccupancyMap
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3, rigid
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3, rigid
+from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.things import SceneThing
 
 F64 = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, REACH, surface_points, thinned
 from fastsplat.service.query.surfaces.surface_views import SurfaceSamples, SurfaceView, back_projected
 from fastsplat.service.query.things.floors import LEAST_BELOW, meters_below
-from fastsplat.service.scene.types import F32, Scene
+from fastsplat.service.scene.artefact.scene import F32, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.goal_messages import FloorSource
+from fastsplat_contract.messages.goals import FloorSource
 
 MAX_MAP_CELLS = 4_000_000
 """Cells of the map of a scene's floor."""

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.surfaces.surface_points import BAND, MAX_SURFACE_POINTS, REACH, cell_keys, surface_points
 from fastsplat.service.query.surfaces.surface_views import SurfaceSamples, SurfaceView, observed, projected
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import LimitExceededError
 
 I64 = NDArray[np.int64]

@@ -15,7 +15,7 @@ from fastsplat.service.query.surfaces.surface_views import (
     observed,
     reliable,
 )
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import LimitExceededError
 
 MAX_SURFACE_POINTS = 1_000_000

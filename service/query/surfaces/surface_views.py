@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import F32
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.queries import Searched
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.messages.queries import Searched
 
 RATHER = 0.5
 """What is said to be here, or not here, is at least so likely; what is less likely is possible, or cannot be said."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.geometry.poses import Vector3
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.scene.types import Scene, Thing
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene, Thing
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _FLOORS = frozenset(
     "floor flooring floorboard floorboards ground carpet carpeting rug parquet linoleum laminate pavement paving "

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.label_evidence import Posterior, posterior
-from fastsplat.service.scene.thing_codes import classes_of_codes
-from fastsplat.service.scene.types import F32, Evidence, Scene, ThingSemantics, semantics_of
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Scene, ThingSemantics, semantics_of
+from fastsplat.service.scene.objects.label_evidence import Posterior, posterior
+from fastsplat.service.scene.objects.thing_codes import classes_of_codes
 
 
 @dataclass(frozen=True)

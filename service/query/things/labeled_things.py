@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
-from fastsplat.service.scene.connectivity import components
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.things import MAX_THING_ID
-from fastsplat.service.scene.types import CodeSemantics, NameSource, Scene, Thing, Things, semantics_of
+from fastsplat.service.scene.artefact.scene import CodeSemantics, NameSource, Scene, Thing, Things, semantics_of
+from fastsplat.service.scene.gaussians.connectivity import components
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.objects.things import MAX_THING_ID
 
 F64 = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_messages import AskedLevel, PickedLevel, PickLevel, Pixel, PixelBox
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.messages.things import AskedLevel, PickedLevel, PickLevel, Pixel, PixelBox
 
 _MEANT: dict[PickLevel, float] = {"part": 0.25, "thing": 1.0, "group": 0.25}
 """How often a level is meant beside a thing. Discovery has chosen what is a thing by more evidence than one place has;

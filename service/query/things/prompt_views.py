@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.visibility import view_scores
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import PosedCamera
 
 _NEAR = 0.35
 """Radians: views that see a thing from nearly the same side say little that is new."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.logistic import logistic
-from fastsplat.service.scene.types import F32, Gaussians
+from fastsplat.service.scene.artefact.scene import F32, Gaussians
 
 F64 = NDArray[np.float64]
 

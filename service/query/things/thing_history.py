@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from fastsplat.service.scene.capture_times import newest_photo_at
-from fastsplat.service.scene.frames import frame_of
-from fastsplat.service.scene.observations import in_frame
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.localize_messages import SceneChange
-from fastsplat_contract.observation_messages import Observation
+from fastsplat.service.scene.artefact.capture_times import newest_photo_at
+from fastsplat.service.scene.artefact.frames import frame_of
+from fastsplat.service.scene.artefact.observations import in_frame
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.photos.localization import SceneChange
+from fastsplat_contract.photos.observations import Observation
 
 
 @dataclass(frozen=True)

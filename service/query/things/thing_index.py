@@ -13,20 +13,20 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.things.absence import UnseenSpace, searched_names
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
-from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
+from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
+from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
-from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.query.things.visibility import best_views
-from fastsplat.service.scene.label_evidence import Posterior, posterior
-from fastsplat.service.scene.things import part_rows
-from fastsplat.service.scene.types import Parts, Scene, Thing, ThingGroup, Things
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.objects.label_evidence import Posterior, posterior
+from fastsplat.service.scene.objects.things import part_rows
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Vector3
+from fastsplat_contract.messages.things import NameSuggestion, SceneThing, SuggestionSource
 
 _NEAREST = 8
 _REACH = 3.0

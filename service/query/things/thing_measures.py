@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.things.color_names import color_distance, color_shares, lab_of
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
-from fastsplat.service.scene.boxes import oriented_box
-from fastsplat.service.scene.types import SH_C0, Scene
-from fastsplat_contract.poses import Box, Vector3, vector3
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene
+from fastsplat.service.scene.objects.boxes import oriented_box
+from fastsplat_contract.geometry.poses import Box, Vector3, vector3
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]

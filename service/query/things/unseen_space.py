@@ -14,9 +14,9 @@ from fastsplat.service.query.things.absence import ALL_SEEN, USUAL_M, Hollow, Un
 from fastsplat.service.query.things.cube_grids import TRIM, CubeGrid, cube_grid, most_around, pieces_of
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat.service.query.things.visibility import SightLines, shows, spread_views
-from fastsplat.service.scene.types import Scene, SurfaceKind
-from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.poses import Vector3
+from fastsplat.service.scene.artefact.scene import Scene, SurfaceKind
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Vector3
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]

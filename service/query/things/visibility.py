@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 

@@ -1,1 +1,0 @@
-"""Image and label losses of renderings."""

@@ -1,1 +1,0 @@
-"""Gaussian rasterization behind one interface with three backends."""

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, ResourceError
+from fastsplat_contract.geometry.camera import Camera
 
 _MAX_SIDE = 16384
 

@@ -18,8 +18,8 @@ from fastsplat.service.splatting.raster import classify, harmonics
 from fastsplat.service.splatting.raster.checks import isect_limit_error
 from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.geometry.camera import Camera
 
 P = ParamSpec("P")
 T = TypeVar("T")

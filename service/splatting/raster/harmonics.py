@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.artefact.scene import SH_C0
 
 # Sloan, "Efficient spherical harmonic evaluation", JCGT 2013.
 _C1 = 0.4886025119029199

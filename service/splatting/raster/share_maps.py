@@ -11,13 +11,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.scene.types import F32
+from fastsplat.service.scene.artefact.scene import F32
 from fastsplat.service.splatting.raster import cpu
 from fastsplat.service.splatting.raster.checks import check_call
 from fastsplat.service.splatting.raster.rendering import rasterize_bands
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, RasterSettings, Rendering, Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera
 
 _DEFAULTS = RasterSettings()
 

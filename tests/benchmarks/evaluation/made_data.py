@@ -13,8 +13,8 @@ from PIL import Image
 
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 
 LABELS = ("red mug", "green spoon", "blue bed")

@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 from benchmarks.evaluation.held_out_views import evaluate_views, render_view
-from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.types import Gaussians, SemanticHead
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat.service.perception.results import Labelling
+from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.float32))
 

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.evaluation.depth_error import depth_error
 from benchmarks.evaluation.localization import box_of, peak, peak_in_box
 from benchmarks.evaluation.mask3d_iou import NO_TRUTH, TrueSurface, gaussian_truth, mask3d_counts
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 
 def test_a_ring_has_its_peak_in_the_box() -> None:

@@ -17,15 +17,11 @@ from benchmarks.evaluation.published.mask_pairs import (
     pair_score,
     silhouette_mask,
 )
-from benchmarks.evaluation.published.relevancy_maps import (
-    localized,
-    mean_filtered,
-    thresholded_mask,
-)
+from benchmarks.evaluation.published.relevancy_maps import localized, mean_filtered, thresholded_mask
 from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.benchmarks.evaluation import made_data, naive
 from tests.scenes import labelled_scene
 

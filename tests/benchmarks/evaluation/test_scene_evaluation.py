@@ -15,8 +15,8 @@ from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.benchmarks.evaluation import made_data
 
 

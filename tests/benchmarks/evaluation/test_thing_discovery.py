@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.evaluation.datasets.types import Dataset, TrueView
 from benchmarks.evaluation.thing_discovery import ThingCounts, count_things, precision_at, recall_at, simulate_clicks
-from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import Scene, Thing, Things
-from fastsplat.service.splatting.blending import thing_map
-from fastsplat_contract.camera import PosedCamera
+from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat.service.splatting.labels.blending import thing_map
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
 from tests.benchmarks.evaluation import made_data
 
 IDS = (3, 4, 8)

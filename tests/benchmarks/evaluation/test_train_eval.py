@@ -14,7 +14,7 @@ from benchmarks.evaluation.validation_split import Split
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError

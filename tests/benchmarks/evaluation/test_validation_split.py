@@ -15,7 +15,7 @@ from benchmarks.evaluation.validation_split import validation_names
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.poses import look_at
+from fastsplat_contract.geometry.poses import look_at
 from tests.benchmarks.evaluation import made_data
 
 SETTINGS = CaptureSettings()

@@ -9,10 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.depth_regularization import surface_loss
 from fastsplat.service.splatting.losses import functional
 from fastsplat.service.splatting.losses.functional import image_loss, semantic_loss
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat.service.splatting.training.depth_regularization import surface_loss
 from fastsplat_contract.errors import InvalidInputError
 
 _HERE, _IGNORED, _UNCOVERED = (5, 6), (3, 4), (7, 2)  # pixels, of which one does not count, and one shows nothing

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.depth_regularization import depth_roughness, depth_spread, surface_loss
 from fastsplat.service.splatting.losses import functional, one_pass, torch_losses
 from fastsplat.service.splatting.losses.functional import image_loss, semantic_loss
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat.service.splatting.training.depth_regularization import depth_roughness, depth_spread, surface_loss
 
 
 @pytest.fixture(params=(*instruction_sets(), "one_pass"))

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 
 NAMES = ("means", "quats", "scales", "opacities", "features")
 

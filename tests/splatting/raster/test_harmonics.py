@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
-from fastsplat.service.scene.types import SH_C0, SH_COUNTS
+from fastsplat.service.scene.artefact.scene import SH_C0, SH_COUNTS
 from fastsplat.service.splatting.raster import harmonics
 from fastsplat.service.splatting.raster.kernels import kernels
 from fastsplat.service.splatting.raster.rendering import sh_to_rgb

@@ -9,7 +9,7 @@ from raster_scenes import NAMES, crowded, relative, render, render_with_gradient
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
 from fastsplat.service.splatting.raster.types import RasterSettings, Splats
-from fastsplat_contract.camera import Camera
+from fastsplat_contract.geometry.camera import Camera
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -16,8 +16,8 @@ from fastsplat.service.common.process import lower_priority
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Rendering, Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError
+from fastsplat_contract.geometry.camera import Camera
 
 
 class _StopError(Exception):

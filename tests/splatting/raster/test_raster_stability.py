@@ -13,8 +13,8 @@ from torch import Tensor
 from fastsplat.service.splatting.raster.kernels import instruction_sets, options_from, running_with
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
 from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
-from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, ResourceError
+from fastsplat_contract.geometry.camera import Camera
 
 INF, NAN = float("inf"), float("nan")
 

@@ -17,8 +17,8 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, no_points
 from fastsplat.service.common.similarity import nearest_rotation
-from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import check_rigid
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _Z_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

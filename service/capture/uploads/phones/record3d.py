@@ -24,7 +24,7 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones import arkit
 from fastsplat.service.capture.uploads.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.poses import Quaternion, Vector3, rigid
+from fastsplat_contract.geometry.poses import Quaternion, Vector3, rigid
 
 _METADATA, _FRAMES = "metadata", "rgbd"
 

@@ -27,7 +27,7 @@ def logits(stored: NDArray[np.uint8]) -> F32:
 
 @dataclass(frozen=True)
 class SplatRows:
-    """G Gaussians in file order, before activation, as in `service.scene.types.Gaussians`."""
+    """G Gaussians in file order, before activation, as in `service.scene.artefact.scene.Gaussians`."""
 
     means: F32  # [G, 3], world frame
     quats: F32  # [G, 4], w x y z

@@ -1,5 +1,5 @@
 // How far blended depths lie apart and how far surfaces are from planes, with the gradients: what
-// service/splatting/depth_regularization.py computes, row by row. Loops over a row are plain, so that the compiler
+// depth_regularization.py computes, row by row. Loops over a row are plain, so that the compiler
 // makes vectors of them; only the exponential is written with vectors.
 #include "kernels.h"
 #include "simd.h"

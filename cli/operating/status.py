@@ -1,0 +1,128 @@
+"""`fastsplat status`: what a server can do, whether it is well, and how much room a project has left."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from fastsplat.cli.session import Session
+from fastsplat.cli.settings import load_settings
+from fastsplat.cli.tables import duration, facts, minute, size
+from fastsplat_contract.server.server_status import (
+    DiskHealth,
+    ModelStatus,
+    QueueHealth,
+    QuotaStatus,
+    ServerHealth,
+    ServerStatus,
+    WorkerHealth,
+)
+
+if TYPE_CHECKING:
+    from fastsplat.service.settings import Settings
+
+_TIMEOUT_S = 5.0
+
+
+def status(
+    session: Session,
+    here: Annotated[
+        Literal["api", "worker"] | None,
+        typer.Option(
+            help="Exit with 0 and without output if that of this host is well, else print why and exit with 1: for "
+            "containers and service managers."
+        ),
+    ] = None,
+) -> None:
+    """Show what the server can do, the project's quotas, and to operators the health of workers, queue and disk."""
+    if here is not None:
+        settings = load_settings()
+        if problem := _api_problem(settings) if here == "api" else _worker_problem(settings):
+            typer.echo(problem, err=True)
+            raise typer.Exit(1)
+        return
+    told = session.client.server_status()
+    session.tell(told, _facts(told))
+
+
+def _facts(told: ServerStatus) -> str:
+    return facts(
+        (
+            ("release", told.version),
+            ("project", f"{told.project}, as {told.role}"),
+            ("key", "" if told.key_expires_at is None else f"expires {minute(told.key_expires_at)}"),
+            (
+                "workers",
+                f"{told.workers}, which train with {told.training_backend}" if told.workers else "none: jobs wait",
+            ),
+            *(_health(told.health) if told.health is not None else ()),
+            ("answers", f"are drawn with {told.backend}"),
+            *((model.role.replace("_", " "), _model(model)) for model in told.models),
+            *((quota.kind, _quota(quota)) for quota in told.quotas),
+            ("upload", f"at most {size(told.max_upload_bytes)} and {told.max_images} images"),
+            ("page", " ".join(told.addresses)),
+        )
+    )
+
+
+def _health(told: ServerHealth) -> tuple[tuple[str, str], ...]:
+    return (*(("worker", _worker(worker)) for worker in told.workers), ("queue", _queue(told.queue)), _disk(told.disk))
+
+
+def _worker(worker: WorkerHealth) -> str:
+    silent = duration(worker.silent_s)
+    heard = f"alive, heard {silent} ago" if worker.alive else f"silent for {silent}: other workers get its jobs"
+    return f"process {worker.pid} of {worker.host}: {heard}"
+
+
+def _queue(queue: QueueHealth) -> str:
+    longest = "" if queue.waits_s is None else f", the longest for {duration(queue.waits_s)}"
+    return f"{queue.waiting:,} wait{longest}; {queue.running:,} run"
+
+
+def _disk(disk: DiskHealth) -> tuple[str, str]:
+    refused = "are refused" if disk.free_bytes < disk.floor_bytes else f"stop below {size(disk.floor_bytes)}"
+    return "disk", f"{size(disk.free_bytes)} of {size(disk.total_bytes)} free; uploads {refused}"
+
+
+def _model(model: ModelStatus) -> str:
+    if model.state == "unset":
+        return "none"
+    uncalibrated = ", not calibrated" if model.calibrated is False else ""
+    return f"{model.name}: {model.state}{uncalibrated}"
+
+
+def _quota(quota: QuotaStatus) -> str:
+    shown = size if quota.kind == "bytes" else "{:,.0f}".format
+    return shown(quota.used) + ("" if quota.limit is None else f" of {shown(quota.limit)}")
+
+
+def _api_problem(settings: Settings) -> str:
+    import ssl
+    import urllib.error
+    import urllib.request
+
+    encrypted = settings.tls_cert is not None
+    url = f"http{'s' if encrypted else ''}://127.0.0.1:{settings.http_port}/readyz"
+    # The certificate names the host that clients know, not this loopback address.
+    context = ssl._create_unverified_context() if encrypted else None
+    try:
+        with urllib.request.urlopen(url, timeout=_TIMEOUT_S, context=context):
+            return ""
+    except (urllib.error.URLError, OSError) as error:
+        return f"{url} does not answer: {error}"
+
+
+def _worker_problem(settings: Settings) -> str:
+    from fastsplat.service.store.store import open_store
+    from fastsplat.workers.engine.process_group import machine_id
+
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
+    try:
+        timeout_s = settings.jobs.stalled_worker_timeout_s
+        if store.workers.alive_on(machine_id(), timeout_s):
+            return ""
+        return f"no worker of this machine had a heartbeat in the last {timeout_s:.0f} s"
+    finally:
+        store.close()

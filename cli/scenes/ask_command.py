@@ -1,0 +1,102 @@
+"""`fastsplat ask`: questions in plain words to one scene, with where the asker stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.options import SceneId, Version
+from fastsplat.cli.scenes.export import write_file
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import point
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, unit_quaternion
+from fastsplat_contract.jobs.job_watching import Until
+from fastsplat_contract.messages.queries import Answer, QueryRequest
+
+_DRAFTS = {"points": "points, and what the first photos show", "training": "a training under way"}
+
+
+def ask(
+    session: Session,
+    scene: SceneId,
+    texts: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TEXT...",
+            help='Each as "something to drink from", "the red mug left of the lamp" or "how many cups are there".',
+        ),
+    ],
+    asker_view: Annotated[
+        str, typer.Option("--from", help="Where you stand: the name of one of the scene's cameras.")
+    ] = "",
+    pose: Annotated[
+        str,
+        typer.Option(
+            help="Where you stand instead, as a camera's pose in OpenCV axes: its place and its quaternion.",
+            metavar="X,Y,Z,QX,QY,QZ,QW",
+        ),
+    ] = "",
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
+    version: Version = "",
+    wait: Annotated[
+        Until | None,
+        typer.Option(
+            help="Of a scene that is still being made: wait for its first draft, one of its training (good), or its "
+            "end (done). Default: ask what is there."
+        ),
+    ] = None,
+) -> None:
+    """Ask a scene in plain words. Prints a sentence an answer, then the things that answer."""
+    if picture is not None and len(texts) != 1:
+        raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
+    asker = _pose(pose) if pose else None
+    scene_id = session.scene(scene)
+    if wait is not None:
+        session.client.wait_for_scene(scene_id, wait)
+    request = QueryRequest(
+        scene_id,
+        tuple(texts),
+        outputs=frozenset({"objects"}),
+        version=session.version(scene_id, version),
+        asker=asker,
+        asker_view=asker_view or None,
+    )
+    told = session.client.ask_everywhere(request)
+    session.tell(told, "\n".join(line for answer in told.answers for line in _lines(answer)))
+    if picture is not None:
+        write_file(picture, _picture(session, told.answers[0]))
+
+
+def _lines(answer: Answer) -> list[str]:
+    lines = [answer.sentence]
+    if answer.provisional is not None:
+        lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")
+    for thing in answer.objects or ():
+        unit = "m" if thing.meters else "scene units"
+        lines.append(f"  thing {thing.id}, {thing.name}, at {point(thing.centroid or ())} {unit}")
+    return lines
+
+
+def _picture(session: Session, answer: Answer) -> bytes:
+    """The answer over the view that shows it best; of what is not there, over the middle one of the scene's views."""
+    views: list[str] = []
+    if answer.shows_something:
+        best = session.client.best_views(answer.scene_id, text=answer.text, max_views=1, version=answer.version)
+        views = [each.view for each in best]
+    if not views:
+        cameras = session.client.scene(answer.scene_id).cameras
+        views = [cameras[len(cameras) // 2].name]
+    return session.client.picture(answer.scene_id, "overlay", views[0], text=answer.text, version=answer.version)
+
+
+def _pose(text: str) -> Pose:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 7:
+        raise InvalidInputError(f"a pose {text[:80]!r}", field="pose", hint="Write X,Y,Z,QX,QY,QZ,QW.")
+    return Pose(Vector3(*values[:3]), unit_quaternion(Quaternion(*values[3:])))

@@ -1,0 +1,250 @@
+"""`fastsplat things`: name, suggest, merge, split, add, discard and insert them. Each makes a version of the scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.options import SceneId, Watch, service_command
+from fastsplat.cli.scenes.thing_commands import things_app
+from fastsplat.cli.session import Session
+from fastsplat_contract.codec.json_codec import from_json
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.thing_prompts import ThingPrompt
+from fastsplat_contract.jobs.name_suggestions import SuggestIn
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.scenes import Edit, InsertSource
+from fastsplat_contract.messages.things import Pixel, PixelBox, ThingList
+
+_Ids = Annotated[list[int], typer.Argument(help="Ids of things, from the list.", metavar="THING...")]
+_LookedAt = Annotated[
+    str, typer.Option(help="The version that you looked at; only names that stood in it are replaced.")
+]
+_View = Annotated[str, typer.Option(help="Name of one of the scene's cameras.")]
+_OnThing = Annotated[
+    list[str], typer.Option(help="Of the view, on the thing; several are allowed.", metavar="X,Y", show_default=False)
+]
+_BesideThing = Annotated[
+    list[str],
+    typer.Option(help="Of the view, beside the thing; several are allowed.", metavar="X,Y", show_default=False),
+]
+_AroundThing = Annotated[
+    tuple[float, float, float, float] | None, typer.Option(help="Of the view, around the thing: left top right bottom.")
+]
+_NewName = Annotated[str | None, typer.Option(help="What it is.")]
+_Aliases = Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")]
+_Kinds = Annotated[
+    list[str], typer.Option(help="What it is, of a name that does not say so, as Oskar; several are allowed.")
+]
+
+
+@service_command(things_app)
+def name(
+    session: Session,
+    scene: SceneId,
+    name: Annotated[str, typer.Argument(help="What they are.")],
+    things: _Ids,
+    alias: _Aliases = [],
+    kind: _Kinds = [],
+    looked_at: _LookedAt = "",
+) -> None:
+    """Give things a name."""
+    edit = Edit("name", things=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
+    _edit(session, scene, edit, looked_at)
+
+
+@service_command(things_app)
+def suggest(
+    session: Session,
+    scene: SceneId,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help='JSON: {"suggestions": [{thing, name, probability, source, and model and aliases if there are any}]}.',
+            exists=True,
+            dir_okay=False,
+        ),
+    ],
+) -> None:
+    """Suggest names for things: they can be asked for, and become names once somebody confirms them."""
+    try:
+        suggested = from_json(SuggestIn, file.read_bytes()).suggestions
+    except InvalidInputError as error:
+        raise error.within("file") from error
+    made = session.client.suggest_names(session.scene(scene), suggested)
+    session.tell(made, f"{len(suggested)} names suggested\nversion {made.version} is current")
+
+
+@service_command(things_app)
+def ask_namer(
+    session: Session,
+    scene: SceneId,
+    url: Annotated[
+        str,
+        typer.Argument(
+            help="Of a model's OpenAI-compatible interface, e.g. http://localhost:11434/v1, to which pictures go from "
+            "here; left out: the server's own namer is asked, by a job."
+        ),
+    ] = "",
+    model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")] = "",
+    namer_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
+    agree: Annotated[
+        str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's namer.")
+    ] = "",
+    watch: Watch = False,
+) -> None:
+    """Suggest names that a model sees in pictures of the things without a name; they go to its host."""
+    from fastsplat_client.namer import Namer, suggest_by
+
+    if not url:
+        if agree:
+            session.client.agree_to_namer(agree)
+        session.tell_job(session.client.ask_namer(session.scene(scene)), _said, watch=watch)
+        return
+    namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
+    said = suggest_by(session.client, session.scene(scene), namer)
+    by = f"{namer.model} at {namer.host}"
+    session.tell(SuggestIn(said.names), _asked(len(said.names), said.shown, said.refused, by, said.problem))
+
+
+def _said(operation: Operation) -> str:
+    told = operation.ask_namer
+    assert told is not None
+    return _asked(told.suggested, told.shown, told.refused, "the server's namer", told.problem)
+
+
+def _asked(names: int, shown: int, refused: int, who: str, problem: str) -> str:
+    lines = [f"{names} names suggested for {shown} things by {who}"]
+    if refused:
+        lines.append(f"{refused} refused: unusable, or the same for too many things")
+    if problem:
+        lines.append(f"not all things were asked about: {problem}")
+    return "\n".join(lines)
+
+
+@service_command(things_app)
+def confirm(
+    session: Session,
+    scene: SceneId,
+    least: Annotated[float, typer.Option(help="Probability, 0 to 1, from which a suggested name is given.")] = 0.8,
+) -> None:
+    """Give things without a name the likeliest one that is suggested for them."""
+    scene_id = session.scene(scene)
+    named = session.client.confirm_names(scene_id, least=least)
+    lines = [f"thing {each.id} is {each.suggestions[0].name!r}" for each in named]
+    session.tell(ThingList(named, "", ""), "\n".join(lines) or "no suggestion is so probable")
+
+
+@service_command(things_app)
+def unname(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
+    """Take the names of things away."""
+    _edit(session, scene, Edit("unname", things=tuple(things)), looked_at)
+
+
+@service_command(things_app)
+def merge(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
+    """Make several things one, under the id and the name of the first."""
+    _edit(session, scene, Edit("merge", things=tuple(things)), looked_at)
+
+
+@service_command(things_app)
+def discard(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
+    """Say that these are no things; their Gaussians stay."""
+    _edit(session, scene, Edit("discard", things=tuple(things)), looked_at)
+
+
+@service_command(things_app)
+def insert(
+    session: Session,
+    scene: SceneId,
+    source: Annotated[str, typer.Argument(help="The scene that they come from, of the same project, by its id.")],
+    things: Annotated[list[int], typer.Argument(help="Ids of things of that scene.", metavar="THING...")],
+    position: Annotated[
+        tuple[float, float, float], typer.Option(help="x y z here, in scene units, of the other scene's origin.")
+    ] = (0.0, 0.0, 0.0),
+    orientation: Annotated[
+        tuple[float, float, float, float],
+        typer.Option(help="Rotation from the other scene's world frame into this one's: a unit quaternion x y z w."),
+    ] = (0.0, 0.0, 0.0, 1.0),
+    source_version: Annotated[str, typer.Option(help="Of the other scene. Default: its current one.")] = "",
+) -> None:
+    """Put things of another scene into this one; they get new ids and keep their names."""
+    scene_id, source_id = session.scene(scene), session.scene(source)
+    edit = Edit(
+        "insert",
+        things=tuple(things),
+        transform=Pose(Vector3(*position), Quaternion(*orientation)),
+        source=InsertSource(source_id, session.version(source_id, source_version)),
+    )
+    _edit(session, scene_id, edit, "")
+
+
+@service_command(things_app)
+def split(
+    session: Session,
+    scene: SceneId,
+    thing: Annotated[int, typer.Argument(help="Id of the thing, from the list.")],
+    view: _View = "",
+    pixel: _OnThing = [],
+    beside: _BesideThing = [],
+    box: _AroundThing = None,
+    name: _NewName = None,
+    alias: _Aliases = [],
+    looked_at: _LookedAt = "",
+) -> None:
+    """Make the piece of a thing at a pixel or in a box of a view a thing of its own."""
+    edit = Edit("split", things=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    _edit(session, scene, edit, looked_at)
+
+
+@service_command(things_app)
+def add(
+    session: Session,
+    scene: SceneId,
+    view: _View = "",
+    pixel: _OnThing = [],
+    beside: _BesideThing = [],
+    box: _AroundThing = None,
+    name: _NewName = None,
+    alias: _Aliases = [],
+    looked_at: _LookedAt = "",
+) -> None:
+    """Make what is at a pixel or in a box of a view a thing, whatever it belonged to."""
+    edit = Edit("add", prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    _edit(session, scene, edit, looked_at)
+
+
+def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
+    scene_id = session.scene(scene)
+    made = session.client.edit_scene(scene_id, [edit], looked_at=session.version(scene_id, looked_at))
+    lines = []
+    for new in made.prompted:
+        agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
+        lines.append(f"thing {new.thing_id} has {new.gaussian_count} Gaussians{agree}")
+    if made.asks_kind:
+        lines.append(f"no word of {edit.name!r} is known here: to be found by what it is, name it again with --kind")
+    session.tell(made, "\n".join([*lines, f"version {made.version} is current"]))
+
+
+def _prompt(
+    view: str, pixels: list[str], beside: list[str], box: tuple[float, float, float, float] | None
+) -> ThingPrompt:
+    return ThingPrompt(
+        view=view or None,
+        pixels=tuple(_pixel(text, "pixel") for text in pixels),
+        background=tuple(_pixel(text, "beside") for text in beside),
+        box=None if box is None else PixelBox(*box),
+    )
+
+
+def _pixel(text: str, option: str) -> Pixel:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInputError(
+            f"a pixel at {text[:40]!r}", field=option, hint=f"Write --{option} X,Y, as in --{option} 120.5,80."
+        ) from error
+    return Pixel(x, y)

@@ -1,0 +1,64 @@
+"""`fastsplat scenes export`: a scene, or some of its things, as a file for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.options import SceneId, Version, service_command
+from fastsplat.cli.scenes.scene_commands import scenes_app
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import size
+from fastsplat.service.common.atomic import atomic_file
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.messages.exports import FILE_NAMES, ExportFormat
+
+
+@service_command(scenes_app)
+def export(
+    session: Session,
+    scene: SceneId,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
+    format: Annotated[ExportFormat | None, typer.Option(help="Default: by FILE's ending.")] = None,
+    thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],
+    cell: Annotated[float, typer.Option(help="Of points, mesh, cameras, mcap or map: how fine, scene units.")] = 0.0,
+    version: Version = "",
+) -> None:
+    """Write a scene, or some of its things, as a file for other programs."""
+    kind = format or _format_of(file.name.lower())
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version)
+    write_file(file, session.client.export(scene_id, kind, version=version, things=thing, cell=cell))
+
+
+def write_file(file: Path, content: bytes) -> None:
+    """Write a file, whole or not at all, and say how large it is, on stderr.
+
+    Raises:
+        InvalidInputError: it cannot be written.
+    """
+    try:
+        with atomic_file(file) as beside:
+            beside.write_bytes(content)
+    except OSError as error:
+        raise InvalidInputError(f"{file} cannot be written: {error.strerror}", field="FILE") from error
+    typer.echo(f"{file}: {size(len(content))}", err=True)
+
+
+def _format_of(name: str) -> ExportFormat:
+    """The format of the longest ending that the name has: a.points.ply is of points, a.ply of ply.
+
+    Raises:
+        InvalidInputError: of none.
+    """
+    endings = {file_name.removeprefix("scene"): kind for kind, file_name in FILE_NAMES.items()}
+    fitting = [ending for ending in endings if name.endswith(ending)]
+    if not fitting:
+        raise InvalidInputError(
+            f"{name[-40:]!r} has the ending of no format",
+            field="FILE",
+            hint=f"There are {', '.join(endings)}; or name one with --format.",
+        )
+    return endings[max(fitting, key=len)]

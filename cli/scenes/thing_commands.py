@@ -1,0 +1,244 @@
+"""`fastsplat things`: list and pick the things of a scene, as people and robots need them; names that are known, and
+looking for more."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.options import SceneId, Version, Watch, service_command
+from fastsplat.cli.scenes.export import write_file
+from fastsplat.cli.session import Session
+from fastsplat.cli.short_ids import LEAST, whole_id
+from fastsplat.cli.tables import Column, minute, point, table
+from fastsplat_contract import calls
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.detections import Detection
+from fastsplat_contract.messages.known_names import EVERY_NAME, KnownNameList
+from fastsplat_contract.messages.requests import GetThingSheetRequest
+from fastsplat_contract.messages.things import AskedLevel, PickedThing, SceneThing, ThingList
+
+things_app = typer.Typer(
+    help="What a scene holds, named or not: list, pick, measure, name, merge, split, add, discard, insert, look again.",
+    no_args_is_help=True,
+)
+
+
+@service_command(things_app, "list")
+def list_things(
+    session: Session,
+    scene: SceneId,
+    version: Version = "",
+    parts: Annotated[bool, typer.Option("--parts", help="Show the parts of things as well.")] = False,
+) -> None:
+    """Show every thing of a scene, by id."""
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version) or session.current(scene_id)
+    things = tuple(session.client.things(scene_id, version=version, parts=parts))
+    columns = (
+        Column("id"),
+        Column("name", "cut"),
+        Column("source"),
+        Column("suggestions", "cut"),
+        Column("says", "cut"),
+        Column("Gaussians", right=True),
+    )
+    rows = [
+        (
+            f"{'  ' if each.parent else ''}{each.id}",
+            each.name,
+            f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
+            _said_on(each),
+            f"{each.gaussian_count:,}",
+        )
+        for each in things
+    ]
+    session.tell(ThingList(things, "", version), table(columns, rows), nothing="the scene has no things")
+
+
+@service_command(things_app)
+def sheet(
+    session: Session,
+    scene: SceneId,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="JPEG to write; it is not there where nothing is shown.")
+    ],
+    page: Annotated[str, typer.Option(metavar="TOKEN", help="Of the next sheet, as the one before said.")] = "",
+    version: Version = "",
+) -> None:
+    """Write a picture of at most 20 things without a name, outlined and numbered, and say which they are."""
+    scene_id = session.scene(scene)
+    asked = GetThingSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
+    shown = session.client.call(calls.GET_THING_SHEET, asked)
+    if shown.picture:
+        write_file(file, shown.picture)
+    columns = (
+        Column("no.", right=True),
+        Column("id"),
+        Column("size"),
+        Column("beside", "cut"),
+        Column("suggestions", "cut"),
+    )
+    rows = [
+        (
+            str(each.number),
+            str(each.thing),
+            "" if each.size is None else " × ".join(f"{side:.3g}" for side in each.size),
+            ", ".join(f"{near.thing} {near.name}".rstrip() for near in each.neighbors),
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
+        )
+        for each in shown.things
+    ]
+    session.tell(shown, table(columns, rows), nothing="no thing is without a name")
+    if shown.unseen and not session.as_json:
+        typer.echo(f"no camera shows {', '.join(map(str, shown.unseen))}", err=True)
+    if shown.next_page_token and not session.as_json:
+        typer.echo(f"there are more: --page {shown.next_page_token}", err=True)
+
+
+@service_command(things_app)
+def goal(
+    session: Session,
+    scene: SceneId,
+    thing: Annotated[int, typer.Argument(help="Id of a thing, from the list.")],
+    radius: Annotated[float, typer.Option(help="Of the robot, meters; 0: 0.2.")] = 0.0,
+    version: Version = "",
+) -> None:
+    """Say where a robot stands to see a thing; of scenes in meters with z up."""
+    scene_id = session.scene(scene)
+    place = session.client.goal(scene_id, thing, radius, version=session.version(scene_id, version))
+    session.tell(
+        place,
+        f"stand at {point(place.pose.position)} m, turned by {math.degrees(place.yaw):.0f}° from x: "
+        f"{place.distance:.2f} m from thing {place.thing_id}, with {place.clearance:.2f} m free around",
+    )
+
+
+@service_command(things_app)
+def detections(session: Session, scene: SceneId, version: Version = "") -> None:
+    """Show every thing as a robot needs it: where it is and how surely, its name, what carries it."""
+    scene_id = session.scene(scene)
+    whole = session.client.detection_page(scene_id, version=session.version(scene_id, version))
+    made = list(whole.detections)
+    while whole.next_page_token:
+        whole = session.client.detection_page(scene_id, version=whole.version, page_token=whole.next_page_token)
+        made += whole.detections
+    columns = (
+        Column("id"),
+        Column("name", "cut"),
+        Column("center"),
+        Column("±", right=True),
+        Column("on or in", "cut"),
+        Column("views", right=True),
+    )
+    session.tell(whole._replace(detections=tuple(made)), table(columns, [_row(each) for each in made]))
+    if made and not session.as_json:
+        unit = "meters" if whole.meters else "scene units"
+        typer.echo(f"centers in {unit}; --json has poses, boxes and covariances", err=True)
+
+
+@service_command(things_app)
+def pick(
+    session: Session,
+    scene: SceneId,
+    view: Annotated[str, typer.Option(help="Name of one of the scene's cameras.")] = "",
+    pixel: Annotated[tuple[float, float] | None, typer.Option(help="Of the view: x y.")] = None,
+    box: Annotated[
+        tuple[float, float, float, float] | None, typer.Option(help="Of the view: left top right bottom.")
+    ] = None,
+    at: Annotated[tuple[float, float, float] | None, typer.Option("--point", help="Of the scene: x y z.")] = None,
+    level: Annotated[AskedLevel, typer.Option(help="What the mask of --json shows.")] = "likeliest",
+    version: Version = "",
+) -> None:
+    """Say which thing is at a pixel or in a box of a view, or at a point; which part of it, and in which group."""
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version)
+    picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version, level=level)
+    session.tell(picked, _picked(picked))
+
+
+@service_command(things_app, "look-again")
+def look_again(
+    session: Session,
+    scene: SceneId,
+    texts: Annotated[list[str], typer.Argument(help="What to look for, each in a word or two.", metavar="TEXT...")],
+    watch: Watch = False,
+) -> None:
+    """Search a scene for more names with the configured open-set detector; a running worker does it."""
+    session.tell_job(session.client.look_again(session.scene(scene), texts), _seen, watch=watch)
+
+
+@service_command(things_app)
+def known(
+    session: Session,
+    forget: Annotated[
+        str,
+        typer.Option(
+            metavar="ID", help=f"Suggest this name no more; {LEAST} letters of its id will do. With all: none of them."
+        ),
+    ] = "",
+) -> None:
+    """Show what people named in the project's scenes, which is suggested in its other scenes."""
+    known_names = session.client.known_names
+    if forget:
+        whole = forget if forget == EVERY_NAME else whole_id("name", forget, (each.id for each in known_names.all()))
+        known_names.forget(whole)
+    names = tuple(known_names.all())
+    columns = (Column("id"), Column("name", "cut"), Column("thing", right=True), Column("named"))
+    rows = [(each.id, each.name, str(each.thing_id), minute(each.named_at)) for each in names]
+    session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
+
+
+def thing_name(thing: SceneThing) -> str:
+    """A thing by its id and, if it has one, its name."""
+    if not thing.name:
+        return f"thing {thing.id}, without a name"
+    return f"thing {thing.id}, {thing.name} ({_said_by(thing)} {thing.probability:.0%})"
+
+
+def _said_by(thing: SceneThing) -> str:
+    return "a guess," if thing.guess else str(thing.source)
+
+
+def _said_on(thing: SceneThing) -> str:
+    return " | ".join(read.text for read in thing.reads)
+
+
+def _picked(picked: PickedThing) -> str:
+    maybe = ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in picked.thing.suggestions)
+    said = _said_on(picked.thing)
+    lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else "", f"says {said}" if said else ""]
+    if picked.part is not None:
+        lines.append(f"there its part: {thing_name(picked.part)}")
+    for each in picked.levels:
+        if each.level == "group":
+            lines.append(f"in group {each.id}: things {', '.join(map(str, each.members))}")
+    if len(picked.levels) > 1:
+        meant = ", ".join(f"{each.level} {each.probability:.0%}" for each in picked.levels)
+        lines.append(f"meant: {meant}; the mask is of the {picked.level}")
+    return "\n".join(line for line in lines if line)
+
+
+def _row(each: Detection) -> tuple[str, ...]:
+    center = "" if each.box is None else point(each.box.center.position)
+    variances = each.position_covariance[::4]
+    sure = f"{1.96 * math.sqrt(max(variances)):.3f}" if variances else ""
+    support = each.support
+    on = "" if support is None else f"{support.relation} {support.label or f'thing {support.thing_id}'}"
+    return str(each.thing_id), each.label, center, sure, on, str(len(each.views))
+
+
+def _seen(operation: Operation) -> str:
+    result = operation.look_again
+    assert result is not None
+    lines = [f"thing {each.thing_id} is {each.name} ({each.probability:.0%})" for each in result.named]
+    lines += [f"thing {each.thing_id} may be {each.name} ({each.probability:.0%})" for each in result.suggested]
+    if not result.named and not result.suggested:
+        lines.append("nothing of that was found on a thing")
+    if result.unmatched:
+        lines.append(f"{result.unmatched} of {result.regions} regions are no thing of the scene")
+    return "\n".join([*lines, f"version {result.version} is there"])

@@ -1,0 +1,123 @@
+"""Pinhole cameras and where they stand. OpenCV axes (x right, y down, z forward); pixel centers at +0.5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry import viewpoint
+from fastsplat_contract.geometry.poses import quaternion_of, rigid, vector3
+
+_OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_IDENTITY = np.eye(3)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics of an undistorted image, in pixels of that image.
+
+    A point (x, y, z) of the camera frame, z > 0, lands at (fx·x/z + cx, fy·y/z + cy), where the center of the
+    top-left pixel is (0.5, 0.5).
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise InvalidInputError(f"an image of {self.width}×{self.height} pixels", field="camera.width/height")
+        values = (self.fx, self.fy, self.cx, self.cy)
+        if not all(np.isfinite(values)) or self.fx <= 0 or self.fy <= 0:
+            raise InvalidInputError(f"intrinsics fx, fy, cx, cy = {values}", field="camera.fx/fy/cx/cy")
+
+    def scaled_to(self, width: int, height: int) -> Camera:
+        """The same camera with an image of another size (the aspect may differ by rounding)."""
+        sx, sy = width / self.width, height / self.height
+        return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
+
+    def rays(self, x: NDArray[Any] | float, y: NDArray[Any] | float) -> NDArray[np.float64]:
+        """float64 [..., 3]: the points of depth 1 in the camera frame that land at x and y, pixels of one shape [...].
+
+        Times the depth they are what a depth picture shows, back-projected; x = column + 0.5 for the middle of a pixel.
+        """
+        across, down = (np.asarray(x) - self.cx) / self.fx, (np.asarray(y) - self.cy) / self.fy
+        return np.stack([across, down, np.ones_like(across)], axis=-1)
+
+
+@dataclass(frozen=True)
+class PosedCamera:
+    """A camera and where it stands. Travels as `viewpoint.PosedCamera`.
+
+    Attributes:
+        camera: intrinsics.
+        world_from_camera: float64 [4, 4], rigid (rotation and translation, last row 0 0 0 1), scene units.
+        name: the image's file name in the capture, or "" for a free viewpoint.
+    """
+
+    wire: ClassVar[type] = viewpoint.PosedCamera
+
+    camera: Camera
+    world_from_camera: NDArray[np.float64]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        check_rigid(self.world_from_camera, field=f"pose of {self.name}" if self.name else "pose")
+
+    def camera_from_world(self) -> NDArray[np.float64]:
+        """float64 [4, 4]: the inverse pose, what the field calls a viewmat."""
+        rotation, translation = self.world_from_camera[:3, :3], self.world_from_camera[:3, 3]
+        inverse = np.eye(4)
+        inverse[:3, :3] = rotation.T
+        inverse[:3, 3] = -rotation.T @ translation
+        return inverse
+
+    def to_wire(self) -> viewpoint.PosedCamera:
+        """Position and quaternion x y z w with w ≥ 0, in OpenCV axes and the world frame."""
+        pose = self.world_from_camera
+        return viewpoint.PosedCamera(
+            viewpoint.Intrinsics(**vars(self.camera)), vector3(pose[:3, 3]), quaternion_of(pose[:3, :3]), name=self.name
+        )
+
+    @classmethod
+    def from_wire(cls, sent: viewpoint.PosedCamera) -> PosedCamera:
+        """Back from `to_wire`, of either convention; the quaternion is of unit length."""
+        pose = rigid(sent.orientation, sent.position)
+        if sent.convention == "OPENGL":
+            pose = pose @ _OPENCV_FROM_OPENGL
+        return cls(Camera(**vars(sent.intrinsics)), pose, sent.name)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        form = handler.generate_schema(viewpoint.PosedCamera)
+        return core_schema.no_info_after_validator_function(
+            cls.from_wire,
+            form,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_wire, return_schema=form),
+        )
+
+
+def check_rigid(pose: NDArray[np.float64], *, field: str, tolerance: float = 1e-3) -> None:
+    """Raise `InvalidInputError` unless `pose` is a finite rigid [4, 4] transform with determinant +1."""
+    if pose.shape != (4, 4):
+        raise InvalidInputError(f"{field}: a matrix of shape {pose.shape}, expected (4, 4)", field=field)
+    if not np.isfinite(pose).all():
+        raise InvalidInputError(f"{field}: the matrix has NaN or infinite numbers", field=field)
+    rotation = pose[:3, :3]
+    if np.abs(rotation @ rotation.T - _IDENTITY).max() > tolerance or np.linalg.det(rotation) < 0:
+        raise InvalidInputError.of(
+            field,
+            ": the upper 3×3 block is not a rotation",
+            "Send world-from-camera with orthonormal axes and determinant +1; remove scale and mirroring.",
+        )
+    if np.abs(pose[3] - np.array([0.0, 0.0, 0.0, 1.0])).max() > tolerance:
+        raise InvalidInputError(f"{field}: the last row is {pose[3].tolist()}, expected 0 0 0 1", field=field)

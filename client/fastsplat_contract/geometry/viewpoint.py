@@ -1,0 +1,62 @@
+"""How a camera travels: a pinhole, and where it stands as position and quaternion. `camera.PosedCamera` reads it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from fastsplat_contract.codec.wire import Request, checked
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.poses import Orientation, Vector3
+
+Convention = Literal["OPENCV", "OPENGL"]
+"""Camera axes: OpenCV is x right, y down, z forward; OpenGL (nerfstudio, Blender) is x right, y up, z backward."""
+
+WORLD = "world"
+"""The only frame the service knows: that of the scene."""
+
+
+@dataclass(frozen=True)
+class Intrinsics(Request):
+    """A pinhole: (x, y, z) of the camera frame lands at (fx·x/z + cx, fy·y/z + cy); pixel centers at +0.5."""
+
+    width: Annotated[int, Field(ge=1, description="pixels")]
+    height: Annotated[int, Field(ge=1, description="pixels")]
+    fx: Annotated[float, Field(gt=0, description="pixels")]
+    fy: Annotated[float, Field(gt=0, description="pixels")]
+    cx: Annotated[float, Field(description="pixels from the left edge; width / 2 is the middle")]
+    cy: Annotated[float, Field(description="pixels from the top edge; height / 2 is the middle")]
+
+
+def _known_frame(frame_id: str) -> str:
+    if frame_id not in ("", WORLD):
+        raise InvalidInputError(
+            f"frame {frame_id[:80]!r} is unknown",
+            field="frame_id",
+            hint=f'Transform the pose into the scene\'s frame and say "{WORLD}".',
+        )
+    return frame_id
+
+
+@dataclass(frozen=True)
+class PosedCamera(Request):
+    """A camera and where it stands."""
+
+    intrinsics: Intrinsics
+    position: Annotated[Vector3, Field(description="the camera's center in the world frame, scene units")]
+    orientation: Annotated[Orientation, Field(description="rotates camera axes into world axes (world_from_camera)")]
+    convention: Annotated[
+        Convention,
+        Field(
+            description="camera axes of `orientation`. OPENCV: x right, y down, z forward. OPENGL (nerfstudio, "
+            "Blender): x right, y up, z backward. Answers always use OPENCV."
+        ),
+    ] = "OPENCV"
+    frame_id: Annotated[
+        str,
+        AfterValidator(checked(_known_frame)),
+        Field(description='the frame of position and orientation: "world", or empty, which means the same'),
+    ] = WORLD
+    name: Annotated[str, Field(description="in answers, the image's name in the capture; ignored in requests")] = ""

@@ -1,0 +1,177 @@
+"""Discovery of things without a vocabulary, from the views' masks and a splat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.captures import View
+from fastsplat.service.instances.discovery.candidates import F32, Candidate, find_candidates
+from fastsplat.service.instances.discovery.lifting import lift_masks
+from fastsplat.service.instances.discovery.ownership import Owners
+from fastsplat.service.instances.discovery.refinement import MaskedView, refined_membership
+from fastsplat.service.instances.discovery.selection import Selection, select_things
+from fastsplat.service.instances.discovery.surfaces import surface_kinds
+from fastsplat.service.instances.discovery.thing_parts import find_parts
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.perception.results import ViewMasks
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Thing, ThingGroup, Things
+from fastsplat.service.scene.objects.label_evidence import evidence_of, no_evidence, posterior
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend, Splats
+from fastsplat.service.splatting.training_views import training_size
+
+_MOST = 0.7  # share of a thing's weight in a candidate that makes it a member
+
+
+def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
+    """Finds groups of at least two things, by descending consensus and without duplicates.
+
+    Thing number n of `owners` [G] has the id n + 1, -1 is none; `size` [G] is as in `Overlaps`.
+    """
+    weights = size.astype(np.float64)
+    whole = np.bincount(owners + 1, weights)[1:]
+    groups: dict[tuple[int, ...], float] = {}
+    for candidate in sorted(candidates, key=lambda one: -one.consensus):
+        inside = np.bincount(owners[candidate.rows] + 1, weights[candidate.rows], minlength=len(whole) + 1)[1:]
+        members = tuple((np.flatnonzero((whole > 0) & (inside >= _MOST * whole)) + 1).tolist())
+        if len(members) >= 2:
+            groups.setdefault(members, min(1.0, candidate.consensus))
+    return tuple(ThingGroup(number, *group) for number, group in enumerate(groups.items(), start=first_id))
+
+
+F64 = NDArray[np.float64]
+
+OnView = Callable[[int, int], None]
+"""Called with the number of views done and their total; may raise `CancelledError`."""
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Discovered things, with counts."""
+
+    things: Things  # without names; ids from 1, the largest first; membership in pixels
+    views: int
+    prompts: int  # to the segmenter
+    proposals: int  # masks that were lifted
+
+
+@torch.no_grad()
+def discover_things(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    masks: Sequence[ViewMasks | None],
+    up: F64 | None,
+    settings: DiscoverySettings,
+    on_view: OnView = lambda done, total: None,
+    *,
+    backend: Backend = "cpu",
+) -> Discovery:
+    """Finds the things that the masks of several views agree on.
+
+    Args:
+        gaussians: G of them, trained.
+        masks: of each view, see `propose_capture_masks`; views with None do not count.
+        up: unit vector, float64 [3], see `Scene.up`; None if unknown.
+    """
+    used = [(view, own) for view, own in zip(views, masks, strict=True) if own is not None]
+    numbers = [number for number, own in enumerate(masks) if own is not None]
+    splats = splats_of(gaussians, device=device_of(backend))
+    masked: list[MaskedView] = []
+    lifted: list[LiftedRegions] = []
+    for view, own in used:
+        masked.append(masked_view(view, own, settings))
+        lifted.append(lifted_masks(splats, masked[-1], backend))
+        on_view(len(lifted), len(used))
+    things = (
+        _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
+        if used
+        else Things((), no_evidence(len(gaussians)))
+    )
+    return Discovery(
+        things=things,
+        views=len(used),
+        prompts=sum(own.prompts for _, own in used),
+        proposals=sum(len(regions) for regions in lifted),
+    )
+
+
+def masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
+    """Scales a view and its masks to the size for lifting."""
+    camera = training_size(view.posed.camera, settings.max_side)
+    return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
+
+
+def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
+    """Lifts the masks of a view to Gaussians, see `lift_masks`."""
+    viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
+    return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
+
+
+def _things(
+    gaussians: Gaussians,
+    views: Sequence[View],
+    numbers: Sequence[int],
+    masked: Sequence[MaskedView],
+    lifted: Sequence[LiftedRegions],
+    quality: Sequence[NDArray[np.float32]],
+    up: F64 | None,
+    settings: DiscoverySettings,
+    backend: Backend,
+) -> Things:
+    overlaps = overlaps_of(lifted)
+    candidates = find_candidates(
+        overlaps, np.concatenate(quality), min_overlap=settings.min_overlap, min_views=settings.min_views
+    )
+    selection = select_things(candidates, gaussians, overlaps.size, settings)
+    membership = refined_membership(
+        selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
+    )
+    return _described(selection, membership, gaussians, overlaps.size, views, numbers, up, settings)
+
+
+def _described(
+    selection: Selection,
+    membership: Evidence,
+    gaussians: Gaussians,
+    size: NDArray[np.float32],
+    views: Sequence[View],
+    numbers: Sequence[int],
+    up: F64 | None,
+    settings: DiscoverySettings,
+) -> Things:
+    """Builds things with enough Gaussians, the largest first; `numbers` are those of the used views."""
+    count = len(selection.things)
+    owners = posterior(membership, count + 1).classes
+    weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]
+    order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
+    surfaces = {n: plane for n, plane in selection.surfaces.items() if n in order}
+    centers = {n: gaussians.means[owners == n + 1].mean(axis=0).astype(np.float64) for n in surfaces}
+    cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views])
+    kinds = surface_kinds(surfaces, centers, cameras, up)
+    table = tuple(
+        Thing(
+            id=place,
+            consensus=min(1.0, selection.things[n].consensus),
+            surface=kinds.get(n, ""),
+            proposed_in=tuple(numbers[view] for view in selection.things[n].proposed_in),
+            missed_in=tuple(numbers[view] for view in selection.things[n].missed_in),
+        )
+        for place, n in enumerate(order, start=1)
+    )
+    ids = np.zeros(count + 1, np.int64)
+    ids[np.array(order, np.intp) + 1] = np.arange(1, len(order) + 1)
+    rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    inside = [(part, int(ids[n + 1]) - 1) for part, n in selection.parts if ids[n + 1]]
+    numbers_of_things = (ids[owners] - 1).astype(np.int32)
+    parts = find_parts(inside, numbers_of_things, size, settings, len(table) + 1)
+    first = len(table) + 1 + (0 if parts is None else len(parts.table))
+    groups = find_groups(selection.groups, numbers_of_things, size, first)
+    members = evidence_of(rows, ids[membership.labels], membership.counts, len(membership))
+    return Things(table, members, first + len(groups), parts, groups=groups)

@@ -1,0 +1,97 @@
+"""Close-up views of things, and detector votes for the boxes that match the thing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.perception.box_ops import box_iou
+from fastsplat.service.perception.results import Detections
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+
+F32 = NDArray[np.float32]
+
+_EDGE_PERCENT = 1.0  # percentage of a thing's pixels outside of its box on each side, for robustness to strays
+_LEAST_PX = 60  # least pixels of a thing for a close-up
+_CONTEXT = 2.0  # side of the close-up over the longer side of the thing's box
+_WHOLE = 0.9  # no close-up if it would show this share of a view's longer side
+
+
+@dataclass(frozen=True)
+class ThingInView:
+    """The place of a thing in a view."""
+
+    thing_id: int
+    box: F32  # [4], x1, y1, x2, y2 in pixels of the view
+    pixels: int
+
+
+def things_in_map(thing_map: NDArray[np.integer]) -> list[ThingInView]:
+    """Finds things large enough for a close-up in an id map [H, W] (0: none)."""
+    shown = []
+    for thing_id in np.unique(thing_map[thing_map > 0]).tolist():
+        rows, columns = np.nonzero(thing_map == thing_id)
+        if len(rows) >= _LEAST_PX:
+            low, high = (_EDGE_PERCENT, 100 - _EDGE_PERCENT)
+            (x1, x2), (y1, y2) = np.percentile(columns, [low, high]), np.percentile(rows, [low, high])
+            shown.append(ThingInView(thing_id, np.array([x1, y1, x2 + 1, y2 + 1], np.float32), len(rows)))
+    return shown
+
+
+def best_positions(shown: Sequence[Sequence[ThingInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
+    """Maps each thing to the views with most of its pixels, best first.
+
+    Args:
+        shown: per view, the things large enough for a close-up.
+        limit: of views per thing.
+    """
+    views: dict[int, list[tuple[int, int]]] = {}
+    for position, things in enumerate(shown):
+        for thing in things:
+            views.setdefault(thing.thing_id, []).append((-thing.pixels, position))
+    return {thing_id: tuple(position for _, position in sorted(pairs)[:limit]) for thing_id, pairs in views.items()}
+
+
+def closer_look(posed: PosedCamera, box: F32, largest_scale: float, side: int) -> tuple[PosedCamera, F32] | None:
+    """Returns the camera of a close-up around a box, and the box in its picture.
+
+    None if the close-up would be about the whole view.
+
+    Args:
+        posed: the view of the box.
+        box: float32 [4], x1, y1, x2, y2 in its pixels.
+        largest_scale: most pixels of the close-up per pixel of the view; at least 1 is used.
+        side: most pixels of the close-up's longer side, unless this would make the scale less than 1.
+    """
+    camera = posed.camera
+    reach = _CONTEXT / 2 * max(float(box[2] - box[0]), float(box[3] - box[1]))
+    x, y = (float(box[0]) + float(box[2])) / 2, (float(box[1]) + float(box[3])) / 2
+    left, top = max(0, int(x - reach)), max(0, int(y - reach))
+    right, bottom = min(camera.width, int(np.ceil(x + reach))), min(camera.height, int(np.ceil(y + reach)))
+    width, height = max(1, right - left), max(1, bottom - top)
+    if max(width, height) > _WHOLE * max(camera.width, camera.height):
+        return None
+    scale = max(1.0, min(largest_scale, side / max(width, height)))
+    part = Camera(width, height, camera.fx, camera.fy, camera.cx - left, camera.cy - top)
+    closer = part.scaled_to(max(1, round(width * scale)), max(1, round(height * scale)))
+    ratio = np.array([closer.width / width, closer.height / height] * 2, np.float32)
+    return replace(posed, camera=closer), ((box - np.array([left, top, left, top], np.float32)) * ratio)
+
+
+def votes_for(detections: Detections, box: F32, min_overlap: float) -> dict[str, float]:
+    """Returns each label's best score among the boxes with IoU `min_overlap` or more with `box`."""
+    overlap = box_iou(box[None], detections.boxes)[0]
+    votes: dict[str, float] = {}
+    for row in np.flatnonzero(overlap >= min_overlap):
+        label = detections.labels[row]
+        votes[label] = max(votes.get(label, 0.0), float(detections.scores[row]))
+    return votes
+
+
+def mean_votes(votes: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Averages scores by label over pictures of a thing; a missing label counts as 0."""
+    labels = {label for own in votes for label in own}
+    return {label: sum(own.get(label, 0.0) for own in votes) / len(votes) for label in sorted(labels)}

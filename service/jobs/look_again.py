@@ -1,0 +1,259 @@
+"""Looking again: a finished scene is searched for texts, by an open-set detector in a few views, to name its things.
+
+What the detector sees are renderings from the scene's own cameras, also where the scene keeps its photos: these do not
+show what edits have moved or removed, and scenes need not keep them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fastsplat.service.capture.captures import Capture, CaptureReport
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.instances.naming.closer_look import (
+    best_positions,
+    closer_look,
+    mean_votes,
+    things_in_map,
+    votes_for,
+)
+from fastsplat.service.instances.naming.second_look import add_names, choose_views, shares_seen
+from fastsplat.service.instances.scene_things import NAME_OVERLAP, votes_of_views
+from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
+from fastsplat.service.perception.label_maps.capture_detection import spread
+from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.results import OpenSetDetector
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+from fastsplat.service.query.edits.thing_edits import with_label
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
+from fastsplat.service.splatting.labels.blending import thing_map
+from fastsplat.service.splatting.training_views import training_size
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.look_again import FoundName, LookAgainResult
+
+_CLOSER_SIDE = 640
+"""Pixels of the longer side of such a picture, never more than the camera has there."""
+_CANDIDATE_VIEWS = 60
+"""Of so many of the scene's cameras, evenly spread, these views are chosen; each costs one rasterization."""
+_PICTURE_SIDE = 1024
+"""Pixels of the longer side of the pictures that are rendered, never more than the camera has."""
+
+STAGE = "looking"
+_CHOOSING, _RENDERING, _DETECTING = 0.05, 0.1, 0.5
+"""Of the stage's progress, after the views are chosen, the pictures rendered, the texts searched for in them."""
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What a detector found of some texts.
+
+    Attributes:
+        texts: that were looked for.
+        views: names of the cameras from which it looked.
+        found: for ids of things the probability of each text that anything was found of there, 0..1.
+        regions: number of regions that were found.
+        unmatched: number of those that are no thing's.
+        rendered: whether renderings of the scene were looked at.
+    """
+
+    texts: tuple[str, ...]
+    views: tuple[str, ...]
+    found: Mapping[int, Mapping[str, float]]
+    regions: int
+    unmatched: int
+    rendered: bool = True
+
+
+def look_for(
+    index: SceneIndex,
+    texts: Sequence[str],
+    settings: Settings,
+    folder: Path,
+    progress: Progress,
+    paint: Paint | None = None,
+) -> Sightings:
+    """What the configured open-set detector finds of some texts in a scene.
+
+    It looks at renderings from the few cameras that see most of the scene, and of its unnamed things; what it finds
+    there are regions, by the segmenter, and each region votes for the thing that it overlaps most (`count_votes`). Then
+    it looks at each thing alone, in the views that show it best. The larger probability counts: small things are found
+    alone only, and of a coarse scene large pictures show more than small ones.
+
+    Args:
+        index: of the scene.
+        texts: at least one.
+        settings: of all rooms.
+        folder: empty; gets the pictures.
+        progress: hears of the stage "looking"; may raise `CancelledError`.
+        paint: makes the pictures that are looked at, of the scene's own cameras and of parts of their views; None:
+            renderings of the scene.
+
+    Raises:
+        ModelUnavailableError: no open-set detector is configured, or a model of the settings is missing or damaged.
+        InvalidInputError: a text that the detector cannot read.
+        NotFoundError: the scene has no camera that sees anything.
+    """
+    check_open_set_detector(settings.perception)
+    detector = open_open_set_detector(settings.perception, settings.models)
+    open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering
+    scene = index.things.scene
+    things, backend = scene.things, settings.training.backend
+    assert things is not None
+    candidates = _candidates(scene)
+    shares = shares_seen(
+        scene.gaussians,
+        things,
+        candidates,
+        settings.discovery,
+        lambda done, total: _tell(progress, 0, _CHOOSING, done / total, f"choosing views {done}/{total}"),
+        backend=backend,
+    )
+    chosen = choose_views(shares, [bool(thing.name) for thing in things.table], settings.look_again.views)
+    if not chosen:
+        raise NotFoundError("none of the scene's own cameras sees anything of it", field="scene")
+    cameras = [candidates[position] for position in sorted(chosen)]
+    pictures = Painter(scene.gaussians, backend).picture if paint is None else paint
+    views = render_pictures(
+        pictures,
+        cameras,
+        folder,
+        lambda done: _tell(progress, _CHOOSING, _RENDERING, done / len(cameras), f"pictures {done}/{len(cameras)}"),
+    )
+    none = np.zeros((0, 3))
+    capture = Capture(
+        views, none.astype(np.float32), none.astype(np.uint8), scene.scale, CaptureReport("images", len(views))
+    )
+    perception = settings.perception.model_copy(update={"max_views": 0})
+    labelling = label_capture(
+        capture,
+        perception,
+        settings.models,
+        tuple(texts),
+        lambda event: _tell(progress, _RENDERING, _DETECTING, event.fraction, event.message),
+    )
+    names = [entry.label for entry in labelling.dictionary.entries]
+    used = list(zip(views, labelling.regions, strict=True))
+    votes = votes_of_views(things, scene.gaussians, used, len(names), settings.discovery, backend=backend)
+    assert votes.voted is not None
+    # Few views are looked at: one that names a thing of which it sees a part must not count for more than one view.
+    votes = replace(votes, able=np.maximum(votes.able, votes.voted))
+    found = {
+        thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
+        for thing, row in zip(things.table, votes.mean_scores, strict=True)
+        if row.any()
+    }
+    for thing_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
+        whole = found.get(thing_id, {})
+        found[thing_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
+    regions = sum(1 for own in labelling.regions for region in own.votes if region)
+    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no thing's")
+    return Sightings(
+        tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched, paint is None
+    )
+
+
+def _look_closer(
+    scene: Scene,
+    cameras: Sequence[PosedCamera],
+    paint: Paint,
+    detector: OpenSetDetector,
+    texts: Sequence[str],
+    settings: Settings,
+    progress: Progress,
+) -> dict[int, dict[str, float]]:
+    """For each thing that was looked at alone the mean score of each text in these pictures."""
+    if not settings.look_again.closer_views:
+        return {}
+    backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
+    shown = [things_in_map(thing_map(scene, posed, backend=backend)) for posed in cameras]
+    assert scene.things is not None
+    fixed = {thing.id for thing in scene.things.table if thing.source in ("person", "given")}
+    best = {i: views for i, views in best_positions(shown, settings.look_again.closer_views).items() if i not in fixed}
+    total, done = sum(map(len, best.values())), 0
+    votes: dict[int, dict[str, float]] = {}
+    for thing_id, positions in best.items():
+        own = []
+        for position in positions:
+            posed = cameras[position]
+            box = next(thing.box for thing in shown[position] if thing.thing_id == thing_id)
+            closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
+            if closer is not None:
+                picture, _ = paint(closer[0])
+                detections = detector.detect(picture, texts, settings.perception.open_score_floor)
+                own.append(votes_for(detections, closer[1], NAME_OVERLAP))
+            done += 1
+            _tell(progress, _DETECTING, 1, done / total, f"looking at thing {thing_id}, picture {done}/{total}")
+        if own:
+            votes[thing_id] = mean_votes(own)
+    return votes
+
+
+def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) -> tuple[Scene, LookAgainResult]:
+    """The scene with the names and suggestions of a look, see `add_names`, and with its texts among the names that it
+    was searched for; and what that changed, without the new version's name.
+
+    Args:
+        index: of the scene as it is now, which may be a later version than the one that was looked at: what it has no
+            more of stays without a name.
+        sightings: see `look_for`.
+        settings: of all rooms.
+    """
+    before = index.things.scene
+    assert before.things is not None
+    added = add_names(before.things, sightings.found, name_probability=settings.look_again.name_probability)
+    scene, table = before, []
+    for thing in added.things.table:
+        if thing.id in added.named:
+            scene, label = with_label(index, scene, thing.name)
+            table.append(replace(thing, name=label))
+        else:
+            table.append(thing)
+    named = {thing.id: thing for thing in table}
+    result = LookAgainResult(
+        version="",
+        texts=sightings.texts,
+        views=sightings.views,
+        rendered=sightings.rendered,
+        named=tuple(FoundName(i, named[i].name, named[i].probability) for i in added.named),
+        suggested=tuple(
+            FoundName(i, name, sure)
+            for i in added.suggested
+            for name, sure, *_ in named[i].suggestions
+            if label_key(name) in {label_key(text) for text in sightings.found[i]}
+        ),
+        regions=sightings.regions,
+        unmatched=sightings.unmatched,
+    )
+    quality = {**scene.quality, **_searched(before, sightings.texts)}
+    if not (added.named or added.suggested):
+        return replace(index.scene, quality=quality), result
+    things = replace(added.things, table=tuple(table))
+    return replace(scene, things=things, quality=quality), result
+
+
+def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:
+    """How many names the scene was searched for, and which, with some more."""
+    names = scene.quality.get("searched_for")
+    listed = [str(name) for name in names] if isinstance(names, (list, tuple)) else []
+    known = {label_key(name) for name in listed}
+    listed += [text for text in texts if label_key(text) not in known]
+    return {"searched_names": len(listed), "searched_for": listed}
+
+
+def _candidates(scene: Scene) -> list[PosedCamera]:
+    positions = spread(len(scene.cameras), _CANDIDATE_VIEWS)
+    cameras = [scene.cameras[position] for position in positions]
+    return [replace(posed, camera=training_size(posed.camera, _PICTURE_SIDE)) for posed in cameras]
+
+
+def _tell(progress: Progress, begin: float, end: float, done: float, message: str) -> None:
+    progress(ProgressEvent(STAGE, begin + (end - begin) * done, message))

@@ -1,0 +1,117 @@
+"""Words that a question shares with the definitions of labels: what is done with a thing is said there, if anywhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.language.meaning.relevancy import F64
+
+if TYPE_CHECKING:
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon, Verb
+
+NO_ROWS: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+_Key = TypeVar("_Key", bound=Hashable)
+_WORD = re.compile(r"[a-z]+")
+_EMPTY = frozenset(
+    "a an the my your our it its into in on up from with some for at of to out off through down before who what when "
+    "where which behind under away and or as by is are be that this than i me you something anything thing someone "
+    "somebody somewhere place use used using not no more most other any one have has having can do does get put make "
+    "usually often especially etc".split()
+)
+_ENDINGS = ("ings", "ing", "ers", "er", "ies", "ied", "ed", "es", "s", "e", "y")
+_SHORTEST = 3
+_VERB_SENSES, _VERB_STEPS = 6, 2
+
+
+def stems(text: str) -> frozenset[str]:
+    """The words of a text without those that say nothing, and without most endings of English."""
+    return frozenset(_stem(word) for word in _WORD.findall(text.lower()) if len(word) > 1 and word not in _EMPTY)
+
+
+@lru_cache(16_384)
+def _stem(word: str) -> str:
+    for ending in _ENDINGS:
+        if word.endswith(ending) and len(word) - len(ending) >= _SHORTEST:
+            word = word.removesuffix(ending)
+            break
+    return word[:-1] if len(word) > _SHORTEST and word[-1] == word[-2] else word
+
+
+class DefinitionWords:
+    """The words of the definitions of N labels. Threads may share it.
+
+    Args:
+        definitions: of each label.
+        names: of each label: what a verb's definition may call it.
+    """
+
+    def __init__(self, definitions: Sequence[Iterable[str]], names: Sequence[Iterable[str]]) -> None:
+        self._count = len(definitions)
+        self._rows = _by_stem(definitions)
+        self._named = _by_stem(names)
+
+    def shared(self, question: str) -> F64:
+        """float64 [N], 0..1: the share of the question's words that a label's definitions have, each counting less the
+        more labels have it."""
+        asked = stems(question)
+        values = np.zeros(self._count)
+        for stem in asked:
+            rows = self._rows.get(stem, NO_ROWS)
+            values[rows] += 1.0 - len(rows) / (self._count + 1)
+        return values / max(len(asked), 1)
+
+    def done(self, verbs: Mapping[str, int]) -> F64:
+        """float64 [N], 0..1: 1 where a label's definitions have the verb, less where only what it is a kind of.
+
+        Args:
+            verbs: by verb, how many steps it is above the one of the question.
+        """
+        values = np.zeros(self._count)
+        for verb, steps in verbs.items():
+            for stem in stems(verb):
+                rows = self._rows.get(stem, NO_ROWS)
+                value = (1.0 - len(rows) / (self._count + 1)) / (1.0 + steps)
+                values[rows] = np.maximum(values[rows], value)
+        return values
+
+    def mentioned(self, definitions: Iterable[str]) -> F64:
+        """float64 [N], 0 or 1: whether a verb's definition names the label: to sweep is "with a broom"."""
+        values = np.zeros(self._count)
+        for stem in frozenset[str]().union(*map(stems, definitions)):
+            values[self._named.get(stem, NO_ROWS)] = 1.0
+        return values
+
+
+def verbs_of(words: Sequence[str], lexicon: Lexicon) -> tuple[dict[str, int], list[str]]:
+    """The verbs that a question's words may mean, by how many steps they are above the word itself, and the definitions
+    of the words' own senses."""
+    found: dict[str, int] = {}
+    definitions: list[str] = []
+    for word in words:
+        level: tuple[Verb, ...] = lexicon.verbs(word)[:_VERB_SENSES]
+        definitions += [verb.definition for verb in level]
+        for steps in range(_VERB_STEPS + 1):
+            for verb in level:
+                for name in verb.words:
+                    found.setdefault(name, steps)
+            level = tuple(lexicon.verb(above) for verb in level for above in verb.wider)
+    return found, definitions
+
+
+def rows_by_key(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:
+    """By key, the rows that have it, in order."""
+    found: dict[_Key, list[int]] = {}
+    for row, each in enumerate(keys):
+        for key in each:
+            found.setdefault(key, []).append(row)
+    return {key: np.array(rows, dtype=np.intp) for key, rows in found.items()}
+
+
+def _by_stem(texts: Sequence[Iterable[str]]) -> dict[str, NDArray[np.intp]]:
+    return rows_by_key([frozenset[str]().union(*map(stems, each)) for each in texts])

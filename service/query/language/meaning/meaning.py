@@ -1,0 +1,153 @@
+"""Features of a question and labels to probabilities, where a lexicon stands beside the text encoder: pure arithmetic.
+
+The model is a network of one hidden layer over the features of one label, fitted by benchmarks/calibration on
+dictionaries of its own; its weights are in `meaning.json`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from fastsplat.service.common.logistic import logistic
+from fastsplat.service.query.language.meaning.label_meanings import BASE
+from fastsplat.service.query.language.meaning.probability import Logistic, Nonconformities
+from fastsplat.service.query.language.meaning.relevancy import F64
+from fastsplat.service.query.settings import QuerySettings
+
+FILE = Path(__file__).with_name("meaning.json")
+"""Written by benchmarks/calibration."""
+
+_LEADS = {"similarity": 0.2, "definition": 0.2, "kinship": 0.0, "named": 0.2, "use": 0.2}
+"""Columns of which the lead over the best other label counts, with what stands in for a label where there is none."""
+_LEAD_LIMIT = 0.4
+_LIMIT = 5.0
+"""Standard deviations beyond which a feature says no more."""
+
+
+class MeaningModel(BaseModel):
+    """The model of one encoder and one lexicon.
+
+    Attributes:
+        mean, scale: of the features, [F].
+        hidden: weights of the hidden layer, [H, F]; `hidden_offset` [H]; `output` [H]; `offset`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    templates: tuple[str, ...]  # sentences that it was fitted with
+    date: str  # ISO date
+    lexicon: str  # the manifest's name of the lexicon
+    base: tuple[str, ...]  # the columns that it weighs, as `BASE` was when it was fitted
+    mean: tuple[float, ...]
+    scale: tuple[float, ...]
+    hidden: tuple[tuple[float, ...], ...]
+    hidden_offset: tuple[float, ...]
+    output: tuple[float, ...]
+    offset: float
+    entry: Logistic  # probability that who asks accepts a label, of its logit
+    present: Logistic  # probability that anything in the dictionary answers, of the logarithm of the summed odds
+    related: float  # the presence from which on labels are shown as answers
+    scenes: Nonconformities  # nonconformities of the calibration dictionaries
+    figures: Mapping[str, Any]  # of the cross-validation over dictionaries
+
+    @cached_property
+    def _arrays(self) -> tuple[F64, F64, F64, F64, F64]:
+        return (
+            np.array(self.mean),
+            np.array(self.scale),
+            np.array(self.hidden).T,
+            np.array(self.hidden_offset),
+            np.array(self.output),
+        )
+
+    def logits(self, base: F64) -> F64:
+        """[N] of the features of N labels [N, B]."""
+        mean, scale, hidden, hidden_offset, output = self._arrays
+        features = np.clip((expanded(base) - mean) / scale, -_LIMIT, _LIMIT)
+        return np.asarray(np.tanh(features @ hidden + hidden_offset) @ output + self.offset)
+
+    def likely(self, logits: F64) -> F64:
+        """[N], 0..1: that each label answers; in the order of the logits."""
+        return logistic(self.entry.score * logits + self.entry.offset)
+
+    def presence(self, logits: F64, likely: F64) -> float:
+        """0..1: that any of the labels answers, 0 without labels; never below the likeliest one's own probability."""
+        if not len(logits):
+            return 0.0
+        score = self.present.score * summed_odds(logits) + self.present.offset
+        return float(max(logistic(np.array(score)), likely.max()))
+
+
+def summed_odds(logits: F64) -> float:
+    """log Σ exp(logits), of one logit at least."""
+    most = float(logits.max())
+    return most if np.isinf(most) else most + float(np.log(np.exp(logits - most).sum()))
+
+
+def expanded(base: F64) -> F64:
+    """[N, F] of features [N, B]: themselves, leads of some over the other labels, and products that a layer of few
+    units would spend its units on."""
+    column = dict(zip(BASE, base.T, strict=True))
+    leads = [_lead(column[name], background) for name, background in _LEADS.items()]
+    similarity, definition, known = column["similarity"], column["definition"], column["in_lexicon"]
+    related = np.maximum.reduce([column["same"], column["wider"], column["narrower"]])
+    products = [
+        np.maximum(similarity, definition),
+        np.minimum(similarity, definition),
+        similarity * known,
+        known * (1.0 - related),
+        similarity * column["words"],
+        column["last_word"] * known,
+        definition * column["verb_phrase"],
+        similarity * column["verb_phrase"],
+        similarity * column["compound"],
+        definition * column["compound"],
+        column["kinship"] * known * (1.0 - related),
+        column["shared_words"] * column["verb_phrase"],
+        column["use"] * column["verb_phrase"],
+        column["named"] * column["asked_known"],
+    ]
+    return np.vstack([base.T, *leads, *products]).T
+
+
+def _lead(values: F64, background: float) -> F64:
+    """[N]: how far each value is above the best of the others and above the background; clipped."""
+    if not len(values):
+        return values
+    first = int(values.argmax())
+    others = np.full(len(values), max(values[first], background))
+    others[first] = max(np.partition(values, -2)[-2], background) if len(values) > 1 else background
+    return np.asarray(np.clip(values - others, -_LEAD_LIMIT, _LEAD_LIMIT))
+
+
+def weighs_meanings(settings: QuerySettings) -> bool:
+    """Whether the settings leave it to a model what is related: ranked by similarity, without a threshold of it."""
+    return settings.score == "similarity" and settings.threshold is None and settings.exact_threshold is None
+
+
+def model_for(encoder_key: str, lexicon: str, templates: Sequence[str]) -> MeaningModel | None:
+    """The model, or None if this encoder was not measured with this lexicon and these templates.
+
+    Args:
+        encoder_key: see `calibration_key`.
+        lexicon: the manifest's name.
+        templates: sentences that names are put into.
+    """
+    model = _load().get(encoder_key)
+    if model is None or (model.lexicon, model.templates) != (lexicon, tuple(templates)):
+        return None
+    return model if model.base == BASE else None
+
+
+@cache
+def _load() -> dict[str, MeaningModel]:
+    if not FILE.exists():
+        return {}
+    return {key: MeaningModel.model_validate(value) for key, value in json.loads(FILE.read_text()).items()}

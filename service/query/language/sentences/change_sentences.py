@@ -1,0 +1,49 @@
+"""What has changed in a scene, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from fastsplat.service.query.language.sentences.sentences import quoted
+from fastsplat_contract.photos.localization import ChangeKind, SceneChange
+from fastsplat_contract.photos.observations import Observation
+
+
+def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
+    """The observation with the names that things have now, and its sentences with them.
+
+    Args:
+        observation: in the frame and the unit of the scene's version.
+        names: of the version's things, by their ids; empty for a thing without one.
+    """
+
+    def told(change: SceneChange) -> SceneChange:
+        name = names.get(change.thing_id, change.name)
+        sentence = change_sentence(change.kind, change.thing_id, name, change.distance, observation.meters)
+        return change._replace(name=name, sentence=sentence)
+
+    changes = tuple(map(told, observation.changes))
+    return replace(observation, changes=changes, sentence=changes_sentence(changes, len(observation.looked_at)))
+
+
+def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
+    """What an observation says, in words."""
+    if changes:
+        return " ".join(change.sentence for change in changes)
+    things = "the one thing" if looked_at == 1 else f"the {looked_at} things"
+    return f"None of {things} that were looked at has changed." if looked_at else "The photos show no thing twice."
+
+
+def change_sentence(kind: ChangeKind, thing_id: int, name: str, distance: float, meters: bool) -> str:
+    """One change in words; of no thing of the scene with `thing_id` 0."""
+    by = f"has moved by {distance:.2f} {'m' if meters else 'scene units'}."
+    if not thing_id:
+        told = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}
+        return f"Something {told.get(kind, 'new stands where nothing stood.')}"
+    called = f"The {quoted(name)}" if name else f"Thing {thing_id}, which has no name,"
+    if kind == "gone":
+        return f"{called} is not where it was."
+    if kind == "moved":
+        return f"{called} {by}"
+    return f"Something else stands where {called[0].lower()}{called[1:]} was."

@@ -1,0 +1,216 @@
+"""Answers about time: what has become of things since a scene was made, by the observations that are kept with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import datetime
+
+from fastsplat.service.query.language.sentences.change_sentences import change_sentence
+from fastsplat.service.query.language.sentences.sentences import InWords, enumerated, percent
+from fastsplat.service.query.language.sentences.time_questions import TimeQuestion, When
+from fastsplat.service.query.things.names.thing_names import ThingNames
+from fastsplat.service.query.things.thing_history import SceneHistory, Sighting
+from fastsplat_contract.messages.queries import Answer, Outcome
+from fastsplat_contract.photos.localization import SceneChange
+
+_MOST_TOLD = 5
+
+
+class HistoryAnswers:
+    """What a scene's history says to questions.
+
+    Args:
+        history: of the scene's version.
+        names: of its things.
+        in_words: what some things are called.
+        unit: of lengths: "m" or "scene units".
+    """
+
+    def __init__(self, history: SceneHistory, names: ThingNames, in_words: InWords, unit: str) -> None:
+        self._history = history
+        self._parents = {part.id: part.parent for part in names.parts}
+        self._names = names
+        self._in_words = in_words
+        self._unit = unit
+
+    def plain(self, answer: Answer) -> Answer:
+        """An answer that was not asked about time, with what is missing or has moved since. Where all that answers is
+        missing, it is not here."""
+        if answer.outcome not in ("here", "probably_here"):
+            return answer
+        things = self._things(answer)
+        changed = [each for each in things if (last := self._last(each)) is not None and last.change is not None]
+        missing = [each for each in changed if self._missing_since(each) is not None]
+        told = " ".join(map(self._told, changed[:_MOST_TOLD]))
+        if not changed:
+            return answer
+        if len(missing) < len(things):
+            return _saying(answer, answer.outcome, f"{answer.sentence} {told}")
+        where = "its place is that where it was" if len(missing) == 1 else "their places are those where they were"
+        return _saying(answer, "not_here", f"Not here any more: {self._in_words(things)}; {where}. {told}")
+
+    def asked(self, question: TimeQuestion, answer: Answer) -> Answer:
+        """The answer to a question about time.
+
+        Args:
+            question: what is asked.
+            answer: to the words for the things that are asked about, or to the whole text.
+        """
+        if question.asks == "events":
+            return self._events(question, answer)
+        things = self._things(answer)
+        if not things or answer.outcome not in ("here", "probably_here"):
+            return answer
+        opening = "" if answer.outcome == "here" else f"Probably{percent(answer.probability)}: "
+        if question.asks == "place":
+            assert question.when is not None
+            told = [self._place_at(each, question.when) for each in things[:_MOST_TOLD]]
+        else:
+            told = [self._seen(each) for each in things[:_MOST_TOLD]]
+        more = len(things) - _MOST_TOLD
+        sentence = opening + " ".join(told) + (f" There are {more} more." if more > 0 else "")
+        gone = question.asks == "last_seen" and all(self._missing_since(each) is not None for each in things)
+        return _saying(answer, "not_here" if gone else answer.outcome, sentence)
+
+    def _things(self, answer: Answer) -> Sequence[int]:
+        """The things that answer, also of a scene that stores none."""
+        return answer.things or self._names.of_labels(answer.relevant_ids)
+
+    def _events(self, question: TimeQuestion, answer: Answer) -> Answer:
+        observations, since = self._history.later, question.when
+        about = replace(
+            answer,
+            label_set=(),
+            coverage=None,
+            presence=None,
+            phrase=None,
+            things=(),
+            matches=(),
+            relation_subject=None,
+            probability=None,
+        )
+        fresh = [each for each in observations if since is None or each.seen_at >= since.start]
+        if not fresh:
+            asked = "" if since is None else f" since {_day(since.start)}"
+            made = "" if self._history.made_at is None else f"; the scene is of {_day(self._history.made_at)}"
+            nothing = f"Cannot say: no photos of another day are kept with this scene{asked}{made}."
+            return _saying(replace(about, relation="undecided"), "cannot_say", nothing)
+        changes = self._changes(question)
+        seen = {each for observation in fresh for each in observation.looked_at}
+        days = enumerated(list(dict.fromkeys(_day(each.seen_at) for each in fresh))[-_MOST_TOLD:])
+        if not changes:
+            total = max(len(self._names.present), len(seen))
+            share = f"{len(seen)} of {total}" if len(seen) < total else f"{total}"
+            things = f"{share} thing{'' if total == 1 else 's'}"
+            none = f"{_nothing(question)}: photos of {days} looked at {things}."
+            return _saying(replace(about, relation="absent"), "not_here", none)
+        told = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
+        more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
+        return _saying(
+            replace(
+                about,
+                relation="same",
+                things=tuple(change.thing_id for change, _ in changes if change.thing_id),
+                probability=min(change.probability for change, _ in changes),
+            ),
+            "here",
+            f"By photos of {days}: {told}{more}",
+        )
+
+    def _changes(self, question: TimeQuestion) -> list[tuple[SceneChange, datetime]]:
+        """What is asked for and holds by the last observation that says something of it, the surest first."""
+        found: list[tuple[SceneChange, datetime]] = []
+        for sightings in self._history.looked_at_again.values():
+            last = sightings[-1]
+            if last.change is None or last.change.kind not in question.events:
+                continue
+            if question.when is not None:
+                before = [each for each in sightings if each.at < question.when.start]
+                same = before and before[-1].change is not None and before[-1].change.kind == last.change.kind
+                if last.at < question.when.start or same:
+                    continue
+            found.append((last.change, last.at))
+        for observation in self._history.later[-1:]:
+            if question.when is None or observation.seen_at >= question.when.start:
+                nameless = [each for each in observation.changes if not each.thing_id and each.kind in question.events]
+                found += [(each, observation.seen_at) for each in nameless]
+        return sorted(found, key=lambda each: -each[0].probability)
+
+    def _place_at(self, thing_id: int, when: When) -> str:
+        """Where a thing was on a day: as the last photos until its end show it."""
+        name = self._name(thing_id)
+        known = [each for each in self._sightings(thing_id) if each.at < when.end]
+        day = _day(when.start)
+        if known:
+            last = known[-1]
+            late = "" if last.at >= when.start else f", nobody having looked on {day}"
+            if last.change is None:
+                return f"{name} was where the scene shows it, by photos of {_day(last.at)}{late}."
+            return f"By photos of {_day(last.at)}{late}: {self._sentence(last.change)}"
+        made = self._history.made_at
+        if made is None:
+            unknown = "the scene's own do not say when they were taken"
+            return f"No photo of {day} or before shows {name[0].lower()}{name[1:]}, and {unknown}."
+        return f"No photo is of {day} or before: the scene is of {_day(made)}."
+
+    def _seen(self, thing_id: int) -> str:
+        seen, name = self._history.last_seen(self._whole(thing_id)), self._name(thing_id)
+        if self._missing_since(thing_id) is not None:
+            return self._told(thing_id)
+        if seen is None:
+            return f"{name} is in the scene, whose photos do not say when they were taken."
+        last = self._last(thing_id)
+        moved = f" {self._sentence(last.change)}" if last is not None and last.change is not None else ""
+        return f"{name} was last seen on {_day(seen)}.{moved}"
+
+    def _told(self, thing_id: int) -> str:
+        """What has become of a thing."""
+        since, seen = self._missing_since(thing_id), self._history.last_seen(self._whole(thing_id))
+        last = self._last(thing_id)
+        assert last is not None and last.change is not None
+        if since is None:
+            return f"By photos of {_day(last.at)}: {self._sentence(last.change)}"
+        before = f", and was last seen on {_day(seen)}" if seen is not None else ""
+        return f"{self._name(thing_id)} is missing since {_day(since)}{before}."
+
+    def _sentence(self, change: SceneChange) -> str:
+        name = self._names.called.get(change.thing_id, change.name)
+        said = change_sentence(change.kind, change.thing_id, name, change.distance, self._unit == "m")
+        place = change.after if change.kind in ("moved", "new") else None if change.thing_id else change.before
+        if place is None:
+            return said
+        x, y, z = place.center.position
+        return f"{said[:-1]}, {'to' if change.kind == 'moved' else 'at'} ({x:.2f}, {y:.2f}, {z:.2f}) {self._unit}."
+
+    def _name(self, thing_id: int) -> str:
+        said = self._in_words((thing_id,))
+        return f"The {said}" if said.startswith('"') else said[0].upper() + said[1:]
+
+    def _whole(self, thing_id: int) -> int:
+        """The thing of a part; a thing itself."""
+        return self._parents.get(thing_id, thing_id)
+
+    def _sightings(self, thing_id: int) -> Sequence[Sighting]:
+        return self._history.sightings(self._whole(thing_id))
+
+    def _last(self, thing_id: int) -> Sighting | None:
+        own = self._sightings(thing_id)
+        return own[-1] if own else None
+
+    def _missing_since(self, thing_id: int) -> datetime | None:
+        return self._history.missing_since(self._whole(thing_id))
+
+
+def _saying(answer: Answer, outcome: Outcome, sentence: str) -> Answer:
+    return replace(answer, outcome=outcome, sentence=sentence)
+
+
+def _nothing(question: TimeQuestion) -> str:
+    if len(question.events) > 2:
+        return "Nothing has changed"
+    return "Nothing has moved" if "moved" in question.events else f"Nothing is {min(question.events & {'gone', 'new'})}"
+
+
+def _day(at: datetime) -> str:
+    return f"{at.day} {at:%B %Y}"

@@ -1,0 +1,58 @@
+"""What is decided of a question, before it is put into words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.language.words.english import NoQuestion
+from fastsplat_contract.messages.queries import Answer
+
+Mask = NDArray[np.bool_]
+Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
+"""exact: the thing asked for is here; related: something close is; absent: nothing relevant is here; possible: it may
+be here, but its name is not sure or only suggested; undecided: it cannot be said."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict on a question, and the entries it is about."""
+
+    verdict: Verdict  # "exact", "related" or "absent"
+    relevant: Mask  # bool [N], the entries that the answer speaks of
+    leading: Mask  # bool [N], those among them that lead whatever they score
+    named: bool  # whether the names alone decided
+    suggested: bool = False  # whether nothing bears the names of the entries, and they are merely suggested
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What a sentence says beside what the answer's members hold."""
+
+    unchecked: str = ""  # words of the question that nothing here was checked for, see `NameMatch.unchecked`
+    no_question: NoQuestion = ""  # why the text is no question in English
+    doubt: str = ""  # what is taken for something that a phrase speaks of, where that is not sure
+    head: str = ""  # what alone a phrase was looked up by, because nothing here is that; "" otherwise
+    by_shape: bool = False  # whether surfaces without a name answer, by their shape and place
+    by_looks: bool = False  # whether things answer by their looks, whatever they are called
+    other: bool = False  # whether what comes closest is known to be another thing than the one that was asked for
+    calibrated: bool = True  # whether other words than names were compared
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """What is decided of a question.
+
+    Attributes:
+        standing: the ids of those of its labels that name what was asked for, or a kind of it, and do not merely serve
+            in its place.
+    """
+
+    answer: Answer  # without its outcome and its sentence
+    verdict: Verdict  # what both come from
+    named: bool = True  # whether the names alone decided
+    standing: frozenset[int] = frozenset()
+    remarks: Remarks = Remarks()  # what else the sentence says

@@ -1,0 +1,143 @@
+"""What a question says beside the name of a thing: colors, sizes, relations to other things, an order, a number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fastsplat_contract.messages.phrases import Asks
+
+RelationKind = Literal[
+    "on", "in", "under", "above", "next_to", "near", "left_of", "right_of", "in_front_of", "behind", "between"
+]
+SizeKind = Literal["size", "height", "length", "width"]
+OrderKind = Literal["size", "height", "length", "width", "elevation", "distance", "from_left"]
+
+SEEN_FROM: frozenset[RelationKind] = frozenset({"left_of", "right_of", "in_front_of", "behind"})
+"""Relations that depend on where the asker stands."""
+
+
+@dataclass(frozen=True)
+class ColorWord:
+    """A color: "light blue", or one that is denied: "not red"."""
+
+    name: str  # of the color, as in `color_names`
+    shade: str = ""  # "", "light" or "dark"
+    negated: bool = False  # whether the phrase denies it
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return " ".join(word for word in ("not" if self.negated else "", self.shade, self.name) if word)
+
+
+@dataclass(frozen=True)
+class SizeWord:
+    """A size in comparison with others of the kind: "big" in "the big mug"."""
+
+    word: str  # as asked
+    by: SizeKind  # what is compared
+    more: bool  # whether it asks for the larger ones
+
+
+@dataclass(frozen=True)
+class Relation:
+    """Where a thing is: "on the table", "between the lamp and the mug"."""
+
+    kind: RelationKind  # of the relation
+    anchors: tuple[Phrase, ...]  # what it is related to; none: the asker
+    negated: bool  # whether the phrase denies it
+    text: str  # as asked
+
+
+@dataclass(frozen=True)
+class Possession:
+    """What a thing has: a part or another thing with it ("with a handle"), or a content ("of water")."""
+
+    kind: Literal["with", "of"]  # "with" or "of"
+    phrase: Phrase  # what it has
+    negated: bool  # whether the phrase denies it: "without a handle"
+    text: str  # as asked
+
+
+@dataclass(frozen=True)
+class Says:
+    """What is written on a thing: "that says oat milk", "by Woolf"."""
+
+    words: str  # that are written there
+    negated: bool  # whether the phrase denies it
+    text: str  # as asked
+
+
+@dataclass(frozen=True)
+class Rank:
+    """One of several in an order: "the second largest", "second from the left", "nearest to the lamp"."""
+
+    by: OrderKind  # what they are ordered by
+    descending: bool  # whether the most is first; from the right, for "from_left"
+    number: int  # which one, 1 is the first
+    anchors: tuple[Phrase, ...] = ()  # of "distance", from what; none: from the asker
+    text: str = ""  # as asked
+
+
+Condition = Relation | Possession | Says
+
+
+@dataclass(frozen=True)
+class Phrase:
+    """A noun phrase.
+
+    Attributes:
+        colors, sizes, conditions: what is said of it, in order.
+    """
+
+    head: str  # the noun group, without the modifiers below: "coffee machine"; "" for anything at all
+    group: str  # the noun group with its colors and sizes, as asked: "big red mug", which may be a name
+    definite: bool = False  # whether it speaks of one that is known: "the lamp"; "lamps", "a lamp" and "lamp" are not
+    colors: tuple[ColorWord, ...] = ()
+    sizes: tuple[SizeWord, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+    rank: Rank | None = None  # which one of them; None for all
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is a name or a description, and nothing beside it."""
+        return not (self.colors or self.sizes or self.conditions or self.rank)
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """What is said of the head, in words."""
+        words = [color.text for color in self.colors] + [size.word for size in self.sizes]
+        words += [condition.text for condition in self.conditions]
+        return tuple(words if self.rank is None else [*words, self.rank.text])
+
+
+@dataclass(frozen=True)
+class ParsedQuestion:
+    """A question that says more than a name.
+
+    Attributes:
+        readings: what it may mean, at least one reading: "the mug on the table next to the lamp" has two, by what is
+            next to the lamp. All have the same head.
+    """
+
+    asks: Asks  # whether it asks which things, or how many
+    readings: tuple[Phrase, ...]
+    not_understood: str  # the words that were left over; "" without
+
+    @property
+    def of_writing(self) -> bool:
+        """Whether it may be about what is written on the things that it asks for."""
+        return any(isinstance(each, Says) for reading in self.readings for each in reading.conditions)
+
+
+@dataclass(frozen=True)
+class Named:
+    """The things that a noun group names."""
+
+    ids: tuple[int, ...]  # of things and parts
+    by_name: bool  # whether it is their name, or an alias; False for what was found by meaning
+    whole: bool = False  # whether the name has the colors and sizes of the group in it: "red mug" is a name here
+    suggested: bool = False  # whether the name is merely suggested for them
+    likely: float = 1.0  # 0..1, that the things are called so
+    doubt: str = ""  # what is taken for what the group calls, where that is not sure; "" where it is

@@ -1,0 +1,261 @@
+"""The names of one scene and what they belong to, without its Gaussians: the hash table that everything is asked of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from math import prod
+from statistics import median
+
+import numpy as np
+
+from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
+from fastsplat.service.query.things.absence import USUAL_M, searched_names
+from fastsplat.service.query.things.names.merged_suggestions import Trust, merged_suggestions, source_trust
+from fastsplat.service.query.things.names.names_by_looks import NameFromScene
+from fastsplat.service.scene.artefact.scene import Scene, Thing
+from fastsplat.service.scene.artefact.suggestions import SaidName, Suggestion
+from fastsplat_contract.geometry.poses import Box
+from fastsplat_contract.messages.queries import Answer, Searched
+
+_MAX_UNNAMED = 100
+_GRID, _SLACK = 5, 0.05
+"""Places along each edge of a box; by which share of its longest edge a box is taken to be larger."""
+_SPECK, _AROUND = 0.125, 0.5
+"""What has less than this share of another thing's volume is a speck; the slack with which it lies in that."""
+
+
+@dataclass(frozen=True)
+class Name:
+    """One name, and what it belongs to.
+
+    Attributes:
+        things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
+            at least half of `probability`, the likeliest first.
+    """
+
+    label: str  # as it is shown
+    things: tuple[int, ...]
+    probability: float  # 0..1, the largest with which it belongs to one of them
+    suggested: bool  # whether nothing bears it, neither a thing nor, by themselves, Gaussians
+    sources: tuple[str, ...] = ()  # who suggests it, but for the scene's own models
+
+
+@dataclass(frozen=True)
+class _SuggestedName:
+    """A name that is suggested for some things: how likely for which, and by whom."""
+
+    name: str
+    likely: dict[int, float] = field(default_factory=dict)
+    aliases: dict[str, None] = field(default_factory=dict)
+    sources: dict[str, None] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ThingNames:
+    """Names of things. Threads may share it.
+
+    Attributes:
+        marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
+            where labels are the names of things.
+        said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
+        counts: how many Gaussians each thing and part has, by its id.
+        stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
+            of its labels.
+    """
+
+    labels: Dictionary  # the scene's dictionary
+    present: tuple[Thing, ...]  # the things that have Gaussians, by id
+    parts: tuple[Thing, ...]  # those of them that have Gaussians, by the ids of the things, then by their own
+    searched_names: int | None  # how many names were looked for; None if nobody noted it
+    marked: Mapping[int, float] = field(default_factory=dict)
+    said_elsewhere: tuple[SaidName, ...] = ()
+    stored: bool = True
+    counts: Mapping[int, int] = field(default_factory=dict, repr=False)
+    searched_for: tuple[str, ...] = ()  # the names that were looked for, as far as somebody noted them
+    boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)  # of the things that can be seen, by their ids
+    metric: bool = False  # whether the unit of these is the meter
+
+    @cached_property
+    def dictionary(self) -> Dictionary:
+        """The keys: the scene's labels, then names that it lacks and that are suggested."""
+        lacking = [each for each in self._suggestions.values() if self.labels.id_of(each.name) is None]
+        taken = {label_key(each.name) for each in lacking}
+        entries = list(self.labels.entries)
+        for each in lacking[: MAX_LABELS - len(self.labels)]:
+            words = {label_key(alias): alias for alias in each.aliases}
+            free = {key: word for key, word in words.items() if key not in taken and self.labels.id_of(word) is None}
+            taken |= free.keys()
+            entries.append(DictionaryEntry(each.name, tuple(free.values())))
+        return Dictionary(tuple(entries)) if lacking else self.labels
+
+    @cached_property
+    def table(self) -> Mapping[int, Name]:
+        """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
+        those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
+        sureness = {thing.id: thing.probability for thing in self._everything}
+        suggested = {self.dictionary.id_of(each.name): each for each in self._suggestions.values()}
+        names: dict[int, Name] = {}
+        for label_id in range(1, len(self.dictionary) + 1):
+            bearing, told = self.by_label.get(label_id, ()), suggested.get(label_id)
+            own = {} if told is None else told.likely
+            borne = bool(bearing) or label_id in self.marked
+            if borne or own:
+                most = max(own.values(), default=0.0)
+                likely = sorted((each for each in own if 2 * own[each] >= most), key=lambda each: -own[each])
+                sure = max((sureness[each] for each in bearing), default=self.marked.get(label_id, 0.0))
+                label = self.dictionary.label_of(label_id)
+                names[label_id] = Name(
+                    label,
+                    bearing or tuple(likely),
+                    sure if borne else most,
+                    not borne,
+                    tuple(told.sources) if told else (),
+                )
+        order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
+        return {label_id: names[label_id] for label_id in order}
+
+    @cached_property
+    def by_label(self) -> Mapping[int, tuple[int, ...]]:
+        """The ids of the things and parts that bear each label, things first; of labels that one bears."""
+        ids: dict[int, tuple[int, ...]] = {}
+        for thing in self._everything:
+            if thing.name and (label_id := self.labels.id_of(thing.name)):
+                ids[label_id] = (*ids.get(label_id, ()), thing.id)
+        return ids
+
+    @cached_property
+    def trust(self) -> Trust:
+        """How far each source of suggestions can be trusted, by what people named here and in other scenes."""
+        return source_trust([*self.said_elsewhere, *(said for thing in self._everything for said in thing.said)])
+
+    @cached_property
+    def sources(self) -> frozenset[str]:
+        """Who suggested names for these things, but for the scene's own models."""
+        return frozenset(each.source for thing in self._everything for each in thing.suggestions if each.source)
+
+    @cached_property
+    def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
+        """Names that are suggested for things and parts, and how likely for which; by label id, or by key where the
+        scene's dictionary lacks them."""
+        names: dict[int | str, _SuggestedName] = {}
+        for thing in self._everything:
+            for each in merged_suggestions(thing, self.trust):
+                told = names.setdefault(self.labels.id_of(each.name) or label_key(each.name), _SuggestedName(each.name))
+                told.likely[thing.id] = max(each.probability, told.likely.get(thing.id, 0.0))
+                told.aliases.update(dict.fromkeys(each.aliases))
+                told.sources.update(dict.fromkeys(one.source for one in each.told if one.source))
+        return names
+
+    @property
+    def _everything(self) -> tuple[Thing, ...]:
+        return (*self.present, *self.parts)
+
+    def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
+        """The things that these names belong to, in the order of the names."""
+        ids = [thing_id for each in label_ids if each in self.table for thing_id in self.table[each].things]
+        return tuple(dict.fromkeys(ids))
+
+    def suggesting(self, elsewhere: Mapping[int, NameFromScene], said: Sequence[SaidName] = ()) -> ThingNames:
+        """The same with names that other scenes suggest for some things, by their ids, and with what sources said of
+        things that people named there."""
+
+        def suggested(thing: Thing) -> Thing:
+            name = elsewhere[thing.id]
+            own = [
+                each
+                for each in thing.suggestions
+                if each.source != name.source or label_key(each.name) != label_key(name.name)
+            ]
+            return replace(thing, suggestions=(Suggestion(name.name, name.probability, name.source), *own))
+
+        return replace(
+            self,
+            present=tuple(suggested(thing) if thing.id in elsewhere else thing for thing in self.present),
+            said_elsewhere=tuple(said),
+        )
+
+    def is_borne(self, label_id: int) -> bool:
+        """Whether anything bears a name."""
+        return label_id in self.table and not self.table[label_id].suggested
+
+    def picks(self, answer: Answer) -> tuple[int, ...] | None:
+        """The things that an answer is about where it picks some; None where it is about all things of its labels."""
+        borne = any(map(self.is_borne, answer.relevant_ids))
+        return answer.things if answer.phrase is not None or (answer.things and not borne) else None
+
+    def counted(self, answer: Answer) -> Answer:
+        """The answer, whose relevant entries count the Gaussians of the things that it picks."""
+        picked = self.picks(answer)
+        if picked is None:
+            return answer
+
+        def count(label_id: int) -> int:
+            return sum(self.counts.get(each, 0) for each in self.of_labels((label_id,)) if each in picked)
+
+        matches = (
+            each._replace(gaussian_count=count(each.label_id)) if each.relevant else each for each in answer.matches
+        )
+        return replace(answer, matches=tuple(matches))
+
+    @cached_property
+    def lengths(self) -> Mapping[int, float]:
+        """Longest edge of each visible thing, meters; without meters, of the median thing `USUAL_M`."""
+        edges = {thing.id: max(self.boxes[thing.id].size) for thing in self.present if thing.id in self.boxes}
+        usual = [edges[thing.id] for thing in self.present if thing.id in edges and not thing.surface]
+        meter = 1.0 if self.metric or not usual else median(usual) / USUAL_M or 1.0
+        return {thing_id: edge / meter for thing_id, edge in edges.items()}
+
+    def counted_once(self, thing_ids: Sequence[int]) -> tuple[int, ...]:
+        """Drops fragments: things that lie in the place of another one of their name."""
+        boxes = {each: self.boxes[each] for each in thing_ids if each in self.boxes}
+        wholes: list[int] = []
+        for each in sorted(boxes, key=lambda one: -prod(boxes[one].size)):
+            name = self.called.get(each)
+            if not (name and any(self.called[one] == name and _lies_in(boxes[each], boxes[one]) for one in wholes)):
+                wholes.append(each)
+        return tuple(each for each in thing_ids if each in wholes or each not in boxes)
+
+    @cached_property
+    def called(self) -> Mapping[int, str]:
+        """The name of each thing and part, or "" for none."""
+        return {thing.id: thing.name for thing in self._everything}
+
+    @cached_property
+    def taken_for(self) -> Mapping[int, str]:
+        """What each thing is taken for, by its id: its name, or else the likeliest that is suggested, or ""; of a scene
+        that stores no things, its labels by theirs."""
+        if not self.stored:
+            return {number: each.label for number, each in enumerate(self.labels.entries, start=1)}
+        return {each.id: each.name or next((one.name for one in each.suggestions), "") for each in self.present}
+
+    @cached_property
+    def searched(self) -> Searched:
+        """What this scene was searched for."""
+        unnamed = [thing.id for thing in self.present if not thing.name]
+        named = len(self.present) - len(unnamed) if self.stored else None
+        return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
+
+
+def _lies_in(one: Box, other: Box) -> bool:
+    """Tells whether most of a box lies in another one; of a speck, in it or at it."""
+    slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
+    grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
+    world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
+    own = (world - other.center.position) @ other.center.matrix()[:3, :3]
+    inside = np.abs(own) <= np.array(other.size) / 2 + slack * max(other.size)
+    return bool(2 * inside.all(axis=1).sum() > len(grid))
+
+
+def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:
+    """The names that a scene can be asked for.
+
+    Args:
+        scene: its labels.
+        of_things: those of the things that it stores; None: it stores none.
+        counts: Gaussians of each label, 0 first.
+    """
+    names = of_things or ThingNames(scene.dictionary, (), (), searched_names(scene), stored=False)
+    entries = () if scene.label_mode == "things" else enumerate(scene.dictionary.entries, start=1)
+    return replace(names, marked={label_id: entry.confidence for label_id, entry in entries if counts[label_id]})

@@ -1,0 +1,36 @@
+"""Normalizes and bounds text read on things."""
+
+from __future__ import annotations
+
+import unicodedata
+from collections.abc import Iterable, Mapping
+
+from fastsplat_contract.messages.thing_reads import ThingRead
+
+MOST_READS = 24  # per thing
+MAX_READ_CHARS = 200  # per read
+
+
+def one_line(text: str) -> str:
+    """Normalizes text to one line: NFC, single spaces, no control or format characters."""
+    seen = (each for each in text if each.isspace() or unicodedata.category(each)[0] != "C")
+    return " ".join(unicodedata.normalize("NFC", "".join(seen)).split())
+
+
+def tags_of(reads: Iterable[ThingRead]) -> Mapping[str, float]:
+    """Returns the probability of each printed tag by its number."""
+    tags = [read for read in reads if read.kind == "tag"]
+    return {read.text: read.probability for read in sorted(tags, key=lambda one: one.probability)}
+
+
+def bounded_reads(reads: Iterable[ThingRead]) -> tuple[ThingRead, ...]:
+    """Keeps the `MOST_READS` likeliest distinct reads.
+
+    Texts longer than `MAX_READ_CHARS` are dropped, not cut: half a code means something else.
+    """
+    kept: dict[tuple[str, str], ThingRead] = {}
+    for read in sorted(reads, key=lambda one: -one.probability):
+        line = one_line(read.text)
+        if 0 < len(line) <= MAX_READ_CHARS and len(kept) < MOST_READS:
+            kept.setdefault((read.kind, line), read._replace(text=line))
+    return tuple(kept.values())

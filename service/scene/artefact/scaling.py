@@ -1,0 +1,89 @@
+"""Estimates a scene's metric scale from known lengths."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, get_args
+
+from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
+from fastsplat_contract.messages.scenes import ScaleSource
+
+_LEAST_DEVIATION = 1e-3
+"""Minimum relative deviation of a length between two picked places."""
+
+
+@dataclass(frozen=True)
+class ScaledLength:
+    """A known length with standard deviations."""
+
+    units: float  # in units of the trained scene
+    deviation: float  # of `units`
+    meters: float  # as measured in the world
+    meters_deviation: float  # of `meters`
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Scale of a version relative to the trained one."""
+
+    meters_per_unit: float  # factor applied to the trained version's arrays and cameras
+    low: float  # of the 95 % interval
+    high: float  # of the 95 % interval
+    lengths: tuple[ScaledLength, ...]
+
+    @property
+    def deviation(self) -> float:
+        """Relative standard deviation of metric lengths due to the scale alone."""
+        return math.log(self.high / self.low) / (2 * NORMAL_95)
+
+
+def combined(lengths: Sequence[ScaledLength]) -> Scaling:
+    """Fits the scale to one or more positive known lengths.
+
+    `combined_ratio` of meters_i / units_i, with the variances (σ_units / units)², at least 0.001², + (σ_meters /
+    meters)². The interval is s · exp(±1.96 σ).
+    """
+    variances = [
+        max((each.deviation / each.units) ** 2, _LEAST_DEVIATION**2) + (each.meters_deviation / each.meters) ** 2
+        for each in lengths
+    ]
+    scale, deviation = combined_ratio([each.meters / each.units for each in lengths], variances)
+    spread = math.exp(NORMAL_95 * deviation)
+    return Scaling(scale, scale / spread, scale * spread, tuple(lengths))
+
+
+def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
+    """Returns the uncertainty of meters measured by the capture itself; None without any.
+
+    The trained version is already in meters: the scaling is 1, with one length, so that known lengths combine with it.
+    `scale_error_95` of the quality is half of the 95 % interval as a share.
+    """
+    error = quality.get("scale_error_95")
+    if not isinstance(error, float) or not error > 0:
+        return None
+    return combined([ScaledLength(1.0, error / NORMAL_95, 1.0, 0.0)])
+
+
+def capture_scale_source(quality: Mapping[str, Any]) -> ScaleSource:
+    """Returns the surest source of the capture's meters ("tags+arkit": tags).
+
+    Scenes that record none used tags.
+    """
+    stated = str(quality.get("scale_source", "tags")).partition("+")[0]
+    return next((source for source in get_args(ScaleSource) if source == stated), "tags")
+
+
+def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:
+    """Converts a scaling to JSON values."""
+    return None if scaling is None else {**asdict(scaling), "lengths": [asdict(each) for each in scaling.lengths]}
+
+
+def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
+    """Reads the output of `scaling_to_json`."""
+    if row is None:
+        return None
+    return Scaling(
+        row["meters_per_unit"], row["low"], row["high"], tuple(ScaledLength(**each) for each in row["lengths"])
+    )

@@ -1,0 +1,318 @@
+"""In-memory scene types: NumPy arrays only, no torch, no files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
+from fastsplat.service.scene.artefact.alignment import Alignment
+from fastsplat.service.scene.artefact.scaling import Scaling
+from fastsplat.service.scene.artefact.suggestions import SaidName
+from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
+from fastsplat.service.scene.artefact.upright import up_of, vertical_of
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.scenes import Scale, SceneVertical
+from fastsplat_contract.messages.thing_reads import ThingRead
+from fastsplat_contract.messages.things import NameSource as NameSource
+from fastsplat_contract.photos.observations import Observation
+
+F32 = NDArray[np.float32]
+
+SH_COUNTS = tuple((degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1))
+"""SH coefficients per channel by degree: 1, 4, 9, 16."""
+
+SH_C0 = 0.28209479177387814
+"""Y_00, the constant real spherical harmonic: ½ √(1/π)."""
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """G Gaussians before activation, as in 3DGS files; the row number is the permanent id.
+
+    color = max(0, 0.5 + Σ_k Y_k(direction) sh_k), real spherical harmonics, K = (degree + 1)², 3DGS sign convention.
+    """
+
+    means: F32  # [G, 3], world frame, scene units
+    quats: F32  # [G, 4], world-from-Gaussian rotation as w x y z, any non-zero length
+    log_scales: F32  # [G, 3], natural log of the standard deviations, scene units
+    logit_opacities: F32  # [G]
+    sh: F32  # [G, K, 3], RGB
+    codes: F32  # [G, D], semantic codes (FAST-Splat's β); D may be 0 for a scene without labels
+
+    def __post_init__(self) -> None:
+        count = len(self.means)
+        assert self.means.shape == (count, 3) and self.quats.shape == (count, 4)
+        assert self.log_scales.shape == (count, 3) and self.logit_opacities.shape == (count,)
+        assert self.sh.ndim == 3 and self.sh.shape[0] == count and self.sh.shape[1] in SH_COUNTS
+        assert self.sh.shape[2] == 3 and self.codes.ndim == 2 and self.codes.shape[0] == count
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def sh_degree(self) -> int:
+        """0..`MAX_SH_DEGREE`."""
+        return math.isqrt(self.sh.shape[1]) - 1
+
+
+@dataclass(frozen=True)
+class SemanticHead:
+    """Affine map W of the paper from codes to class logits.
+
+    Class 0 is undetected, class n is dictionary id n.
+    """
+
+    weight: F32  # [N + 1, D]
+    bias: F32  # [N + 1]
+
+    @staticmethod
+    def unlearnt(labels: int, code: int = 0) -> SemanticHead:
+        """A zero head for N labels and codes of `code` dimensions."""
+        return SemanticHead(np.zeros((labels + 1, code), np.float32), np.zeros(labels + 1, np.float32))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Sparse label counts per Gaussian, integers so that views can be removed exactly.
+
+    A[g, n] = Σ_views Σ_pixels w·1[label = n] with blend weight w (FlashSplat, Shen et al. 2024).
+    """
+
+    starts: NDArray[np.int64]  # [G + 1]; row g has the entries starts[g]..starts[g + 1] of the other two
+    labels: NDArray[np.uint16]  # [M], dictionary ids, ascending within a row, 0 = undetected
+    counts: NDArray[np.int64]  # [M], positive, in units of 1/4096 pixel
+
+    def __post_init__(self) -> None:
+        assert self.starts.ndim == 1 and len(self.starts) >= 1 and self.starts.dtype == np.int64
+        assert self.labels.ndim == 1 and self.labels.dtype == np.uint16
+        assert self.counts.shape == self.labels.shape and self.counts.dtype == np.int64
+        assert self.starts[0] == 0 and self.starts[-1] == len(self.labels)
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+
+STATED_FROM = 0.95
+"""Probability from which a detected name is stated without qualification."""
+
+SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
+"""Geometric kind of a thing: "" is no surface, "surface" has no known orientation."""
+
+
+class Looks(NamedTuple):
+    """Image-text embedding of a thing."""
+
+    sha256: str  # of the model, in hex; embeddings of different models are not comparable
+    embedding: bytes  # float16 [E] of unit length, the mean over the best pictures of the thing
+
+
+@dataclass(frozen=True)
+class Thing:
+    """A physical object or surface, or a part of one.
+
+    Attributes:
+        id: 1..65535, never reused by another thing or part in any version of the scene.
+        consensus: share of the views seeing it in which it was proposed, 0..1; 1 for a thing added by an edit.
+        suggestions: unconfirmed names, most probable first. Kept after a person names the thing, to rate the sources.
+        appearance: descriptor, float16 of unit length (`service.perception.appearance`). Empty, like `picture` and
+            `looks`, if no photo shows the thing well, or it was made by an edit.
+        proposed_in: camera indices in which discovery proposed it; empty if not recorded, e.g. for things added by an
+            edit.
+        missed_in: camera indices that saw most of it during discovery without proposing it.
+    """
+
+    id: int
+    name: str = ""
+    source: NameSource | None = None  # None if unnamed
+    probability: float = 0.0  # of the name
+    consensus: float = 1.0
+    surface: SurfaceKind = ""
+    suggestions: tuple[Suggestion, ...] = ()
+    parent: int = 0  # of a part, its thing's id
+    appearance: bytes = field(default=b"", repr=False)
+    picture: bytes = field(default=b"", repr=False)  # small JPEG
+    proposed_in: tuple[int, ...] = ()
+    missed_in: tuple[int, ...] = ()
+    reads: tuple[ThingRead, ...] = ()  # surest first
+    looks: Looks | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
+        assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
+        assert all(0 <= each.probability <= 1 for each in self.suggestions)
+        assert all(0 <= each.probability <= 1 for each in self.reads)
+
+    @property
+    def said(self) -> tuple[SaidName, ...]:
+        """Other sources' suggestions for a thing that a person named; otherwise empty."""
+        if self.source != "person":
+            return ()
+        name = label_key(self.name)
+        return tuple(
+            SaidName(each.source, each.probability, name in map(label_key, (each.name, *each.aliases)))
+            for each in self.suggestions
+            if each.source
+        )
+
+    @property
+    def guessed(self) -> bool:
+        """The name was detected and is not probable enough to be stated."""
+        return self.source == "detected" and self.probability < STATED_FROM
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of things; a part's Gaussians belong to its thing as well."""
+
+    table: tuple[Thing, ...]  # by ascending id, each with its `parent`
+    membership: Evidence  # labels are part ids, 0 = no part, as for Gaussians without entries
+
+    def __post_init__(self) -> None:
+        ids = [part.id for part in self.table]
+        assert ids == sorted(set(ids)) and all(part.parent for part in self.table)
+
+
+@dataclass(frozen=True)
+class ThingGroup:
+    """Things that views proposed as one, e.g. a stack of books."""
+
+    id: int  # 1..65535, distinct from ids of things and parts
+    members: tuple[int, ...]  # two or more, ascending
+    consensus: float  # share of the views seeing it in which it was proposed, 0..1
+
+    def __post_init__(self) -> None:
+        assert 1 <= self.id <= 65535 and 0 <= self.consensus <= 1
+        assert len(self.members) >= 2 and list(self.members) == sorted(set(self.members))
+
+
+@dataclass(frozen=True)
+class Things:
+    """Things of a scene and their Gaussians.
+
+    Attributes:
+        membership: of G Gaussians; labels are thing ids, 0 = no thing, counts the strength of the evidence.
+        next_id: above all ids of things, parts and groups of this version and its predecessors; 0 derives it from the
+            present ids.
+        head: maps codes to logits over things and decides a pixel's owner (`codes_of_things`). None without trained
+            codes: then the blended membership decides.
+    """
+
+    table: tuple[Thing, ...]  # by ascending id
+    membership: Evidence
+    next_id: int = 0
+    parts: Parts | None = None
+    head: SemanticHead | None = None
+    groups: tuple[ThingGroup, ...] = ()  # by ascending id; a thing may be in several
+
+    def __post_init__(self) -> None:
+        ids = [thing.id for thing in self.table]
+        assert ids == sorted(set(ids)) and not any(thing.parent for thing in self.table)
+        if self.parts is not None:
+            assert len(self.parts.membership) == len(self.membership)
+            assert not {part.id for part in self.parts.table} & set(ids)
+            assert {part.parent for part in self.parts.table} <= set(ids)
+        group_ids = [group.id for group in self.groups]
+        assert group_ids == sorted(set(group_ids)) and not {thing.id for thing in self.everything} & set(group_ids)
+        assert all(set(group.members) <= set(ids) for group in self.groups)
+
+    @property
+    def everything(self) -> tuple[Thing, ...]:
+        return self.table if self.parts is None else (*self.table, *self.parts.table)
+
+
+@dataclass(frozen=True)
+class CodeSemantics:
+    """Labels of Gaussians by their semantic codes."""
+
+    codes: F32  # [G, D]
+    head: SemanticHead
+
+
+@dataclass(frozen=True)
+class ThingSemantics:
+    """Labels of Gaussians by the names of their things."""
+
+    things: Things
+    codes: F32  # [G, D], see `Things.head`
+    label_ids: NDArray[np.int32]  # [I + 1], dictionary id by thing id up to the largest, I; 0 if unnamed or no thing
+
+
+Semantics = CodeSemantics | Evidence | ThingSemantics
+"""Source of the Gaussians' labels."""
+
+LabelMode = Literal["codes", "evidence", "things"]
+"""Source of a Gaussian's label: its code, label map evidence, or its thing's name."""
+
+
+TAKEN_AT = "taken_at"
+"""Key of `Scene.quality`: capture times by camera name, seconds since 1970."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A trained scene version.
+
+    Attributes:
+        label_templates: sentences the labels were embedded in (mean over them); "{}" is the bare label.
+        things: None if none are stored; see `fastsplat.service.query.things.labeled_things` for that case.
+        observations: from photos of other days, in order of arrival, in the trained version's frame
+            (`fastsplat.service.scene.artefact.observations`).
+    """
+
+    gaussians: Gaussians
+    head: SemanticHead  # logits over `dictionary` and undetected
+    dictionary: Dictionary
+    label_embeddings: F32  # [N, E], unit length, in dictionary order, by `text_encoder`
+    text_encoder: tuple[str, str]  # manifest name and sha256 of the weights
+    cameras: tuple[PosedCamera, ...]  # training and held-out views
+    scale: Scale  # whether scene units are meters
+    training: Mapping[str, Any] = field(default_factory=dict)  # settings, JSON-ready
+    quality: Mapping[str, Any] = field(default_factory=dict)  # figures (psnr, images, ...), JSON-ready
+    label_templates: tuple[str, ...] = ("{}",)
+    evidence: Evidence | None = None
+    things: Things | None = None
+    scaling: Scaling | None = None  # by known lengths since training
+    alignment: Alignment | None = None  # to a map since training
+    observations: tuple[Observation, ...] = ()
+
+    def __post_init__(self) -> None:
+        classes = len(self.dictionary) + 1
+        assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
+        assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
+        assert self.evidence is None or len(self.evidence) == len(self.gaussians)
+        if self.things is not None:
+            assert len(self.things.membership) == len(self.gaussians)
+            head = self.things.head
+            assert head is None or head.weight.shape == (len(head.bias), self.gaussians.codes.shape[1] or -1)
+
+    @property
+    def label_mode(self) -> LabelMode:
+        """Things if the scene stores them, else evidence, else codes."""
+        return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
+
+    def vertical(self) -> SceneVertical | None:
+        """Vertical direction in this version's frame, its source and uncertainty."""
+        return vertical_of(self.quality, self.alignment, self.cameras)
+
+    def up(self) -> NDArray[np.float64] | None:
+        """Unit up vector in this version's frame, float64 [3]; None if too uncertain."""
+        return up_of(self.vertical())
+
+
+def semantics_of(scene: Scene) -> Semantics:
+    """Returns the source of the Gaussians' labels selected by `Scene.label_mode`."""
+    if scene.things is not None:
+        label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
+        for thing in scene.things.table:
+            label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
+        return ThingSemantics(scene.things, scene.gaussians.codes, label_ids)
+    if scene.evidence is not None:
+        return scene.evidence
+    return CodeSemantics(scene.gaussians.codes, scene.head)

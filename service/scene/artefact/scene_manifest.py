@@ -1,0 +1,348 @@
+"""Encodes and validates `scene.json` and `cameras.json`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AfterValidator, Field, ValidationError
+
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.scene.artefact.alignment import Alignment, alignment_from_json, alignment_to_json
+from fastsplat.service.scene.artefact.observations import observations_from_json, observations_to_json
+from fastsplat.service.scene.artefact.scaling import Scaling, scaling_from_json, scaling_to_json
+from fastsplat.service.scene.artefact.scene import SH_COUNTS, Thing, ThingGroup
+from fastsplat.service.scene.artefact.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
+from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.scenes import Scale
+from fastsplat_contract.photos.observations import Observation
+
+SCHEMA = 1
+"""Version of the folder layout; no other is read or written."""
+
+_FORMAT = "fastsplat-scene"
+_RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """Contents of `scene.json`; fields named as in `Scene` have the same meaning."""
+
+    dictionary: Dictionary
+    text_encoder: tuple[str, str]
+    label_templates: tuple[str, ...]
+    scale: Scale
+    training: Mapping[str, Any]
+    quality: Mapping[str, Any]
+    gaussians: int  # G
+    sh: int  # K
+    code: int  # D
+    embedding: int  # E
+    arrays_sha256: str  # digest, also of the row order
+    evidence_entries: int | None = None  # M; None without evidence
+    evidence_sha256: str = ""
+    things: tuple[Thing, ...] | None = None  # table; None for a scene without
+    things_entries: int = 0  # M of the membership
+    things_sha256: str = ""  # of membership and head
+    things_classes: int | None = None  # C of the head; None for things without codes
+    next_thing_id: int = 0
+    parts: tuple[Thing, ...] | None = None  # table; None for things without
+    parts_entries: int = 0
+    parts_sha256: str = ""
+    groups: tuple[ThingGroup, ...] = ()
+    scaling: Scaling | None = None
+    alignment: Alignment | None = None
+    observations: tuple[Observation, ...] = ()
+
+
+def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
+    """Encodes `scene.json`, with digests of itself and of `cameras.json`.
+
+    Non-finite numbers of training and quality are dropped rather than failing the scene; quality lists them as
+    `left_out`.
+
+    Raises:
+        InvalidInputError: training or quality holds values that are not JSON.
+    """
+    left_out: list[str] = []
+    training = _finite(manifest.training, "training", left_out)
+    quality = _finite(manifest.quality, "quality", left_out)
+    if left_out:
+        quality["left_out"] = sorted(left_out)
+    body: dict[str, Any] = {
+        "format": _FORMAT,
+        "schema": SCHEMA,
+        "dictionary": [asdict(entry) for entry in manifest.dictionary.entries],
+        "text_encoder": {"name": manifest.text_encoder[0], "sha256": manifest.text_encoder[1]},
+        "label_templates": list(manifest.label_templates),
+        "scale": manifest.scale,
+        "scaling": scaling_to_json(manifest.scaling),
+        "alignment": alignment_to_json(manifest.alignment),
+        "observations": observations_to_json(manifest.observations),
+        "training": training,
+        "quality": quality,
+        "sizes": {
+            "gaussians": manifest.gaussians,
+            "sh": manifest.sh,
+            "code": manifest.code,
+            "embedding": manifest.embedding,
+        },
+        "arrays_sha256": manifest.arrays_sha256,
+        "evidence": None
+        if manifest.evidence_entries is None
+        else {"entries": manifest.evidence_entries, "sha256": manifest.evidence_sha256},
+        "things": None
+        if manifest.things is None
+        else {
+            "table": [thing_row(thing) for thing in manifest.things],
+            "next_id": manifest.next_thing_id,
+            "entries": manifest.things_entries,
+            "sha256": manifest.things_sha256,
+            "classes": manifest.things_classes,
+            "parts": None
+            if manifest.parts is None
+            else {
+                "table": [thing_row(part) for part in manifest.parts],
+                "entries": manifest.parts_entries,
+                "sha256": manifest.parts_sha256,
+            },
+            "groups": [asdict(group) for group in manifest.groups],
+        },
+        "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
+    }
+    try:
+        body["sha256"] = _seal(body)
+        return json.dumps(body, indent=1, allow_nan=False).encode()
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InvalidInputError(
+            f"training or quality cannot be written as JSON: {error}",
+            field="training/quality",
+            hint="Write numbers, texts, lists and mappings only.",
+        ) from error
+
+
+def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
+    """Decodes `scene.json` and checks its digest and that of `cameras.json`.
+
+    Raises:
+        SceneSchemaError: another schema version.
+        SceneFileError: any other damage.
+    """
+    body = _parse(data, "scene.json")
+    if not isinstance(body, dict) or body.get("format") != _FORMAT:
+        raise SceneFileError("scene.json is not a scene manifest", field="scene.json", hint=_RESTORE)
+    if body.get("schema") != SCHEMA or isinstance(body["schema"], bool):
+        raise SceneSchemaError(
+            f"scene.json has schema {body.get('schema')!r}, this version reads {SCHEMA}",
+            field="schema",
+            hint="With the version of fastsplat that wrote it, export the scene as PLY or SPZ, and import that here.",
+        )
+    seal = body.pop("sha256", None)
+    if seal != _seal(body):
+        raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
+    try:
+        checked = _Body.model_validate(body)
+        dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
+        observations = observations_from_json(checked.observations)
+    except (ValidationError, FastSplatError) as error:
+        raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
+    if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
+        raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
+    parts = None if checked.things is None else checked.things.parts
+    return Manifest(
+        dictionary=dictionary,
+        text_encoder=(checked.text_encoder.name, checked.text_encoder.sha256),
+        label_templates=tuple(checked.label_templates),
+        scale=checked.scale,
+        training=checked.training,
+        quality=checked.quality,
+        gaussians=checked.sizes.gaussians,
+        sh=checked.sizes.sh,
+        code=checked.sizes.code,
+        embedding=checked.sizes.embedding,
+        arrays_sha256=checked.arrays_sha256,
+        evidence_entries=None if checked.evidence is None else checked.evidence.entries,
+        evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
+        things=None if checked.things is None else tuple(thing_of_row(row) for row in checked.things.table),
+        things_entries=0 if checked.things is None else checked.things.entries,
+        things_sha256="" if checked.things is None else checked.things.sha256,
+        things_classes=None if checked.things is None else checked.things.classes,
+        next_thing_id=0 if checked.things is None else checked.things.next_id,
+        parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
+        parts_entries=0 if parts is None else parts.entries,
+        parts_sha256="" if parts is None else parts.sha256,
+        groups=() if checked.things is None else tuple(group_of_row(row) for row in checked.things.groups),
+        scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
+        alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
+        observations=observations,
+    )
+
+
+def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
+    """Encodes `cameras.json`: name, intrinsics in pixels, world_from_camera (row-major, scene units)."""
+    rows = [
+        {
+            "name": posed.name,
+            **asdict(posed.camera),
+            "world_from_camera": np.asarray(posed.world_from_camera, dtype=np.float64).tolist(),
+        }
+        for posed in cameras
+    ]
+    return json.dumps(rows, indent=1, allow_nan=False).encode()
+
+
+def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
+    """Decodes `cameras.json`.
+
+    Raises:
+        SceneFileError: malformed, or a pose that is not rigid.
+    """
+    rows = _parse(data, "cameras.json")
+    try:
+        checked = [_CameraRow.model_validate(row) for row in rows]
+        return tuple(
+            PosedCamera(
+                Camera(row.width, row.height, row.fx, row.fy, row.cx, row.cy),
+                np.array(row.world_from_camera, dtype=np.float64),
+                row.name,
+            )
+            for row in checked
+        )
+    except (ValidationError, FastSplatError, TypeError) as error:
+        raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
+
+
+class _Entry(StrictRow):
+    label: str
+    aliases: Annotated[tuple[str, ...], Field(strict=False)]
+    pixels: int
+    views: int
+    confidence: Annotated[float, Field(ge=0, le=1)]
+
+
+class _Encoder(StrictRow):
+    name: str
+    sha256: str
+
+
+def _sh_count(count: int) -> int:
+    if count not in SH_COUNTS:
+        raise ValueError(f"{count} harmonics, expected one of {SH_COUNTS}")
+    return count
+
+
+class _Sizes(StrictRow):
+    gaussians: Annotated[int, Field(ge=0)]
+    sh: Annotated[int, AfterValidator(_sh_count)]
+    code: Annotated[int, Field(ge=0)]
+    embedding: Annotated[int, Field(ge=0)]
+
+
+class _Evidence(StrictRow):
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
+_Positive = Annotated[float, Field(gt=0)]
+_Deviation = Annotated[float, Field(ge=0)]
+
+
+class _Length(StrictRow):
+    units: _Positive
+    deviation: _Deviation
+    meters: _Positive
+    meters_deviation: _Deviation
+
+
+class _Scaling(StrictRow):
+    meters_per_unit: _Positive
+    low: _Positive
+    high: _Positive
+    lengths: list[_Length]
+
+
+_Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+
+
+class _Alignment(StrictRow):
+    frame: str
+    rotation: Annotated[list[_Row3], Field(min_length=3, max_length=3)]
+    translation: _Row3
+    pairs: Annotated[int, Field(ge=0)]
+    residuals: list[float]
+    rms: float | None
+    outliers: list[int]
+    scaled: bool
+
+
+class _Body(StrictRow):
+    format: str
+    schema_: int = Field(alias="schema")
+    dictionary: list[_Entry]
+    text_encoder: _Encoder
+    label_templates: list[str]
+    scale: Scale
+    training: dict[str, Any]
+    quality: dict[str, Any]
+    sizes: _Sizes
+    arrays_sha256: str
+    evidence: _Evidence | None
+    things: ThingsRow | None
+    cameras_sha256: str
+    scaling: _Scaling | None
+    alignment: _Alignment | None
+    observations: list[dict[str, Any]]
+
+
+_Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class _CameraRow(StrictRow):
+    name: str
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_from_camera: Annotated[list[_Row4], Field(min_length=4, max_length=4)]
+
+
+def _finite(value: Any, name: str, left_out: list[str]) -> Any:
+    """Copies JSON values with Python numbers, without non-finite ones (None in sequences).
+
+    Appends the dotted names of dropped numbers to `left_out`.
+    """
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        left_out.append(name)
+        return None
+    if isinstance(value, Mapping):
+        parts = {key: _finite(part, f"{name}.{key}", left_out) for key, part in value.items()}
+        return {key: part for key, part in parts.items() if part is not None or value[key] is None}
+    if isinstance(value, (list, tuple)):
+        return [_finite(part, f"{name}.{index}", left_out) for index, part in enumerate(value)]
+    return value
+
+
+def _seal(body: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical JSON, which reformatting does not change."""
+    return hashlib.sha256(json.dumps(body, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def _parse(data: bytes, name: str) -> Any:
+    try:
+        return json.loads(data.decode(), parse_constant=_no_constant)
+    except (ValueError, RecursionError) as error:
+        raise SceneFileError(f"{name} is not whole JSON: {error}", field=name, hint=_RESTORE) from error
+
+
+def _no_constant(text: str) -> float:
+    raise ValueError(f"{text} is not JSON")

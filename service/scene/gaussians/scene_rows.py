@@ -1,0 +1,51 @@
+"""Selects and appends Gaussians of a scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat.service.scene.objects.label_evidence import rows_of
+from fastsplat.service.scene.objects.things import things_of_rows
+
+
+def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
+    """Selects Gaussians by mask [G] or by ids [K], which may repeat."""
+    return Gaussians(
+        means=gaussians.means[rows],
+        quats=gaussians.quats[rows],
+        log_scales=gaussians.log_scales[rows],
+        logit_opacities=gaussians.logit_opacities[rows],
+        sh=gaussians.sh[rows],
+        codes=gaussians.codes[rows],
+    )
+
+
+def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
+    """Appends Gaussians, with harmonics padded or cut to fit, and zero codes."""
+    count, harmonics = len(part), gaussians.sh.shape[1]
+    sh = np.zeros((count, harmonics, 3), np.float32)
+    shared = min(harmonics, part.sh.shape[1])
+    sh[:, :shared] = part.sh[:, :shared]
+    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # W was not trained on the codes of `part`
+    return Gaussians(
+        means=np.concatenate([gaussians.means, part.means]),
+        quats=np.concatenate([gaussians.quats, part.quats]),
+        log_scales=np.concatenate([gaussians.log_scales, part.log_scales]),
+        logit_opacities=np.concatenate([gaussians.logit_opacities, part.logit_opacities]),
+        sh=np.concatenate([gaussians.sh, sh]),
+        codes=np.concatenate([gaussians.codes, codes]),
+    )
+
+
+def scene_of_rows(scene: Scene, rows: NDArray[np.integer]) -> Scene:
+    """Selects the scene's Gaussians `rows`, int [K], in that order; repetitions are allowed."""
+    return replace(
+        scene,
+        gaussians=gaussians_of_rows(scene.gaussians, rows),
+        evidence=None if scene.evidence is None else rows_of(scene.evidence, rows),
+        things=things_of_rows(scene.things, rows),
+    )

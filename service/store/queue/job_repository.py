@@ -1,0 +1,286 @@
+"""Updates of jobs by workers, fenced by the attempt that claimed the job."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy import Connection, delete, exists, insert, select, update
+
+from fastsplat.service.store.queue.claims import (
+    Claim,
+    FencedError,
+    JobQueue,
+    JobRequest,
+    execute_fenced,
+    fenced,
+    uncancelled,
+)
+from fastsplat.service.store.queue.made_scenes import publish_made_within
+from fastsplat.service.store.repositories.photo_repository import record_photos
+from fastsplat.service.store.repositories.scene_repository import as_operation, no_operation, no_upload, queued_row
+from fastsplat.service.store.repositories.version_repository import NewVersion, publish_within
+from fastsplat.service.store.rows.damaged_rows import each_readable
+from fastsplat.service.store.rows.records import (
+    AGAIN_AFTER,
+    EXCLUDED,
+    RELEASED,
+    RESULT,
+    RETRIES,
+    NewJob,
+    OperationRecord,
+    SceneSummary,
+)
+from fastsplat.service.store.rows.schema import operations, scenes
+from fastsplat_contract.errors import NotFoundError
+
+_ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
+_UNFINISHED = ("QUEUED", "RUNNING")
+_RETRIED = ("FAILED", "CANCELLED")
+_REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
+
+
+class JobRepository(JobQueue):
+    """The job queue and the updates of its jobs; each method is one transaction.
+
+    Methods that take a claim, except `release`, raise `FencedError` if it is not the newest or its operation is over.
+    """
+
+    def release(self, claim: Claim) -> None:
+        """Gives an unfinished job back without counting its start; does nothing if fenced."""
+        with self._writing() as connection:
+            options = {**claim.operation.options, RELEASED: True}
+            values = {"starts": operations.c.starts - 1, "options": options, "worker": "", "updated_at": time.time()}
+            connection.execute(fenced(claim).values(values))
+
+    def report(
+        self,
+        claim: Claim,
+        stages: Sequence[Mapping[str, Any]],
+        *,
+        starts: int | None = None,
+        progress_files: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> frozenset[JobRequest]:
+        """Writes progress and returns the pending requests to the job; None leaves a value unchanged.
+
+        Args:
+            claim: of the job.
+            stages: one row a stage.
+            starts: new count of starts, as the job made progress.
+            progress_files: see `OperationRecord`.
+        """
+        with self._writing() as connection:
+            values: dict[str, Any] = {"stages": [dict(stage) for stage in stages], "updated_at": time.time()}
+            if starts is not None:
+                values["starts"] = starts
+            if progress_files is not None:
+                values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
+            execute_fenced(connection, claim, fenced(claim).values(values))
+            requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
+            return _requests(tuple(requested))
+
+    def record_photos(self, claim: Claim, photos: Sequence[Mapping[str, Any]]) -> None:
+        """Writes the photo verdicts of the job's scene, as JSON objects."""
+        with self._writing() as connection:
+            execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
+            record_photos(connection, claim.operation.scene_id, photos)
+
+    def check(self, claim: Claim) -> frozenset[JobRequest]:
+        """Returns the pending requests to the job, without writing."""
+        query = select(*_REQUESTED).where(
+            operations.c.id == claim.operation.id,
+            operations.c.attempt == claim.attempt,
+            operations.c.state == "RUNNING",
+        )
+        with self._reading() as connection:
+            requested = connection.execute(query).first()
+        if requested is None:
+            raise FencedError(claim.operation.id)
+        return _requests(tuple(requested))
+
+    def publish_draft(
+        self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
+    ) -> None:
+        """Makes a draft the scene's current version; arguments and errors as `succeed`."""
+        with self._writing() as connection:
+            self._publish(connection, claim, {}, summary, carried, edited, draft=True)
+
+    def succeed(
+        self,
+        claim: Claim,
+        summary: SceneSummary,
+        carried: Sequence[NewVersion] = (),
+        *,
+        edited: str = "",
+        result: Mapping[str, Any] | None = None,
+        follow: NewJob | None = None,
+    ) -> Sequence[str]:
+        """Makes the scene READY in place of its drafts, and the operation SUCCEEDED.
+
+        Args:
+            claim: of the job.
+            summary, carried, edited: see `publish_made_within`, also for the returned names.
+            result: outcome of edits of drafts, as JSON; None for no edits.
+            follow: a job on the finished scene, queued in the same transaction.
+
+        Raises:
+            FencedError: also if a cancellation came first, or the scene was deleted.
+            ConflictError: a draft was edited meanwhile.
+        """
+        with self._writing() as connection:
+            told = {} if result is None else {RESULT: dict(result)}
+            done = {"state": "SUCCEEDED", "options": {**claim.operation.options, **told}}
+            removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
+            ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
+            execute_fenced(connection, claim, ready)
+            if follow is not None:
+                connection.execute(insert(operations).values(queued_row(follow)))
+        return removed
+
+    def succeed_with_version(self, claim: Claim, new: NewVersion | None, result: Mapping[str, Any]) -> Sequence[str]:
+        """Publishes the version that an operation made, if any, and ends it as SUCCEEDED.
+
+        Returns the names of removed versions, whose folders the caller removes.
+
+        Raises:
+            FencedError: also if a cancellation came first.
+            ConflictError, NotFoundError: as `publish_within`.
+        """
+        options = {**claim.operation.options, RESULT: dict(result)}
+        with self._writing() as connection:
+            done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
+            execute_fenced(connection, claim, done)
+            return publish_within(connection, new)[1] if new is not None else ()
+
+    def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
+        self._end(claim, "FAILED", dict(error))
+
+    def cancelled(self, claim: Claim) -> None:
+        self._end(claim, "CANCELLED", None)
+
+    def retry(self, operation_id: str, ended_since: float, exclude: Sequence[str] = ()) -> OperationRecord:
+        """Queues a failed or cancelled operation again; returns it, unchanged if in another state.
+
+        Args:
+            ended_since: seconds since 1970; uploads of jobs that ended before are gone.
+            exclude: paths of uploaded photos to leave out, beside those of earlier retries.
+
+        Raises:
+            NotFoundError: there is no such operation, or its scene or its upload is gone.
+        """
+        here = operations.c.id == operation_id
+        with self._writing() as connection:
+            row = connection.execute(select(operations).where(here).with_for_update()).mappings().first()
+            if row is None:
+                raise no_operation(operation_id)
+            record = as_operation(row)
+            if record.state not in _RETRIED:
+                return record
+            scene = scenes.c.id == record.scene_id
+            if connection.scalar(select(scenes.c.id).where(scene)) is None:
+                raise NotFoundError(f"the scene of operation {operation_id!r} was deleted", field="operation")
+            if record.makes_scene:
+                connection.execute(update(scenes).where(scene).values(state="TRAINING"))
+                if record.updated_at < ended_since:
+                    raise no_upload(operation_id)
+            options = {
+                **record.options,
+                RETRIES: record.retries + 1,
+                EXCLUDED: sorted({*record.excluded, *exclude}),
+                AGAIN_AFTER: record.state.lower(),
+            }
+            again = {
+                "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
+                "finish_requested": False, "progress_files": None, "worker": "",
+                "options": options, "updated_at": time.time(),
+            }  # fmt: skip
+            connection.execute(update(operations).where(here).values(again))
+            return as_operation(connection.execute(select(operations).where(here)).mappings().one())
+
+    def over(self, run_ids: Sequence[str]) -> frozenset[str]:
+        """Filters run ids to those ended or unknown; operations with unreadable rows count as running."""
+        unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
+        with self._reading() as connection:
+            rows = connection.execute(unfinished).mappings().all()
+        records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
+        unreadable = frozenset(row["id"] for row in rows) - records.keys()
+        kept = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
+        return frozenset(run_ids) - kept
+
+    def delete_ended(self, before: float) -> None:
+        """Deletes operations without a scene that ended before a time, in seconds since 1970."""
+        without_scene = delete(operations).where(
+            operations.c.updated_at < before,
+            operations.c.state.in_(_ENDED),
+            ~exists().where(scenes.c.id == operations.c.scene_id),
+        )
+        with self._writing() as connection:
+            connection.execute(without_scene)
+
+    def uploads(self, ended_since: float) -> tuple[frozenset[str], frozenset[str]]:
+        """Returns the uploads that operations need, and those that they no longer need.
+
+        Failed or cancelled operations need theirs for a retry if they ended after `ended_since` (seconds since 1970)
+        and their scene still exists.
+        """
+        rows = operations.c
+        query = select(rows.upload_id, rows.state, rows.updated_at, scenes.c.id.label("scene")).select_from(
+            operations.outerjoin(scenes, scenes.c.id == rows.scene_id)
+        )
+        with self._reading() as connection:
+            stored = connection.execute(query).all()
+        needed = frozenset(
+            row.upload_id
+            for row in stored
+            if row.state in _UNFINISHED
+            or (row.state in _RETRIED and row.scene is not None and row.updated_at >= ended_since)
+        )
+        return needed, frozenset(row.upload_id for row in stored) - needed
+
+    def unknown_scenes(self, scene_ids: Sequence[str]) -> frozenset[str]:
+        """Filters scene ids to those without a row."""
+        with self._reading() as connection:
+            return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+
+    def lost_scenes(self, scene_ids: Sequence[str], ended_before: float) -> tuple[frozenset[str], frozenset[str]]:
+        """Splits scene ids without a row into those of ended operations and those without any.
+
+        In neither set: scenes with an operation that is unfinished or ended after `ended_before` (seconds since 1970),
+        which may be being deleted.
+        """
+        with self._reading() as connection:
+            rest = frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+            columns = operations.c.scene_id, operations.c.state, operations.c.updated_at
+            jobs = connection.execute(select(*columns)).all() if rest else ()
+        known = frozenset(job.scene_id for job in jobs)
+        open_ones = (job for job in jobs if job.state in _UNFINISHED or job.updated_at >= ended_before)
+        return (rest & known) - frozenset(job.scene_id for job in open_ones), rest - known
+
+    @staticmethod
+    def _publish(
+        connection: Connection,
+        claim: Claim,
+        values: Mapping[str, Any],
+        summary: SceneSummary,
+        carried: Sequence[NewVersion],
+        edited: str,
+        *,
+        draft: bool,
+    ) -> Sequence[str]:
+        scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
+        execute_fenced(connection, claim, uncancelled(claim).values(values))
+        execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
+        return publish_made_within(connection, scene_id, summary, carried, edited=edited, draft=draft)
+
+    def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
+        with self._writing() as connection:
+            values = {"state": state, "error": error, "updated_at": time.time()}
+            execute_fenced(connection, claim, fenced(claim).values(values))
+            ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
+            connection.execute(ended.values(state=state))
+
+
+def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
+    names: tuple[JobRequest, ...] = ("cancel", "finish")
+    return frozenset(name for name, requested in zip(names, row, strict=True) if requested)

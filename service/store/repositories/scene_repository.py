@@ -1,0 +1,324 @@
+"""Scenes and their operations in the database."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, get_args
+
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
+from sqlalchemy.exc import IntegrityError
+
+from fastsplat.service.store.repositories.name_repository import forget_names
+from fastsplat.service.store.repositories.photo_repository import forget_photos, record_photos
+from fastsplat.service.store.rows.damaged_rows import first_readable, is_name, require
+from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.schema import operations, scene_versions, scenes
+from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
+from fastsplat_contract.jobs.operations import OperationState
+from fastsplat_contract.messages.scenes import SceneState
+
+_LISTED = [column for column in scenes.c if column.name != "cameras"]
+
+
+class SceneRepository:
+    """Scenes and operations; each method is one transaction, safe from any thread.
+
+    All may raise `DatabaseError`; those that take a scene or operation id raise `NotFoundError` if it does not exist
+    here.
+
+    Args:
+        project: limits scenes and operations to a project; None: all projects.
+        scene_id: limits them to one scene; "": all scenes.
+    """
+
+    def __init__(self, engine: Engine, project: str | None = None, scene_id: str = "") -> None:
+        self._project = project
+        self._scene_id = scene_id
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def create(
+        self, job: NewJob, within: Callable[[Connection], None] = lambda connection: None
+    ) -> tuple[OperationRecord, bool]:
+        """Makes a scene and its queued operation, or returns that of an earlier request.
+
+        Args:
+            within: called in the transaction after both inserts; if it raises, neither is made.
+
+        Returns:
+            The operation, and True if it is new.
+
+        Raises:
+            ConflictError: the request id was used for a request with other content.
+        """
+        now = time.time()
+        scene: dict[str, Any] = {
+            "id": job.scene_id, "name": job.name, "operation_id": job.operation_id, "state": "TRAINING",
+            "created_at": now, "dictionary": [], "cameras": [], "quality": {}, "project": job.project,
+        }  # fmt: skip
+        try:
+            with self._writing() as connection:
+                connection.execute(insert(operations).values(queued_row(job)))
+                connection.execute(insert(scenes).values(scene))
+                within(connection)
+                return self._operation(connection, job.operation_id), True
+        except IntegrityError:
+            earlier = self.find_request(job.request_id, job.request_digest, job.project)
+            if earlier is None:
+                raise
+            return earlier, False
+
+    def add_ready(
+        self,
+        scene: SceneRecord,
+        operation: OperationRecord,
+        request_id: str,
+        photos: Sequence[Mapping[str, Any]],
+        within: Callable[[Connection], None],
+    ) -> OperationRecord:
+        """Inserts a scene whose version is in place, with operation and photos; otherwise as `create`."""
+        try:
+            with self._writing() as connection:
+                connection.execute(insert(operations).values(request_id=request_id, **vars(operation)))
+                connection.execute(insert(scenes).values(**vars(scene)))
+                record_photos(connection, scene.id, photos)
+                within(connection)
+                return operation
+        except IntegrityError:
+            earlier = self.find_request(request_id, operation.request_digest, operation.project)
+            if earlier is None:
+                raise
+            return earlier
+
+    def add_job(self, job: NewJob) -> OperationRecord:
+        """Queues an operation on an existing scene; request ids and errors are as in `create`."""
+        try:
+            with self._writing() as connection:
+                here = select(scenes.c.id).where(scenes.c.id == job.scene_id, *self._within(scenes))
+                if connection.scalar(here) is None:
+                    raise no_scene(job.scene_id)
+                connection.execute(insert(operations).values(queued_row(job)))
+                return self._operation(connection, job.operation_id)
+        except IntegrityError:
+            earlier = self.find_request(job.request_id, job.request_digest, job.project)
+            if earlier is None:
+                raise
+            return earlier
+
+    def find_request(self, request_id: str, digest: str, project: str = DEFAULT_PROJECT) -> OperationRecord | None:
+        """Returns the operation made by a request id, or None; other content raises `ConflictError`."""
+        if not request_id:
+            return None
+        with self._reading() as connection:
+            here = select(operations).where(operations.c.request_id == request_id, operations.c.project == project)
+            row = connection.execute(here).mappings().first()
+        if row is None:
+            return None
+        if row["request_digest"] != digest:
+            raise ConflictError(
+                f"request id {request_id!r} was used before, for other content",
+                field="request_id",
+                hint="Send the very same name, options and files again, or choose a new request id.",
+            )
+        return as_operation(row)
+
+    def operation(self, operation_id: str) -> OperationRecord:
+        with self._reading() as connection:
+            return self._operation(connection, operation_id)
+
+    def scene(self, scene_id: str) -> SceneRecord:
+        with self._reading() as connection:
+            query = select(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
+            row = connection.execute(query).mappings().first()
+        if row is None:
+            raise no_scene(scene_id)
+        return SceneRecord(**row)
+
+    def current_version(self, scene_id: str) -> tuple[SceneState, str, str]:
+        """Returns state, version and operation id of a scene, without its long lists."""
+        columns = scenes.c.state, scenes.c.version, scenes.c.operation_id
+        query = select(*columns).where(scenes.c.id == scene_id, *self._within(scenes))
+        with self._reading() as connection:
+            row = connection.execute(query).first()
+        if row is None:
+            raise no_scene(scene_id)
+        state, version, operation_id = row
+        require(
+            f"scene {scene_id}",
+            state=state in get_args(SceneState),
+            version=is_name(version) or (version == "" and state != "READY"),
+        )
+        return state, version, operation_id
+
+    def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
+        """Lists scenes after (created_at, id), newest first, without cameras and without unreadable rows."""
+        query = select(*_LISTED).where(*self._within(scenes))
+        query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
+        if after is not None:
+            created, scene_id = after
+            same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
+            query = query.where(or_(scenes.c.created_at < created, same_time))
+        with self._reading() as connection:
+            return first_readable(connection, query, limit, lambda row: SceneRecord(**row, cameras=()))
+
+    def list_operations(
+        self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
+    ) -> Sequence[OperationRecord]:
+        """Lists operations after (created_at, id), newest first, without unreadable rows."""
+        rows = operations.c
+        query = select(operations).where(*self._within(operations))
+        query = query.order_by(rows.created_at.desc(), rows.id.desc())
+        if state is not None:
+            query = query.where(rows.state == state)
+        if after is not None:
+            created, operation_id = after
+            same_time = and_(rows.created_at == created, rows.id < operation_id)
+            query = query.where(or_(rows.created_at < created, same_time))
+        with self._reading() as connection:
+            return first_readable(connection, query, limit, as_operation)
+
+    def ready_scene_ids(self) -> Sequence[str]:
+        """Lists ids of all scenes that can be queried, drafts included, newest first."""
+        query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
+        with self._reading() as connection:
+            return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
+
+    def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
+        """Renames a scene; `ConflictError` unless its name is `expected_name` (None: any) or the new one."""
+        this_scene = update(scenes).where(scenes.c.id == scene_id, *self._within(scenes))
+        if expected_name is not None:
+            this_scene = this_scene.where(scenes.c.name.in_((expected_name, name)))
+        with self._writing() as connection:
+            if connection.execute(this_scene.values(name=name)).rowcount:
+                return
+        self.current_version(scene_id)
+        raise ConflictError(
+            "the scene has another name by now", field="expected_name", hint="Look at its name, then send it again."
+        )
+
+    def cancel(self, operation_id: str) -> OperationRecord:
+        """Cancels an operation: at once if queued, soon if running, not if ended."""
+        with self._writing() as connection:
+            before = self._operation(connection, operation_id)
+            _stop(connection, before.id)
+            return self._operation(connection, operation_id)
+
+    def finish(self, operation_id: str) -> OperationRecord:
+        """Requests an early end of training, keeping its result; `NotReadyError` unless it trains."""
+        with self._writing() as connection:
+            before = self._operation(connection, operation_id)
+            if before.state == "RUNNING" and before.finish_requested:
+                return before
+            _check_trains(before)
+            running = update(operations).where(operations.c.id == operation_id, operations.c.state == "RUNNING")
+            connection.execute(running.values(finish_requested=True))
+            return self._operation(connection, operation_id)
+
+    def delete_scene(self, scene_id: str) -> OperationRecord | None:
+        """Deletes a scene, stops its operations and frees their request ids.
+
+        Returns the operation that made it, whose worker cleans up while RUNNING; None if its row is unreadable.
+        """
+        this_scene = select(scenes.c.operation_id).where(scenes.c.id == scene_id, *self._within(scenes))
+        with self._writing() as connection:
+            operation_id = connection.scalar(this_scene)
+            if operation_id is None:
+                raise no_scene(scene_id)
+            # Operations first, as in every transaction that changes both, to avoid deadlocks.
+            here = operations.c.scene_id == scene_id
+            for stopped in connection.scalars(select(operations.c.id).where(here)).all():
+                _stop(connection, stopped)
+            if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
+                raise no_scene(scene_id)
+            connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+            forget_names(connection, scene_id)
+            forget_photos(connection, scene_id)
+            connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
+            try:
+                return self._operation(connection, str(operation_id))
+            except (ArtefactError, NotFoundError):
+                return None
+
+    def _within(self, table: Table) -> Sequence[ColumnElement[bool]]:
+        within = () if self._project is None else (table.c.project == self._project,)
+        scene = table.c.id if table is scenes else table.c.scene_id
+        return (*within, scene == self._scene_id) if self._scene_id else within
+
+    def _operation(self, connection: Connection, operation_id: str) -> OperationRecord:
+        query = select(operations).where(operations.c.id == operation_id, *self._within(operations))
+        row = connection.execute(query).mappings().first()
+        if row is None:
+            raise no_operation(operation_id)
+        return as_operation(row)
+
+
+def queued_row(job: NewJob) -> dict[str, Any]:
+    """Builds the row of an operation queued now."""
+    now = time.time()
+    return {
+        "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
+        "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
+        "options": dict(job.options), "priority": job.priority,
+        "stages": [], "created_at": now, "updated_at": now, "project": job.project,
+    }  # fmt: skip
+
+
+def no_operation(operation_id: str) -> NotFoundError:
+    return NotFoundError(
+        f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
+    )
+
+
+def no_upload(operation_id: str) -> NotFoundError:
+    """The error of a retry whose upload was removed."""
+    return NotFoundError(
+        f"the upload of operation {operation_id!r} is not stored any more",
+        field="operation",
+        hint="Post the capture again. How long uploads of failed jobs are kept: FASTSPLAT_UPLOADS__FAILED_RETENTION_S.",
+    )
+
+
+def no_scene(scene_id: str) -> NotFoundError:
+    return NotFoundError(
+        f"no scene {scene_id[:80]!r}",
+        field="scene",
+        hint="GET /v1/scenes lists the scenes that there are, and fastsplat jobs list those of the newest jobs.",
+    )
+
+
+def _stop(connection: Connection, operation_id: str) -> None:
+    now = time.time()
+    here = operations.c.id == operation_id
+    queued = update(operations).where(here, operations.c.state == "QUEUED")
+    if connection.execute(queued.values(state="CANCELLED", cancel_requested=True, updated_at=now)).rowcount:
+        connection.execute(update(scenes).where(scenes.c.operation_id == operation_id).values(state="CANCELLED"))
+        return
+    running = update(operations).where(here, operations.c.state == "RUNNING")
+    connection.execute(running.values(cancel_requested=True, updated_at=now))
+
+
+def _check_trains(operation: OperationRecord) -> None:
+    if operation.state not in ("QUEUED", "RUNNING"):
+        raise NotReadyError(
+            f"operation {operation.id!r} is {operation.state}: there is no training to end", field="operation"
+        )
+    training = next((row for row in operation.stages if row["stage"] == "training"), None)
+    if training is None or not training["metrics"].get("iteration"):
+        raise NotReadyError(
+            f"operation {operation.id!r} has not begun to train",
+            field="operation",
+            hint="Ask again once its stage training has steps behind it; or cancel the operation.",
+        )
+    if training["fraction"] >= 1:
+        raise NotReadyError(
+            f"the training of operation {operation.id!r} is done already", field="operation", hint="Wait for its end."
+        )
+
+
+def as_operation(row: RowMapping) -> OperationRecord:
+    hidden = ("request_id", "worker")
+    values: dict[str, Any] = {name: value for name, value in row.items() if name not in hidden}
+    return OperationRecord(**values)

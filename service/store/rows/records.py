@@ -1,0 +1,204 @@
+"""Database rows as frozen dataclasses, with JSON columns as plain dicts and lists."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
+from fastsplat_contract.jobs.operations import AgainAfter, OperationKind, OperationState
+from fastsplat_contract.messages.scenes import Scale, SceneState
+
+DEFAULT_PROJECT = "default"
+"""The project used when none is named; every database has it."""
+
+SECONDS_LEFT = "job_seconds_left"
+"""Stage metric: seconds until the whole job is done; -1 if unknown again."""
+
+PREDICTED_S = "predicted_s"
+"""Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
+
+RESULT = "result"
+"""Key of `OperationRecord.options` with the result of a job on a finished scene."""
+
+RETRIES = "retries"
+EXCLUDED = "exclude"
+AGAIN_AFTER = "again_after"
+RELEASED = "released"
+"""Keys of `OperationRecord.options` that the queue writes; `RELEASED`: given back by its worker."""
+
+_SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
+_KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
+
+
+@dataclass(frozen=True)
+class SceneRecord:
+    """A scene; times are seconds since 1970, UTC."""
+
+    id: str
+    name: str
+    operation_id: str
+    state: SceneState
+    version: str  # "" until it can be queried; a draft, possibly edited, while not READY
+    created_at: float
+    gaussians: int
+    scale: Scale
+    dictionary: Sequence[Mapping[str, Any]]
+    cameras: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]
+    project: str = DEFAULT_PROJECT
+    scaling: Mapping[str, Any] | None = None
+    alignment: Mapping[str, Any] | None = None
+    things: int = 0
+
+    def __post_init__(self) -> None:
+        require(
+            f"scene {self.id}",
+            name=isinstance(self.name, str),
+            operation_id=isinstance(self.operation_id, str),
+            state=self.state in _SCENE_STATES,
+            version=is_name(self.version) or (self.version == "" and self.state != "READY"),
+            created_at=is_time(self.created_at),
+            gaussians=isinstance(self.gaussians, int),
+            scale=self.scale in _SCALES,
+            dictionary=are_objects(self.dictionary, "label_id", "label"),
+            cameras=are_objects(self.cameras, "name"),
+            quality=is_object(self.quality),
+            scaling=self.scaling is None or is_object(self.scaling),
+            alignment=self.alignment is None or is_object(self.alignment),
+            things=isinstance(self.things, int),
+        )
+
+
+@dataclass(frozen=True)
+class OperationRecord:
+    """A job; jobs with a higher priority run first.
+
+    `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token. `progress_files` maps a kind
+    ("preview", "placed") to its "file" (see `Blobs.progress_file`) and "info" (`PreviewInfo` or `PlacedInfo` as JSON).
+    A job on a finished scene has no upload but an order, in `options` under the name of its kind.
+    """
+
+    id: str
+    scene_id: str
+    state: OperationState
+    request_digest: str
+    upload_id: str
+    options: Mapping[str, Any]
+    stages: Sequence[Mapping[str, Any]]
+    error: Mapping[str, Any] | None
+    created_at: float
+    updated_at: float
+    attempt: int
+    starts: int
+    cancel_requested: bool
+    priority: int
+    project: str = DEFAULT_PROJECT
+    finish_requested: bool = False
+    progress_files: Mapping[str, Mapping[str, Any]] | None = None
+
+    def __post_init__(self) -> None:
+        options = self.options if is_object(self.options) else {}
+        require(
+            f"operation {self.id}",
+            scene_id=isinstance(self.scene_id, str),
+            state=self.state in _OPERATION_STATES,
+            upload_id=isinstance(self.upload_id, str),
+            options=is_object(self.options)
+            and isinstance(options.get("retries", 0), int)
+            and all(options.get(key) is None or is_object(options[key]) for key in (*_KINDS, RESULT)),
+            stages=are_objects(self.stages),
+            error=self.error is None or is_object(self.error),
+            created_at=is_time(self.created_at),
+            updated_at=is_time(self.updated_at),
+            attempt=isinstance(self.attempt, int),
+            starts=isinstance(self.starts, int),
+            priority=isinstance(self.priority, int),
+            progress_files=self.progress_files is None
+            or (is_object(self.progress_files) and are_objects(tuple(self.progress_files.values()))),
+        )
+
+    @property
+    def retries(self) -> int:
+        """Number of times the job was queued again after failure or cancellation."""
+        return int(self.options.get(RETRIES, 0))
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """Paths of uploaded photos that retries asked to leave out."""
+        return tuple(self.options.get(EXCLUDED, ()))
+
+    @property
+    def again_after(self) -> AgainAfter | None:
+        """The reason why the previous attempt ended; None in the first one."""
+        after: AgainAfter | None = self.options.get(AGAIN_AFTER)
+        return after
+
+    @property
+    def kind(self) -> OperationKind:
+        """The kind of work; a job without an order makes its scene."""
+        return next((kind for kind in _KINDS if self.options.get(kind) is not None), "create_scene")
+
+    @property
+    def makes_scene(self) -> bool:
+        """True if the job makes its scene from an upload."""
+        return self.kind == "create_scene"
+
+    @property
+    def order(self) -> Mapping[str, Any]:
+        """The order of a job on a finished scene, as JSON; empty for others."""
+        return self.options.get(self.kind) or {}
+
+    @property
+    def result(self) -> Mapping[str, Any] | None:
+        """Result of a job on a finished scene, as JSON; None until there is one."""
+        found: Mapping[str, Any] | None = self.options.get(RESULT)
+        return found
+
+    @property
+    def run_id(self) -> str:
+        """Name of this run, its work folder and its scene version.
+
+        Each retry has its own, so that a late worker of an ended run cannot touch the next one's files.
+        """
+        return f"{self.id}.{self.retries}" if self.retries else self.id
+
+
+@dataclass(frozen=True)
+class NewJob:
+    """A job to be created, together with its scene if it makes one."""
+
+    scene_id: str
+    operation_id: str
+    name: str
+    request_id: str
+    request_digest: str
+    upload_id: str
+    options: Mapping[str, Any]
+    priority: int = 0
+    project: str = DEFAULT_PROJECT
+
+
+@dataclass(frozen=True)
+class SceneSummary:
+    """The columns of a scene that a finished job writes."""
+
+    version: str
+    gaussians: int
+    scale: Scale
+    dictionary: Sequence[Mapping[str, Any]]
+    cameras: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]
+    things: int
+
+
+@dataclass(frozen=True)
+class WorkerRecord:
+    """A worker process."""
+
+    executor_id: str
+    host: str
+    pid: int
+    started_at: float  # seconds since its machine booted
+    heartbeat_at: float  # seconds since 1970 by its clock; 0 once it has stopped by itself

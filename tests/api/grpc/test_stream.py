@@ -1,0 +1,279 @@
+"""Standing questions over a real server: every pose is answered or announced as dropped."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.settings import Settings
+from fastsplat_client import StandingQuestion
+from fastsplat_contract.codec.proto_codec import to_proto
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import assert_same, client_of
+from tests.api.made_scene import add_scene, turned
+from tests.api.served import Faces, OwnQuestions, rpc_refusal, served
+from tests.waiting import with_growing_limit
+
+_ANGLES = [0.0, 0.1, -0.2, 0.3]
+
+
+def _question(scene_id: str, *texts: str, **more: Any) -> QueryRequest:
+    return QueryRequest(scene_id, texts, outputs=frozenset({"mask2d", "objects"}), **more)
+
+
+class _Robot:
+    """A stream whose requests are sent one by one."""
+
+    def __init__(self, faces: Faces, **call: Any) -> None:
+        self._requests: queue.Queue[pb.StreamQueryRequest | None] = queue.Queue()
+        self.replies = faces.rpc.StreamQuery(iter(self._requests.get, None), **call)
+
+    def ask(self, request: QueryRequest, heartbeat_s: float = 0.0) -> None:
+        question = pb.StandingQuestion(query=to_proto(request), heartbeat_s=heartbeat_s)
+        self._requests.put(pb.StreamQueryRequest(question=question))
+
+    def move(self, sequence: int, angle: float = 0.0) -> None:
+        pose = pb.StreamPose(sequence=sequence, camera=to_proto(turned(angle)))
+        self._requests.put(pb.StreamQueryRequest(pose=pose))
+
+    def leave(self) -> None:
+        self._requests.put(None)
+
+    def next(self, part: str) -> pb.StreamQueryResponse:
+        """The next reply, which must be of that kind; heartbeats aside."""
+        for reply in self.replies:
+            if reply.WhichOneof("part") != "heartbeat":
+                assert reply.WhichOneof("part") == part, reply
+                return reply
+        raise AssertionError("the stream ended")
+
+    def refused(self) -> str:
+        with pytest.raises(grpc.RpcError) as caught:
+            list(self.replies)
+        return rpc_refusal(caught.value).reason
+
+
+def test_poses_are_answered_as_a_query_would(faces: Faces, service: SceneService, scene_id: str) -> None:
+    request = _question(scene_id, "mug", "moon", mask2d_encoding="png")
+    sent = iter(_ANGLES)
+    answered = threading.Semaphore(1)
+
+    def poses() -> Iterator[Any]:
+        for angle in sent:
+            answered.acquire()  # a robot that waits for each answer misses none
+            yield turned(angle)
+
+    with client_of(faces) as client:
+        for number, found in enumerate(client.stream_query(StandingQuestion(request), poses()), start=1):
+            (mug, moon) = found.answers
+            expected = service.answers.query(
+                _question(scene_id, "mug", "moon", mask2d_encoding="png", cameras=(turned(_ANGLES[number - 1]),))
+            ).answers
+            assert_same((mug, moon), expected)
+            assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
+            answered.release()
+    assert number == len(_ANGLES)
+
+
+def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> None:
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"))
+    assert robot.next("accepted").question == 1
+    robot.move(7)
+    assert robot.next("response").response.answer.text == "mug"
+    assert robot.next("done").sequence == 7
+    robot.ask(_question(scene_id, "ball"))
+    assert robot.next("accepted").question == 2
+    robot.move(8)
+    reply = robot.next("response")
+    assert (reply.response.answer.text, reply.sequence, reply.question) == ("ball", 8, 2)
+    robot.next("done")
+    robot.leave()
+    assert list(robot.replies) == []
+
+
+class _Held(OwnQuestions):
+    """A service whose questions with a camera wait until they are let go."""
+
+    def __init__(self, service: SceneService) -> None:
+        super().__init__(service)
+        self.go = threading.Event()
+        self.asked: list[float] = []
+
+    def query(self, request: QueryRequest) -> QueryOut:
+        if request.cameras:
+            self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
+            self.begun.set()
+            try:
+                while not self.go.wait(0.01):
+                    check_cancelled()
+            except BaseException:
+                self.stopped.set()
+                raise
+        return self._service.answers.query(request)
+
+
+@pytest.fixture
+def held(service: SceneService, api_settings: Settings) -> Iterator[tuple[_Held, Faces]]:
+    slow = _Held(service)
+    with served(slow, api_settings) as faces:
+        yield slow, faces
+        slow.go.set()
+
+
+def test_of_a_burst_the_newest_pose_wins_and_every_other_number_is_announced(
+    held: tuple[_Held, Faces], scene_id: str
+) -> None:
+    slow, faces = held
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"), heartbeat_s=0.3)
+    robot.next("accepted")
+    robot.move(1)
+    assert slow.begun.wait(60)
+    angles = np.linspace(0.01, 0.5, 500)
+    for sequence, angle in enumerate(angles, start=10):
+        robot.move(2 * sequence, angle)
+    robot.leave()
+    _settle(robot)
+    slow.go.set()
+    assert robot.next("response").sequence == 1
+    robot.next("done")
+    dropped = robot.next("dropped").dropped
+    last = 2 * (9 + len(angles))
+    assert (dropped.first, dropped.last, dropped.count) == (20, last - 2, len(angles) - 1)
+    assert robot.next("response").sequence == last
+    robot.next("done")
+    assert list(robot.replies) == []
+    assert slow.asked == [pytest.approx(0.0), pytest.approx(np.sin(angles[-1]))]
+
+
+def _settle(robot: _Robot) -> None:
+    """Until the server has surely read all that was sent: three beats after the last was taken from the queue."""
+    beats = 0
+    while beats < 3:
+        assert next(robot.replies).WhichOneof("part") == "heartbeat"
+        beats += robot._requests.empty()
+
+
+def test_a_slow_reader_gets_whole_answers_and_the_newest_pose(faces: Faces, scene_id: str) -> None:
+    """Nothing is read until all poses are sent; what the transport does not hold back, the newest pose replaces."""
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"))
+    for sequence in range(1, 401):
+        robot.move(sequence, 0.001 * sequence)
+    robot.leave()
+    answered: list[int] = []
+    dropped: set[int] = set()
+    for reply in robot.replies:
+        if reply.WhichOneof("part") == "done":
+            answered.append(reply.sequence)
+        elif reply.WhichOneof("part") == "dropped":
+            numbers = set(range(reply.dropped.first, reply.dropped.last + 1))
+            assert len(numbers) == reply.dropped.count
+            dropped |= numbers
+    assert answered == sorted(answered) and answered[-1] == 400
+    assert dropped.isdisjoint(answered) and dropped | set(answered) == set(range(1, 401))
+
+
+def test_cancelling_the_call_stops_the_work_on_its_pose(held: tuple[_Held, Faces], scene_id: str) -> None:
+    slow, faces = held
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"))
+    robot.next("accepted")
+    robot.move(1)
+    assert slow.begun.wait(60)
+    robot.replies.cancel()
+    assert slow.stopped.wait(60)
+
+
+def test_a_deadline_stops_the_work_on_its_pose(held: tuple[_Held, Faces], scene_id: str) -> None:
+    slow, faces = held
+
+    def move(limit_s: float) -> bool | None:
+        robot = _Robot(faces, timeout=limit_s)
+        robot.ask(_question(scene_id, "mug"))
+        robot.move(1)
+        with pytest.raises(grpc.RpcError) as caught:
+            list(robot.replies)
+        assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
+        return slow.begun.is_set() or None
+
+    assert with_growing_limit(move, 0.3)
+    assert slow.stopped.wait(60)
+
+
+def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
+    faces: Faces, service: SceneService, api_settings: Settings
+) -> None:
+    scene_id = add_scene(service, api_settings, "short-lived")
+    robot = _Robot(faces)
+    robot.ask(_question(scene_id, "mug"), heartbeat_s=0.1)
+    robot.next("accepted")
+    for _ in range(2):
+        assert next(robot.replies).WhichOneof("part") == "heartbeat"
+    service.delete_scene(scene_id)
+    assert robot.refused() == "NOT_FOUND"
+
+    scene_id = add_scene(service, api_settings, "short-lived")
+
+    def poses() -> Iterator[Any]:
+        for angle in _ANGLES:
+            yield turned(angle)
+            deleted.wait(10)
+
+    deleted = threading.Event()
+    with client_of(faces) as client:
+        answers = client.stream_query(StandingQuestion(_question(scene_id, "mug")), poses())
+        next(answers)
+        service.delete_scene(scene_id)
+        deleted.set()
+        with pytest.raises(NotFoundError):
+            list(answers)
+
+
+@pytest.mark.parametrize(
+    ("case", "field"),
+    [
+        ("pose first", "question"),
+        ("no scene", "question.query"),
+        ("cameras in the question", "question.query"),
+        ("no such scene", "scene"),
+        ("empty text", "text"),
+        ("numbers that do not grow", "pose.sequence"),
+        ("heartbeat too fast", "question.heartbeat_s"),
+        ("nothing", "part"),
+    ],
+)
+def test_what_makes_no_sense_ends_the_stream_and_is_named(faces: Faces, scene_id: str, case: str, field: str) -> None:
+    robot = _Robot(faces)
+    if case == "pose first":
+        robot.move(1)
+    elif case == "no scene":
+        robot.ask(_question("", "mug"))
+    elif case == "cameras in the question":
+        robot.ask(_question(scene_id, "mug", cameras=(turned(0.0),)))
+    elif case == "no such scene":
+        robot.ask(_question("none", "mug"))
+    elif case == "empty text":
+        robot.ask(_question(scene_id, " "))
+    elif case == "heartbeat too fast":
+        robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001)
+    elif case == "nothing":
+        robot._requests.put(pb.StreamQueryRequest())
+    else:
+        robot.ask(_question(scene_id, "mug"))
+        robot.move(2)
+        robot.move(2)
+    with pytest.raises(grpc.RpcError) as caught:
+        list(robot.replies)
+    assert rpc_refusal(caught.value).details["field"] == field

@@ -1,0 +1,295 @@
+"""A stream of answers outlives its server, killed for real in mid-stream, and its connection, cut again and again."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.settings import Settings
+from fastsplat_client import (
+    Answer,
+    Client,
+    NotFoundError,
+    PoseAnswer,
+    QueryRequest,
+    Reconnect,
+    StandingQuestion,
+    UnauthenticatedError,
+    UnreachableError,
+)
+from tests.api.clients import assert_same
+from tests.api.guarded import Guarded
+from tests.api.line import Line
+from tests.api.made_scene import ENCODER, add_scene, turned, write_words
+from tests.api.served import Faces
+from tests.waiting import wait_for
+
+_SERVE = """
+import sys
+from fastsplat.api.server import run
+from fastsplat.service.settings import Settings
+run(Settings.model_validate_json(sys.argv[1]))
+"""
+_ANGLES = (0.0, 0.1, -0.2, 0.3, -0.1, 0.2)
+_QUICK = Reconnect(tries=2000, first_s=0.05, most_s=0.2)
+"""However slowly the server starts."""
+
+
+@dataclass(frozen=True)
+class _Pauses(Reconnect):
+    """Tells of each pause before a new connection."""
+
+    told: Callable[[int], object] = print
+
+    def pause(self, attempt: int) -> float:
+        self.told(attempt)
+        return super().pause(attempt)
+
+
+class _Server:
+    """A process that can be killed and started again, on the same ports."""
+
+    def __init__(self, settings: Settings, scene_id: str, expected: dict[float, tuple[Answer, ...]]) -> None:
+        self.settings = settings
+        self.scene_id = scene_id
+        self.expected = expected
+        self._log = settings.data_dir.with_suffix(".log").open("ab")
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def runs(self) -> bool:
+        return self._process is not None and self._process.poll() is None
+
+    def start(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _SERVE, self.settings.model_dump_json()],
+            cwd=Path(__file__).parents[3],
+            stderr=self._log,
+        )
+
+    def wait(self) -> None:
+        def ready() -> bool:
+            assert self.runs, Path(self._log.name).read_text()
+            try:
+                return httpx.get(f"http://127.0.0.1:{self.settings.http_port}/readyz", timeout=5).status_code == 200
+            except httpx.HTTPError:
+                return False
+
+        wait_for(ready)
+
+    def kill(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def client(self) -> Client:
+        address = f"http://127.0.0.1:{self.settings.http_port}"
+        return Client(address, grpc_target=f"127.0.0.1:{self.settings.grpc_port}")
+
+
+def _free_ports(count: int) -> list[int]:
+    listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [int(listener.getsockname()[1]) for listener in listeners]
+    for listener in listeners:
+        listener.close()
+    return ports
+
+
+def _question(scene_id: str, *texts: str) -> StandingQuestion:
+    return StandingQuestion(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, str, dict[float, tuple[Answer, ...]]]:
+    """Settings, a scene, and what is to be answered from each angle."""
+    folder = tmp_path_factory.mktemp("reconnection")
+    write_words(folder / "models")
+    http, grpc, metrics = _free_ports(3)
+    settings = Settings(
+        data_dir=folder / "data",
+        models=folder / "models",
+        http_port=http,
+        grpc_port=grpc,
+        metrics_port=metrics,
+        auth="off",
+        perception=PerceptionSettings(text_encoder=ENCODER),
+        query=QuerySettings(backend="cpu", threshold=0.5, exact_threshold=0.95),
+    )
+    with open_service(settings) as service:
+        scene_id = add_scene(service, settings)
+        expected = {}
+        for angle in _ANGLES:
+            request = QueryRequest(
+                scene_id,
+                ("mug", "moon"),
+                outputs=frozenset({"mask2d"}),
+                mask2d_encoding="png",
+                cameras=(turned(angle),),
+            )
+            expected[angle] = service.answers.query(request).answers
+    return settings, scene_id, expected
+
+
+@pytest.fixture
+def server(stored: tuple[Settings, str, dict[float, tuple[Answer, ...]]]) -> Iterator[_Server]:
+    running = _Server(*stored)
+    running.start()
+    running.wait()
+    yield running
+    running.kill()
+
+
+@pytest.fixture
+def line(faces: Faces) -> Iterator[Line]:
+    """The way to the server of all tests."""
+    line = Line(faces.ports.grpc)
+    yield line
+    line.take_down()
+
+
+def _client(faces: Faces, line: Line, key: str = "") -> Client:
+    return Client(str(faces.rest.base_url), key=key, grpc_target=f"127.0.0.1:{line.port}")
+
+
+class _Walk:
+    """Poses of which each is sent once the one before is answered; before some of them something happens."""
+
+    def __init__(self, parts: list[Any], before: dict[int, Callable[[], object]]) -> None:
+        self._parts = parts
+        self._before = before
+        self.answered = threading.Semaphore(1)
+
+    def __iter__(self) -> Iterator[Any]:
+        for number, part in enumerate(self._parts, start=1):
+            self.answered.acquire()
+            self._before.get(number, lambda: None)()
+            yield turned(part) if isinstance(part, float) else part
+            if not isinstance(part, float):
+                self.answered.release()
+
+
+def _answers(client: Client, question: StandingQuestion, walk: _Walk, reconnect: Reconnect) -> list[PoseAnswer]:
+    found = []
+    for answer in client.stream_query(question, walk, reconnect=reconnect):
+        found.append(answer)
+        walk.answered.release()
+    return found
+
+
+def test_each_pose_is_answered_once_though_the_server_is_killed_between(server: _Server) -> None:
+    def again() -> None:
+        server.kill()
+        server.start()
+
+    walk = _Walk(list(_ANGLES), {3: again})
+    with server.client() as client:
+        found = _answers(client, _question(server.scene_id, "mug", "moon"), walk, _QUICK)
+    assert [answer.sequence for answer in found] == [1, 2, 3, 4, 5, 6]
+    assert [answer.dropped for answer in found] == [0] * 6 and {answer.question for answer in found} == {1}
+    assert [answer.reconnected > 0 for answer in found] == [False, False, True, False, False, False]
+    for answer, angle in zip(found, _ANGLES, strict=True):
+        assert_same(answer.answers, server.expected[angle])
+
+
+def test_poses_that_went_with_the_connection_are_counted_and_none_is_answered_twice(
+    faces: Faces, line: Line, scene_id: str
+) -> None:
+    count = 400
+    half = threading.Event()
+
+    def poses() -> Iterator[Any]:
+        for number in range(count):
+            if number == count // 2:
+                assert half.wait(60)  # at least one answer came
+                line.cut()
+            yield turned(0.001 * number)
+
+    found = []
+    with _client(faces, line) as client:
+        for answer in client.stream_query(_question(scene_id, "mug"), poses(), reconnect=_QUICK):
+            found.append(answer)
+            half.set()
+    numbers = [answer.sequence for answer in found]
+    assert numbers == sorted(set(numbers)) and numbers[-1] == count
+    assert sum(answer.dropped + 1 for answer in found) == count
+    assert sum(answer.reconnected for answer in found) > 0
+
+
+def test_the_question_that_stands_is_asked_again(faces: Faces, line: Line, scene_id: str) -> None:
+    walk = _Walk([0.0, _question(scene_id, "ball"), 0.1, 0.2, 0.3], {2: line.cut, 4: line.cut})
+    with _client(faces, line) as client:
+        found = _answers(client, _question(scene_id, "mug"), walk, _QUICK)
+    assert [(answer.sequence, answer.question, answer.answers[0].text) for answer in found] == [
+        (1, 1, "mug"),
+        (2, 2, "ball"),
+        (3, 2, "ball"),
+        (4, 2, "ball"),
+    ]
+    assert sum(answer.reconnected for answer in found) >= 2
+
+
+def test_tries_are_bounded(faces: Faces, line: Line, scene_id: str) -> None:
+    attempts: list[int] = []
+    bounded = _Pauses(tries=3, first_s=0.01, most_s=0.02, told=attempts.append)
+    with _client(faces, line) as client, pytest.raises(UnreachableError):
+        _answers(client, _question(scene_id, "mug"), _Walk([0.0, 0.1], {2: line.take_down}), bounded)
+    assert attempts == [0, 1, 2]
+    with _client(faces, line) as client, pytest.raises(UnreachableError):  # never reached: nothing to go on with
+        _answers(client, _question(scene_id, "mug"), _Walk([0.0], {}), bounded)
+    assert attempts == [0, 1, 2]
+
+
+def test_a_server_that_refuses_the_key_or_lacks_the_scene_ends_the_stream(guarded: Guarded) -> None:
+    scene_id, keys = guarded.shared["scene_id"], guarded.service.admin.keys
+    record, key = keys.create("robot", "reader")
+    line = Line(guarded.faces.ports.grpc)
+
+    def refused() -> bool:
+        header = {"Authorization": f"Bearer {key}"}
+        return guarded.faces.rest.get("/v1/scenes", headers=header).status_code == 401
+
+    def revoked() -> None:
+        line.take_down()
+        keys.revoke(record.id)
+        wait_for(refused)
+        line.bring_up()
+
+    attempts: list[int] = []
+    told = _Pauses(tries=2000, first_s=0.05, most_s=0.2, told=attempts.append)
+    walk = _Walk([0.0, 0.1, 0.2], {2: revoked})
+    with _client(guarded.faces, line, key) as client, pytest.raises(UnauthenticatedError):
+        _answers(client, _question(scene_id, "mug"), walk, told)
+    assert attempts == list(range(len(attempts))) and attempts
+    with _client(guarded.faces, line, guarded.keys["reader"]) as client, pytest.raises(NotFoundError):
+        _answers(client, _question("none", "mug"), _Walk([0.0], {}), told)
+    line.take_down()
+
+
+def test_a_network_that_fell_silent_is_noticed(faces: Faces, line: Line, scene_id: str) -> None:
+    reconnect = Reconnect(tries=2000, silence_s=1.0)
+    with _client(faces, line) as client:
+        found = _answers(client, _question(scene_id, "mug"), _Walk([0.0, 0.1], {2: line.silence}), reconnect)
+    assert [answer.sequence for answer in found] == [1, 2] and found[1].reconnected > 0
+
+
+def test_an_error_of_the_poses_is_raised_as_it_is(client: Client, scene_id: str) -> None:
+    def poses() -> Iterator[Any]:
+        yield turned(0.0)
+        raise ValueError("the odometry is gone")
+
+    found: list[int] = []
+    with pytest.raises(ValueError, match="odometry"):
+        found.extend(each.sequence for each in client.stream_query(_question(scene_id, "mug"), poses()))
+    assert found == [1]

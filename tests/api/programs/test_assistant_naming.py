@@ -1,0 +1,149 @@
+"""An assistant names the sample from sheets, by the official client: suggestions until a person confirms them."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import numpy as np
+import pytest
+from mcp import Client as McpClient
+from mcp.client.streamable_http import streamable_http_client
+from mcp_types import CallToolResult, ImageContent, TextContent
+from PIL import Image
+
+from fastsplat_client import Client
+from fastsplat_contract.errors import PermissionDeniedError
+from fastsplat_contract.messages.scenes import Edit
+from tests.api.clients import client_of
+from tests.api.guarded import Guarded
+from tests.api.made_scene import add_scene
+from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+
+_WRONG = {"one": 1, "other": 2}
+"""The seeds of what two stand-ins for an assistant see wrongly."""
+
+
+@pytest.fixture(scope="module")
+def room(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nameless]:
+    with nameless_sample(models_dir, tmp_path_factory.mktemp("named")) as opened:
+        yield opened
+
+
+def _said(result: CallToolResult) -> Any:
+    assert not result.is_error, result.content
+    return result.structured_content
+
+
+async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping[int, str]) -> tuple[int, list[int]]:
+    """Name a scene from its sheets; returns the number of calls, and the things that the pictures showed."""
+    made, page, seen = 0, "", []
+    while True:
+        result = await client.call_tool("unnamed_things", {"scene": scene_id, "page": page})
+        sheet = _said(result)
+        picture, text = result.content
+        assert isinstance(picture, ImageContent) and isinstance(text, TextContent)
+        with Image.open(io.BytesIO(base64.b64decode(picture.data))) as image:
+            assert image.format == "JPEG" and max(image.size) <= 768 and np.asarray(image).std() > 10
+        assert [each["number"] for each in sheet["things"]] == list(range(1, len(sheet["things"]) + 1))
+        seen += [each["id"] for each in sheet["things"]]
+        names = [
+            {"thing": each["id"], "name": told[each["id"]], "probability": 0.8}
+            for each in sheet["things"]
+            if each["id"] in told
+        ]
+        arguments = {"names": names, "source": source, "model": "stand-in", "scene": scene_id}
+        assert _said(await client.call_tool("suggest_names", arguments))["suggested"] == len(names)
+        made, page = made + 2, sheet["next_page"]
+        if not page:
+            return made, seen
+
+
+def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_without_a_person(room: Nameless) -> None:
+    async def session(source: str, seed: int) -> tuple[int, list[int]]:
+        async with (
+            httpx2.AsyncClient(timeout=60) as http,
+            McpClient(streamable_http_client(f"{room.faces.rest.base_url}/mcp", http_client=http)) as client,
+        ):
+            return await _name_all(client, room.scene_id, source, seen_with_errors(room.truth, seed))
+
+    for source, seed in _WRONG.items():
+        made, seen = asyncio.run(session(source, seed))
+        assert made <= 6 and len(seen) == len(set(seen)) and room.truth.keys() <= set(seen)
+    with client_of(room.faces) as client:
+        listed = {each.id: each for each in client.things(room.scene_id)}
+        assert not any(each.name for each in listed.values())
+        reached = [name in [told.name for told in listed[thing].suggestions] for thing, name in room.truth.items()]
+        assert np.mean(reached) >= 0.95
+        (asked,) = client.query(room.scene_id, "banana")
+        assert asked.outcome == "probably_here"
+        # A person takes what both say, at once.
+        both = {each.id for each in listed.values() if each.suggestions and each.suggestions[0].probability >= 0.9}
+        assert {each.id for each in client.confirm_names(room.scene_id, least=0.9)} == both
+        named = {each.id: each.name for each in client.things(room.scene_id) if each.name}
+        right = [thing for thing, name in room.truth.items() if named.get(thing) == name]
+        assert named.keys() == both and len(right) >= 0.95 * len(named) > 0.7 * len(room.truth)
+
+
+def _call(guarded: Guarded, caller: str, tool: str, **arguments: Any) -> CallToolResult:
+    async def session() -> CallToolResult:
+        async with (
+            httpx2.AsyncClient(headers=guarded.header(caller), timeout=60) as http,
+            McpClient(streamable_http_client(f"{guarded.faces.rest.base_url}/mcp", http_client=http)) as client,
+        ):
+            result = await client.call_tool(tool, arguments)
+            assert isinstance(result, CallToolResult)
+            return result
+
+    return asyncio.run(session())
+
+
+def _refusal(result: CallToolResult) -> str:
+    assert result.is_error
+    (text,) = result.content
+    assert isinstance(text, TextContent)
+    return text.text
+
+
+def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "looked at")
+    none = _call(guarded, "reader", "unnamed_things", scene=scene_id)
+    assert _said(none)["things"] == [] and len(none.content) == 1  # all have names: there is no picture
+    version = guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))]).version
+    said = _said(_call(guarded, "reader", "unnamed_things", scene=scene_id))
+    with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
+        assert [each["id"] for each in said["things"]] == _shown(client, scene_id) == [1]
+    guess = {"thing": 1, "name": "moon", "probability": 0.7}
+    arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
+    assert "PERMISSION_DENIED" in _refusal(_call(guarded, "reader", "suggest_names", **arguments))
+    for wrong, field in ((guess | {"color": "red"}, "color"), (guess | {"probability": 2}, "probability")):
+        refusal = _refusal(_call(guarded, "editor", "suggest_names", **(arguments | {"names": [wrong]})))
+        assert "INVALID_INPUT" in refusal and f"names.0.{field}" in refusal
+    assert guarded.service.get_scene(scene_id).version == version
+
+
+def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
+    guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))])
+    said = _said(_call(guarded, "suggester", "unnamed_things", scene=scene_id))
+    assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
+    arguments = {"names": [{"thing": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
+    assert _said(_call(guarded, "suggester", "suggest_names", **arguments))["suggested"] == 1
+    for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
+        assert "PERMISSION_DENIED" in _refusal(_call(guarded, "suggester", tool, **more))
+    with client_of(guarded.faces, key=guarded.keys["suggester"]) as client:
+        status = client.server_status()
+        assert (status.role, status.models, status.quotas, status.addresses) == ("suggester", (), (), ())
+        with pytest.raises(PermissionDeniedError):
+            client.confirm_names(scene_id)
+        with pytest.raises(PermissionDeniedError):
+            client.name_things(scene_id, 1, "moon")
+
+
+def _shown(client: Client, scene_id: str) -> list[int]:
+    return [each.thing for sheet in client.thing_sheets(scene_id) for each in sheet.things]

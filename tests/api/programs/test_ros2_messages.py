@@ -1,0 +1,201 @@
+"""A scene as ROS 2 messages: whatever a bag gives back, field by field, is what the service said."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client, DetectionList, InvalidInputError, NotFoundError
+from fastsplat_contract.geometry.places import Alignment
+from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.messages.scenes import Edit
+from fastsplat_contract.messages.things import NameSuggestion
+from fastsplat_ros2 import messages
+from fastsplat_ros2.bag import BagMessages, main, types_with_vision, write_bag
+from fastsplat_ros2.snapshot import Snapshot, read_snapshot
+from fastsplat_ros2.topics import TOPICS
+from tests.api.served import Faces
+from tests.api.upright_scene import add_upright_scene
+
+_QUARTER = Pose(Vector3(2.0, -1.0, 0.5), Quaternion(0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
+_MAKE = BagMessages(types_with_vision())
+
+
+@pytest.fixture(scope="module")
+def scene_id(service: SceneService, api_settings: Settings) -> str:
+    return add_upright_scene(service, api_settings)
+
+
+@pytest.fixture(scope="module")
+def aligned_id(service: SceneService, api_settings: Settings) -> str:
+    made = add_upright_scene(service, api_settings)
+    service.versions.edit(made, (Edit("align", alignment=Alignment("hall", _QUARTER)),), "", "")
+    return made
+
+
+@pytest.fixture
+def shown(client: Client, scene_id: str) -> Snapshot:
+    return read_snapshot(client, scene_id)
+
+
+def _read(folder: Path) -> dict[str, tuple[int, Any]]:
+    with AnyReader([folder], default_typestore=types_with_vision()) as reader:
+        return {
+            connection.topic: (at, reader.deserialize(raw, connection.msgtype))
+            for connection, at, raw in reader.messages()
+        }
+
+
+def _values(message: Any) -> tuple[float, ...]:
+    return tuple(getattr(message, name) for name in ("x", "y", "z", "w") if hasattr(message, name))
+
+
+def test_every_field_of_a_detection_comes_back(shown: Snapshot, tmp_path: Path) -> None:
+    topics = write_bag(shown, tmp_path / "bag")
+    assert topics == list(TOPICS)  # without a transform: this scene was put into no map
+    at, array = _read(tmp_path / "bag")["/fastsplat/detections"]
+    assert at == shown.stamp_ns == array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
+    assert array.header.frame_id == shown.detections.frame_id == "world"
+    assert [each.id for each in array.detections] == [str(each.thing_id) for each in shown.detections.detections]
+    for sent, each in zip(array.detections, shown.detections.detections, strict=True):
+        assert each.box is not None and sent.header == array.header
+        for pose in (sent.bbox.center, *(result.pose.pose for result in sent.results)):
+            assert _values(pose.position) == tuple(each.box.center.position)
+            assert _values(pose.orientation) == tuple(each.box.center.orientation)
+        assert _values(sent.bbox.size) == tuple(each.box.size)
+        hypotheses = [(result.hypothesis.class_id, result.hypothesis.score) for result in sent.results]
+        others = [(name, probability) for name, probability, _ in each.alternatives]
+        assert hypotheses == [*([(each.label, each.probability)] if each.label else []), *others]
+        for result in sent.results:
+            covariance = result.pose.covariance.reshape(6, 6)
+            known = ~np.isnan(each.covariance())
+            np.testing.assert_array_equal(covariance[known], each.covariance()[known])
+            assert np.linalg.eigvalsh(covariance).min() >= 0
+
+
+def test_what_is_not_known_is_neither_sure_nor_zero(shown: Snapshot) -> None:
+    first = shown.detections.detections[0]
+    round_thing = dataclasses.replace(
+        first, rotation_covariance=(), label="", probability=None, alternatives=(NameSuggestion("cup", 0.4),)
+    )
+    unseen = dataclasses.replace(first, thing_id=99, box=None)
+    page = shown.detections._replace(detections=(round_thing, unseen))
+    (sent,) = messages.detection_array(_MAKE, page, 5).detections
+    assert [(each.hypothesis.class_id, each.hypothesis.score) for each in sent.results] == [("cup", 0.4)]
+    covariance = sent.results[0].pose.covariance.reshape(6, 6)
+    np.testing.assert_allclose(covariance[3:, 3:], math.pi**2 / 3 * np.eye(3))
+    assert not covariance[:3, 3:].any()
+    with pytest.raises(InvalidInputError, match="unit is arbitrary"):
+        messages.detection_array(_MAKE, page._replace(meters=False), 5)
+
+
+def test_points_come_back_with_labels_and_things(shown: Snapshot, tmp_path: Path) -> None:
+    write_bag(shown, tmp_path / "bag")
+    cloud = _read(tmp_path / "bag")["/fastsplat/points"][1]
+    rows = messages.ply_rows(shown.points)
+    kinds = {7: "<f4", 4: "<u2"}
+    layout = np.dtype(
+        {
+            "names": [field.name for field in cloud.fields],
+            "formats": [kinds[field.datatype] for field in cloud.fields],
+            "offsets": [field.offset for field in cloud.fields],
+            "itemsize": cloud.point_step,
+        }
+    )
+    points = np.frombuffer(cloud.data.tobytes(), layout)
+    assert cloud.width == len(rows) > 100 and cloud.height == 1 and cloud.row_step == cloud.data.nbytes
+    for name in ("x", "y", "z", "label", "thing"):
+        np.testing.assert_array_equal(points[name], rows[name])
+    packed = points["rgb"].copy().view(np.uint32)
+    for name, shift in (("red", 16), ("green", 8), ("blue", 0)):
+        np.testing.assert_array_equal(packed >> shift & 255, rows[name])
+    assert set(points["thing"].tolist()) >= {1, 2}
+
+
+def test_the_map_is_what_map_server_makes_of_the_files(shown: Snapshot, tmp_path: Path) -> None:
+    write_bag(shown, tmp_path / "bag")
+    grid = _read(tmp_path / "bag")["/map"][1]
+    assert shown.floor_map is not None
+    with zipfile.ZipFile(io.BytesIO(shown.floor_map)) as files:
+        facts = yaml.safe_load(files.read("map.yaml"))
+        pixels = messages.pgm_pixels(files.read("map.pgm"))
+    cells = grid.data.reshape(grid.info.height, grid.info.width)
+    words = {254: 0, 0: 100, 205: -1}
+    assert cells[::-1].tolist() == [[words[pixel] for pixel in row] for row in pixels.tolist()]
+    assert {0, 100, -1} == set(cells.ravel().tolist())
+    assert grid.info.resolution == pytest.approx(facts["resolution"])
+    assert _values(grid.info.origin.position) == (*facts["origin"][:2], 0.0)
+    assert _values(grid.info.origin.orientation) == (0.0, 0.0, 0.0, 1.0)
+
+
+def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
+    client: Client, scene_id: str, aligned_id: str, tmp_path: Path
+) -> None:
+    shown = read_snapshot(client, aligned_id)
+    assert write_bag(shown, tmp_path / "bag") == [*TOPICS, "/tf_static"]
+    read = _read(tmp_path / "bag")
+    (transform,) = read["/tf_static"][1].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("hall", "scene")
+    assert {message.header.frame_id for topic, (_, message) in read.items() if topic != "/tf_static"} == {"hall"}
+    motion = Pose(
+        Vector3(*_values(transform.transform.translation)), Quaternion(*_values(transform.transform.rotation))
+    ).matrix()
+    before = {each.thing_id: each.box for each in client.detections(scene_id)}
+    for sent in read["/fastsplat/detections"][1].detections:
+        trained = before[int(sent.id)]
+        assert trained is not None
+        expected = motion @ [*trained.center.position, 1.0]
+        np.testing.assert_allclose(_values(sent.bbox.center.position), expected[:3], atol=0.02)
+
+
+def test_a_scene_without_a_vertical_is_shown_without_a_map(
+    client: Client, service: SceneService, aligned_id: str, tmp_path: Path
+) -> None:
+    tilted = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
+    service.versions.edit(aligned_id, (Edit("align", alignment=Alignment("hall", tilted)),), "", "")
+    try:
+        shown = read_snapshot(client, aligned_id)
+        assert shown.floor_map is None and "z axis" in shown.no_map
+        assert "/map" not in write_bag(shown, tmp_path / "bag")
+    finally:
+        service.versions.undo(aligned_id)
+
+
+def test_what_answers_a_question_is_found_among_the_detections(client: Client, shown: Snapshot) -> None:
+    (answer,) = client.query(shown.scene.id, "mug", outputs=["objects"])
+    page = messages.found(shown.detections, answer)
+    assert [each.thing_id for each in page.detections] == list(answer.things) == [1]
+    (absent,) = client.query(shown.scene.id, "elephant", outputs=["objects"])
+    assert messages.found(shown.detections, absent).detections == ()
+
+
+def test_pages_are_put_together(shown: Snapshot) -> None:
+    page: DetectionList = shown.detections
+    assert len(page.detections) == 2
+    one, two = (page._replace(detections=(each,), next_page_token="more") for each in page.detections)
+    assert messages.whole([one, two._replace(next_page_token="")]) == page
+
+
+def test_the_command_writes_a_bag_of_a_server(
+    faces: Faces, shown: Snapshot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    server = str(faces.rest.base_url)
+    assert main([shown.scene.id, str(tmp_path / "bag"), "--server", server]) == 0
+    assert capsys.readouterr().out.split() == list(TOPICS)
+    assert set(_read(tmp_path / "bag")) == set(TOPICS)
+    assert main([shown.scene.id, str(tmp_path / "bag"), "--server", server]) == 1
+    assert "is there already" in capsys.readouterr().err
+    assert main(["0" * 32, str(tmp_path / "other"), "--server", server]) == 1
+    assert capsys.readouterr().err.startswith(NotFoundError.reason)
+    assert not (tmp_path / "other").exists()

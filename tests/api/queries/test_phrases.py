@@ -1,0 +1,84 @@
+"""Questions about places and colors, over both protocols, in process, and as poses arrive."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat_client import Client, StandingQuestion
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.geometry.poses import pose_of
+from fastsplat_contract.messages.queries import QueryRequest
+from tests.api.clients import assert_same, outcome
+from tests.api.made_scene import turned
+
+_MUG, _BALL, _BOOK = 1, 2, 3
+_FRONT = turned(0.0)
+
+
+def _behind() -> np.ndarray:
+    """On the other side of the blobs, looking back."""
+    return np.array([[-1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 8], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("text", "choices", "things"),
+    [
+        ("the thing left of the ball", {"asker_view": "front.png"}, (_MUG,)),
+        ("the thing left of the ball", {"asker": pose_of(_FRONT.world_from_camera)}, (_MUG,)),
+        ("the thing left of the ball", {"asker": pose_of(_behind())}, (_BOOK,)),
+        ("second thing from the right", {"asker_view": "front.png"}, (_BALL,)),
+        ("the red mug", {}, (_MUG,)),
+        ("the blue mug", {}, ()),
+        ("how many things are red?", {}, (_MUG,)),
+        ("the thing left of the ball", {}, None),
+        ("the mug on the piano", {}, None),
+    ],
+)
+def test_every_face_answers_the_same(
+    service: SceneService, client: Client, scene_id: str, text: str, choices: dict[str, Any], things: tuple[int, ...]
+) -> None:
+    request = QueryRequest(scene_id, (text,), outputs=frozenset({"mask3d", "objects"}), **choices)
+    truth = service.answers.query(request).answers
+    assert_same(client.ask(request), truth)
+    assert_same(client.ask(request, protocol="gRPC"), truth)
+    (phrase,) = (answer.phrase for answer in truth)
+    assert phrase is not None and (phrase.refusal is None) == (things is not None)
+    assert things is None or truth[0].things == phrase.things == things
+
+
+@pytest.mark.parametrize(
+    ("choices", "error", "field"),
+    [
+        ({"asker_view": "none.png"}, NotFoundError, "asker_view"),
+        ({"asker_view": "front.png", "asker": pose_of(np.eye(4))}, InvalidInputError, "asker_view"),
+        ({"asker_view": "front.png", "scene_id": ""}, InvalidInputError, "scene_id"),
+    ],
+)
+def test_a_place_to_stand_at_that_makes_no_sense_is_refused(
+    service: SceneService, client: Client, scene_id: str, choices: dict[str, Any], error: type[Exception], field: str
+) -> None:
+    request = QueryRequest(**{"scene_id": scene_id, "texts": ("the thing left of the ball",), **choices})
+    truth = outcome(lambda: service.answers.query(request).answers)
+    assert truth[0] is error and truth[2]["field"] == field
+    if request.scene_id:
+        assert_same(outcome(lambda: client.ask(request)), truth)
+    assert_same(outcome(lambda: client.ask(request, protocol="gRPC")), truth)
+
+
+def test_a_standing_question_is_asked_from_where_each_pose_is(client: Client, scene_id: str) -> None:
+    question = StandingQuestion(QueryRequest(scene_id, ("the thing left of the ball",)))
+    turned_round = type(_FRONT)(_FRONT.camera, _behind())
+    for pose, thing in ((_FRONT, _MUG), (turned_round, _BOOK)):
+        (answered,) = client.stream_query(question, [pose])
+        assert answered.answers[0].things == (thing,)
+
+
+def test_a_picture_shows_the_meant_thing_as_seen_from_it(client: Client, scene_id: str) -> None:
+    left, whole = (
+        client.picture(scene_id, "mask", "front.png", text=text) for text in ("the thing left of the ball", "mug")
+    )
+    assert left == whole

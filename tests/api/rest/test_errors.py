@@ -1,0 +1,157 @@
+"""Every typed error, and one that is not ours, says the same thing over both protocols."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import grpc
+import pytest
+
+from fastsplat.api.errors import STATUSES, refusal_of, status_of
+from fastsplat.service.settings import Settings
+from fastsplat_contract import errors
+from fastsplat_contract.errors import FastSplatError, Kind
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+
+_ROOT = Path(__file__).parents[3]
+_STATUSES = {
+    errors.FastSplatError: (500, "INTERNAL"),
+    errors.InvalidInputError: (400, "INVALID_ARGUMENT"),
+    errors.LimitExceededError: (413, "RESOURCE_EXHAUSTED"),
+    errors.UnsafeArchiveError: (400, "INVALID_ARGUMENT"),
+    errors.CorruptImageError: (400, "INVALID_ARGUMENT"),
+    errors.ReconstructionError: (409, "FAILED_PRECONDITION"),
+    errors.ModelUnavailableError: (409, "FAILED_PRECONDITION"),
+    errors.NotFoundError: (404, "NOT_FOUND"),
+    errors.ConflictError: (409, "ALREADY_EXISTS"),
+    errors.NotReadyError: (409, "FAILED_PRECONDITION"),
+    errors.CancelledError: (499, "CANCELLED"),
+    errors.DeadlineExceededError: (504, "DEADLINE_EXCEEDED"),
+    errors.ResourceError: (503, "RESOURCE_EXHAUSTED"),
+    errors.UnauthenticatedError: (401, "UNAUTHENTICATED"),
+    errors.PermissionDeniedError: (403, "PERMISSION_DENIED"),
+    errors.RateLimitedError: (429, "RESOURCE_EXHAUSTED"),
+    errors.OverloadedError: (503, "RESOURCE_EXHAUSTED"),
+    errors.QuotaError: (403, "RESOURCE_EXHAUSTED"),
+    errors.ChecksumMismatchError: (460, "INVALID_ARGUMENT"),
+    errors.MethodNotAllowedError: (405, "UNIMPLEMENTED"),
+    errors.RangeNotSatisfiableError: (416, "OUT_OF_RANGE"),
+    errors.UnsupportedMediaTypeError: (415, "INVALID_ARGUMENT"),
+    errors.MissingPackageError: (409, "FAILED_PRECONDITION"),
+    errors.OffsetConflictError: (409, "FAILED_PRECONDITION"),
+    errors.UploadLockedError: (423, "FAILED_PRECONDITION"),
+    errors.TusVersionError: (412, "FAILED_PRECONDITION"),
+    errors.NotReadyNowError: (503, "UNAVAILABLE"),
+    errors.NamerError: (503, "UNAVAILABLE"),
+    errors.DatabaseError: (503, "UNAVAILABLE"),
+    errors.ObjectStoreError: (503, "UNAVAILABLE"),
+    errors.ArtefactError: (500, "INTERNAL"),
+    errors.SceneFileError: (500, "INTERNAL"),
+    errors.SceneSchemaError: (409, "FAILED_PRECONDITION"),
+    errors.TrainingDivergedError: (500, "INTERNAL"),
+    errors.TrainerCrashedError: (500, "INTERNAL"),
+    errors.WorkerCrashedError: (500, "INTERNAL"),
+}
+
+
+class _Refusing:
+    """A service layer that raises what it is told to."""
+
+    def __init__(self) -> None:
+        self.error: Exception = FastSplatError("")
+
+    def __getattr__(self, name: str) -> Any:
+        def call(*args: object, **kwargs: object) -> None:
+            raise self.error
+
+        return call
+
+
+@pytest.fixture(scope="module")
+def refusing() -> _Refusing:
+    return _Refusing()
+
+
+@pytest.fixture(scope="module")
+def refused(refusing: _Refusing) -> Iterator[Faces]:
+    with served(refusing, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off")) as faces:
+        yield faces
+
+
+def _calls(faces: Faces) -> tuple[Any, Any]:
+    response = faces.rest.get("/v1/scenes/x")
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.GetScene(pb.GetSceneRequest(scene_id="x"))
+    return response, caught.value
+
+
+def test_every_error_of_the_tree_is_mapped() -> None:
+    tree = {kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, FastSplatError)}
+    assert set(STATUSES) == tree == set(_STATUSES)
+    for kind, (http, rpc) in _STATUSES.items():
+        status = status_of(kind("x"))
+        assert (status.http, status.grpc.name) == (http, rpc) and status.http >= 400
+        assert rpc == kind.kind.name or rpc in ("OUT_OF_RANGE", "UNIMPLEMENTED")
+    assert {kind.kind for kind in tree} == set(Kind)
+
+
+def test_no_error_of_the_server_stands_outside_the_tree() -> None:
+    for folder in ("api", "cli", "service", "workers"):
+        for path in (_ROOT / folder).rglob("*.py"):
+            assert not re.search(r"^class \w+\([\w.]*Error\b", path.read_text(), re.MULTILINE), path
+
+
+@pytest.mark.parametrize("kind", _STATUSES)
+def test_both_protocols_carry_the_whole_error(refused: Faces, refusing: _Refusing, kind: type[FastSplatError]) -> None:
+    refusing.error = kind("a thing is wrong: ünïcode", hint="Do this.", field="images[3]", limit="5 m")
+    response, failure = _calls(refused)
+    rest, rpc = rest_refusal(response), rpc_refusal(failure)
+    assert (rest.code, rpc.code) == _STATUSES[kind]
+    assert rest.reason == rpc.reason == kind.reason
+    assert rest.detail == rpc.detail == "a thing is wrong: ünïcode"
+    assert rest.details == rpc.details == {"hint": "Do this.", "field": "images[3]", "limit": "5 m"}
+
+
+def test_an_unexpected_exception_reveals_nothing_and_is_logged_by_its_id(
+    refused: Faces, refusing: _Refusing, caplog: pytest.LogCaptureFixture
+) -> None:
+    refusing.error = RuntimeError("secret path /etc/passwd")
+    response, failure = _calls(refused)
+    assert (rest_refusal(response).code, rpc_refusal(failure).code) == (500, "INTERNAL")
+    assert "secret" not in response.text and "secret" not in failure.details()
+    assert rest_refusal(response).detail == rpc_refusal(failure).detail
+    logged = [record for record in caplog.records if response.headers["x-request-id"] in record.getMessage()]
+    assert any(record.exc_info and "secret" in str(record.exc_info[1]) for record in logged)
+
+
+def test_a_huge_message_is_cut_before_it_breaks_the_trailers(refused: Faces, refusing: _Refusing) -> None:
+    refusing.error = errors.InvalidInputError("x" * 100_000, field="y" * 100_000)
+    response, failure = _calls(refused)
+    assert rest_refusal(response).detail == rpc_refusal(failure).detail
+    assert len(rpc_refusal(failure).detail) == 1000
+
+
+def test_request_ids_are_taken_over_when_they_are_plain(refused: Faces, refusing: _Refusing) -> None:
+    refusing.error = errors.NotFoundError("no")
+    plain = refused.rest.get("/v1/scenes/x", headers={"X-Request-Id": "robot-7.a_b"})
+    assert plain.headers["x-request-id"] == plain.json()["request_id"] == "robot-7.a_b"
+    odd = refused.rest.get("/v1/scenes/x", headers={"X-Request-Id": "a b" * 100})
+    assert odd.headers["x-request-id"] not in ("", "a b" * 100)
+    with pytest.raises(grpc.RpcError) as caught:
+        refused.rpc.GetScene(pb.GetSceneRequest(scene_id="x"), metadata=(("x-request-id", "robot-8"),))
+    assert refusal_of(refusing.error, "robot-8").as_rpc_status().SerializeToString() == dict(
+        caught.value.trailing_metadata()
+    ).get("grpc-status-details-bin")
+
+
+def test_unknown_routes_and_methods_are_problems_too(refused: Faces) -> None:
+    assert rest_refusal(refused.rest.get("/v2/nothing")).code == 404
+    assert rest_refusal(refused.rest.get("/web/../server.py")).code == 404
+    assert rest_refusal(refused.rest.get("/web/nothing.js")).code == 404
+    patched = refused.rest.patch("/v1/scenes")
+    assert rest_refusal(patched).reason == "METHOD_NOT_ALLOWED" and patched.status_code == 405
+    assert set(patched.headers["allow"].split(", ")) >= {"GET"}

@@ -1,0 +1,319 @@
+"""Photos of another day, kept with a scene: over every face, undone, refused, and gone with the scene."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import grpc
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from fastsplat.cli.main import app
+from fastsplat.service.application.editing import observing
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.settings import Settings
+from fastsplat_client import Client
+from fastsplat_contract.codec.json_codec import from_json
+from fastsplat_contract.codec.proto_codec import from_proto, to_proto
+from fastsplat_contract.errors import (
+    ConflictError,
+    FastSplatError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+)
+from fastsplat_contract.geometry.places import Alignment
+from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.masks import decode_mask3d
+from fastsplat_contract.messages.scenes import Color, Edit
+from fastsplat_contract.photos.observations import ListObservationsRequest, Observation, ObservationList, ObserveRequest
+from tests.api.clients import assert_same
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
+from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.localization.textured_room import looking, renderer, textured_room
+from tests.scenes import add_photos, store_scene
+
+_CUBE = "elephant"
+_MONDAY = datetime(2026, 3, 2, 18, tzinfo=UTC)
+
+
+def drawn_photos(*, block: bool) -> tuple[bytes, ...]:
+    """Three photos of the room, with or without the cube."""
+    drawn = renderer(textured_room(block=block))
+    views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
+    return tuple(map(_file, (drawn.colors(posed) for posed in views)))
+
+
+def _file(pixels: np.ndarray) -> bytes:
+    content = io.BytesIO()
+    Image.fromarray(pixels).save(content, "PNG")
+    return content.getvalue()
+
+
+@pytest.fixture(scope="module")
+def without() -> tuple[bytes, ...]:
+    return drawn_photos(block=False)
+
+
+@pytest.fixture(scope="module")
+def with_cube() -> tuple[bytes, ...]:
+    return drawn_photos(block=True)
+
+
+def add_room(service: SceneService, settings: Settings, *, block: bool = True, **others: Any) -> str:
+    """A room in which a cube stands or not, with its photos."""
+    encoder = open_text_encoder(ENCODER, settings.models)
+    labels = (*LABELS, _CUBE) if block else LABELS
+    scene = textured_room(block=block, labels=labels, encoder=encoder, templates=QuerySettings().templates, **others)
+    made = store_scene(service._store, scene, "room")
+    drawn = renderer(scene)
+    add_photos(service._store, made, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])
+    return made
+
+
+@pytest.fixture
+def room_id(service: SceneService, api_settings: Settings) -> Iterator[str]:
+    """For one test: questions to all scenes do not find it."""
+    made = add_room(service, api_settings)
+    yield made
+    _forget(service, made)
+
+
+def _forget(service: SceneService, scene_id: str) -> None:
+    if any(each.id == scene_id for each in service.list_scenes(500).scenes):
+        service.delete_scene(scene_id)
+
+
+def _request(scene_id: str, photos: Sequence[bytes], **fields: Any) -> ObserveRequest:
+    return ObserveRequest(scene_id=scene_id, photos=tuple(photos), focals=(420.0,), **fields)
+
+
+def _kept(service: SceneService, scene_id: str) -> list[Path]:
+    folder = service._store.blobs.version(scene_id, service.versions.resolve(scene_id))
+    return sorted((folder / "photos" / "observed").rglob("*.jpg"))
+
+
+def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
+    faces: Faces,
+    service: SceneService,
+    client: Client,
+    room_id: str,
+    without: tuple[bytes, ...],
+    with_cube: tuple[bytes, ...],
+    tmp_path: Path,
+) -> None:
+    first = client.scene(room_id).version
+    made = client.observe(room_id, without, focals=(420.0,), seen_at=_MONDAY)
+    (gone,) = made.changes
+    assert (gone.kind, gone.name, gone.after) == ("gone", _CUBE, None) and gone.before is not None
+    assert (made.seen_at, made.seen_at_source, made.left_out) == (_MONDAY, "given", ())
+    assert made.sentence == gone.sentence and gone.thing_id in made.looked_at
+    assert [photo.view for photo in made.photos] == [f"{made.id}/{number}" for number in range(3)]
+    assert all(set(photo.differences) for photo in made.photos)
+
+    (version,) = [each for each in client.versions(room_id) if each.current]
+    assert (version.version, version.parent) == (made.id, first)
+    assert [edit.action for edit in version.edits] == ["observe"]
+
+    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, made.id)
+    (asked,) = client.query(room_id, _CUBE, outputs=["objects"])
+    assert (asked.outcome, asked.things) == ("not_here", (cube.id,))
+    missing = f'The "{_CUBE}" is missing since 2 March 2026.'
+    assert asked.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
+    for text in ("What is gone?", "what has changed since 2 March 2026"):
+        (told,) = client.query(room_id, text, outputs=["mask3d"])
+        assert (told.outcome, told.things, told.text) == ("here", (cube.id,), text)
+        assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+        assert decode_mask3d(told.mask3d or b"", "bits", told.gaussians).sum() == cube.gaussian_count
+    (told,) = client.query(room_id, f"when was the {_CUBE} last seen?")
+    assert (told.outcome, told.sentence) == ("not_here", missing)
+    (told,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
+    assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
+    (told,) = client.query(room_id, "what moved?")
+    assert (told.outcome, told.things) == ("not_here", ())
+    assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 things."
+    (told,) = client.query(room_id, "what is gone since 3 March 2026?")
+    assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
+    (told,) = client.query(room_id, "what is gone", version=first)
+    assert told.sentence == "Cannot say: no photos of another day are kept with this scene."
+
+    path = tmp_path / "tuesday"
+    path.mkdir()
+    for number, content in enumerate(with_cube):
+        (path / f"{number}.png").write_bytes(content)
+    words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
+    printed = CliRunner().invoke(app, [*words, "--seen-at", "2026-03-03T18:00:00"])
+    later = from_json(Observation, printed.stdout)
+    assert later.changes == () and gone.thing_id in later.looked_at and later.seen_at > made.seen_at
+
+    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (later.seen_at, None, later.id)
+    (told,) = client.query(room_id, _CUBE)
+    assert told.outcome == "here" and "missing" not in told.sentence
+    (told,) = client.query(room_id, f"where was the {_CUBE} on 2026-03-02?")
+    assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+
+    whole = tuple(client.observations(room_id))
+    assert_same(whole, (later, made))
+    listed = faces.rpc.ListObservations(to_proto(ListObservationsRequest(room_id)))
+    assert_same(from_proto(ObservationList, listed).observations, whole)
+    assert_same(client.observation(room_id, made.id), made)
+    shown = CliRunner().invoke(app, ["scenes", "observations", room_id, "--server", str(faces.rest.base_url)])
+    assert gone.sentence in shown.stdout and "None of the 4 things" in shown.stdout
+
+    client.undo_edit(room_id)
+    assert [each.id for each in client.observations(room_id)] == [made.id]
+    with pytest.raises(NotFoundError):
+        client.observation(room_id, later.id)
+    assert [each.id for each in client.observations(room_id, version=later.id)] == [later.id, made.id]
+    client.undo_edit(room_id)
+    assert list(client.observations(room_id)) == []
+
+
+def test_both_protocols_keep_the_same(
+    faces: Faces, service: SceneService, api_settings: Settings, client: Client, without: tuple[bytes, ...]
+) -> None:
+    rooms = [add_room(service, api_settings) for _ in range(3)]
+    kept = [
+        client.observe(rooms[0], without, focals=(420.0,), seen_at=_MONDAY),
+        from_proto(Observation, faces.rpc.ObserveScene(to_proto(_request(rooms[1], without, seen_at=_MONDAY)))),
+        service.observations.observe(_request(rooms[2], without, seen_at=_MONDAY)),
+    ]
+    for room in rooms:
+        service.delete_scene(room)
+    first, *others = [_without_ids(each) for each in kept]
+    for other in others:
+        assert_same(other, first)
+
+
+def _without_ids(observation: Observation) -> Observation:
+    photos = tuple(photo._replace(view="") for photo in observation.photos)
+    return replace(observation, scene_id="", id="", photos=photos)
+
+
+def test_its_photos_are_kept_without_metadata_follow_edits_and_go_with_the_scene(
+    service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...]
+) -> None:
+    made = client.observe(room_id, without, focals=(420.0,))
+    client.edit_scene(room_id, [Edit("recolor", things=(1,), color=Color(1.0, 0.0, 0.0))])
+    files = _kept(service, room_id)
+    assert len(files) == len(without)
+    content = client.photo(room_id, made.photos[0].view)
+    assert content == files[0].read_bytes()
+    with Image.open(io.BytesIO(content)) as photo:
+        assert photo.size == (480, 360) and not photo.getexif()
+    for view in (f"{made.id}/3", "e0000000000000000/0", f"{made.id}/../0"):
+        with pytest.raises(NotFoundError):
+            client.photo(room_id, view)
+    client.delete_scene(room_id)
+    assert not any(path.exists() for path in files)
+
+
+@pytest.mark.parametrize("why", ["off", "private"])
+def test_no_photo_stays_where_the_scenes_own_would_not(
+    api_settings: Settings, service: SceneService, without: tuple[bytes, ...], why: str
+) -> None:
+    quality = {"withheld": {"privacy": "people", "share": 0.1}} if why == "private" else {}
+    room = add_room(service, api_settings, quality=quality)
+    settings = api_settings.model_copy(update={"photos": PhotoSettings(keep="off")}) if why == "off" else api_settings
+    with SceneService(service._store, settings) as other:
+        made = other.observations.observe(_request(room, without))
+    assert [photo.view for photo in made.photos] == [""] * 3 and len(made.changes) == 1
+    assert _kept(service, room) == []
+    service.delete_scene(room)
+
+
+def test_what_was_seen_stays_true_in_the_frame_of_a_map(
+    client: Client, room_id: str, without: tuple[bytes, ...]
+) -> None:
+    made = client.observe(room_id, without, focals=(420.0,))
+    half = float(np.sqrt(0.5))
+    turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, half, half))
+    client.edit_scene(room_id, [Edit("align", alignment=Alignment(transform=turn))])
+    (placed,) = client.observations(room_id)
+    before, after = made.changes[0].before, placed.changes[0].before
+    assert before is not None and after is not None
+    np.testing.assert_allclose(
+        np.array(after.center.position), (turn.matrix() @ [*before.center.position, 1.0])[:3], atol=1e-6
+    )
+    for one, other in zip(made.photos, placed.photos, strict=True):
+        np.testing.assert_allclose(
+            other.camera.world_from_camera, turn.matrix() @ one.camera.world_from_camera, atol=1e-6
+        )
+
+
+def test_the_same_request_is_kept_once(client: Client, room_id: str, without: tuple[bytes, ...]) -> None:
+    def ask(photos: Sequence[bytes]) -> Observation:
+        return client.observe(room_id, photos, focals=(420.0,), request_id="monday")
+
+    made = ask(without)
+    assert ask(without).id == made.id and len(list(client.observations(room_id))) == 1
+    with pytest.raises(ConflictError):
+        ask(without[:2])
+    client.undo_edit(room_id)
+    with pytest.raises(ConflictError, match="was undone"):
+        ask(without)
+
+
+_REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+    "no photo": ({"photos": ()}, "photos"),
+    "one photo with a place": ({"photos": 1}, "photos"),
+    "no image": ({"photos": (b"text", PLAIN_PNG)}, "photos[0]"),
+    "photos to come": ({"photos": 2, "seen_at": datetime.now(UTC) + timedelta(days=3)}, "seen_at"),
+    "a time without a zone": ({"photos": 2, "seen_at": datetime(2026, 3, 2)}, "seen_at"),
+    "another name": ({"photos": 2, "request_id": "two words"}, "request_id"),
+}
+
+
+@pytest.mark.parametrize("case", _REFUSED)
+def test_what_cannot_be_kept_leaves_nothing(
+    faces: Faces, service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...], case: str
+) -> None:
+    fields, field = _REFUSED[case]
+    photos = fields["photos"]
+    chosen = {**fields, "photos": (*without[:photos], PLAIN_PNG) if isinstance(photos, int) else photos}
+    request = ObserveRequest(scene_id=room_id, focals=(420.0,), **chosen)
+    with pytest.raises(InvalidInputError) as caught:
+        service.observations.observe(request)
+    assert caught.value.field == field
+    if "zone" not in case:  # protobuf's times are all in UTC
+        with pytest.raises(grpc.RpcError) as over_grpc:
+            faces.rpc.ObserveScene(to_proto(request))
+        assert rpc_refusal(over_grpc.value).reason == caught.value.reason
+    more = {name: chosen[name] for name in ("seen_at", "request_id") if name in chosen}
+    with pytest.raises(FastSplatError) as over_rest:
+        client.observe(room_id, chosen["photos"], focals=(420.0,), **more)
+    assert (over_rest.value.reason, over_rest.value.field) == (caught.value.reason, field)
+    assert [each.version for each in client.versions(room_id)] == [client.scene(room_id).version]
+    assert _kept(service, room_id) == [] and service._store.blobs.ids("uploads") == ()
+
+
+def test_there_is_a_most(
+    service: SceneService, room_id: str, without: tuple[bytes, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service.observations.observe(_request(room_id, without))
+    monkeypatch.setattr(observing, "MAX_OBSERVATIONS", 1)
+    with pytest.raises(LimitExceededError, match="one observation more"):
+        service.observations.observe(_request(room_id, without))
+
+
+def test_forms_with_other_fields_are_refused(faces: Faces, room_id: str) -> None:
+    form: list[tuple[str, Any]] = [("photos", ("a", PLAIN_PNG)), ("version", (None, "1"))]
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{room_id}/observations", files=form))
+    assert refused.code == 400 and refused.details["field"] == "version"
+
+
+def test_nobody_sends_it_as_an_edit(client: Client, room_id: str) -> None:
+    with pytest.raises(InvalidInputError, match="an observation is no edit"):
+        client.edit_scene(room_id, [Edit("observe")])

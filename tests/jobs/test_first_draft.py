@@ -1,0 +1,57 @@
+"""The first draft of a scene: its things are found, on few points and a moment of training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.jobs import things_of_photos
+from fastsplat.service.jobs.draft_scenes import first_draft
+from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.results import Labelling, Regions
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.scene.artefact.drafts import provisional_of
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.labels.blending import thing_map
+from fastsplat_contract.jobs.job_watching import Provisional
+from tests.instances.made_room import ColorSegmenter, NoDetector, make_room
+
+_POINTS = 300
+
+
+def test_things_are_found_on_few_points_and_neither_described_nor_read(
+    tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    room = make_room(tmp_path)
+    views = room.capture.views
+    rows = np.random.default_rng(0).choice(len(room.gaussians), _POINTS, replace=False)
+    colors = np.full((_POINTS, 3), 128, np.uint8)
+    capture = replace(room.capture, points=room.gaussians.means[rows], point_colors=colors)
+    masks = propose_view_masks(
+        views, NoDetector(), ColorSegmenter(), PerceptionSettings(min_pixels=8, closer_look=False)
+    )
+    blank = tuple(np.zeros_like(own, dtype=np.uint16) for own in room.maps)
+    regions = tuple(Regions(each, ()) for each in blank)
+    labelling = Labelling(Dictionary(()), blank, regions=regions, masks=masks)
+
+    def fail(*_: object) -> None:
+        raise AssertionError("a draft leaves that to the finished scene")
+
+    monkeypatch.setattr(things_of_photos, "open_appearance_encoder", fail)
+    monkeypatch.setattr(things_of_photos, "find_reader", fail)
+    settings = Settings(data_dir=tmp_path, models=models_dir, discovery=DiscoverySettings(min_weight_px=5))
+    scene = first_draft(capture, labelling, range(len(views)), settings)
+    assert provisional_of(scene.quality) == Provisional("points", 0.0)
+    assert scene.things is not None
+    owners = []
+    for ball in (2, 3, 4):
+        shown = [thing_map(scene, view.posed)[own == ball] for view, own in zip(views, room.maps, strict=True)]
+        counted = np.bincount(np.concatenate(shown))
+        owners.append(int(counted.argmax()))
+        assert owners[-1] and counted.max() > 0.5 * counted.sum()
+    assert len(set(owners)) == 3

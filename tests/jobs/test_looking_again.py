@@ -1,0 +1,146 @@
+"""A finished scene is looked at again with a real open-vocabulary detector, of evaluation weights."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.instances.settings import LookAgainOptions
+from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.scene.objects.things import discard_thing
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import CancelledError, ModelUnavailableError
+from fastsplat_contract.geometry.camera import PosedCamera
+from tests.instances.made_table import made_table
+
+_WORDS = {  # what the label table of the development machine calls these
+    "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
+    "soda can": "can", "utensil holder": "canister",
+}  # fmt: skip
+Table = tuple[SceneIndex, dict[int, str]]
+Looked = tuple[Sightings, list[ProgressEvent]]
+_DETECTOR = PerceptionSettings(
+    open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", open_score_threshold=0.15
+)
+
+
+@pytest.fixture(scope="module")
+def settings(models_dir: Path) -> Settings:
+    if not (models_dir / "yolo_world_s").is_dir():
+        pytest.skip("evaluation weights are not there")
+    look_again = LookAgainOptions(views=4, closer_views=2)
+    return Settings(models=models_dir, perception=_DETECTOR, look_again=look_again)
+
+
+@pytest.fixture(scope="module")
+def table(settings: Settings, test_data: Path) -> Table:
+    encoder = open_text_encoder("minilm_l6_int8", settings.models)
+    scene, things = made_table(test_data / "tabletop", range(0, 40, 5), encoder)
+    return SceneIndex(scene, encoder), {number: _WORDS.get(name, name) for number, name in things.items()}
+
+
+@pytest.fixture(scope="module")
+def looked(settings: Settings, table: Table, test_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Looked:
+    """A look at the table top's photos for the names of all 14 things."""
+    index, truth = table
+    cameras = {posed.name: posed.camera for posed in index.scene.cameras}
+
+    def photo(posed: PosedCamera) -> tuple[np.ndarray, np.ndarray]:
+        """The part of the photo that a camera of the same pose sees."""
+        whole, part = cameras[posed.name], posed.camera
+        x, y = part.fx / whole.fx, part.fy / whole.fy
+        shift = np.array([[x, 0, part.cx - x * whole.cx], [0, y, part.cy - y * whole.cy]])
+        picture = cv2.imread(str(test_data / "tabletop" / "images" / posed.name))[:, :, ::-1]
+        seen = cv2.warpAffine(np.ascontiguousarray(picture), shift, (part.width, part.height))
+        return np.asarray(seen, np.uint8), np.ones((part.height, part.width), np.bool_)
+
+    events: list[ProgressEvent] = []
+    folder = tmp_path_factory.mktemp("pictures")
+    return look_for(index, list(truth.values()), settings, folder, events.append, photo), events
+
+
+def test_things_are_named_by_what_was_asked_for(settings: Settings, table: Table, looked: Looked) -> None:
+    """The detector is small, and looks for the nearest words that its table knows: of the 14 things it names five
+    rightly in four photos, the white utensil holder it takes for a mug, and the screwdriver for scissors."""
+    index, truth = table
+    scene, result = name_sightings(index, looked[0], settings)
+    right = [name for name in result.named if label_key(truth[name.thing_id]) == label_key(name.name)]
+    print(
+        f"{len(right)} of {len(result.named)} right", [(truth[n.thing_id], n.name, n.probability) for n in result.named]
+    )
+    assert len(right) >= 4 and len(right) >= 0.6 * len(result.named)
+    assert scene.things is not None
+    named = {name.thing_id for name in result.named}
+    for thing in scene.things.table:
+        assert bool(thing.name) == (thing.id in named) and thing.source in ("detected", None)
+    (answer,) = index.after(scene).ask([right[0].name])
+    assert answer.outcome == "here" and right[0].thing_id in answer.things
+
+
+def test_a_look_says_from_where_and_how_far_it_is(table: Table, looked: Looked) -> None:
+    sightings, events = looked
+    assert not sightings.rendered and len(sightings.views) == 4
+    assert set(sightings.views) <= {posed.name for posed in table[0].scene.cameras}
+    fractions = [event.fraction for event in events]
+    assert {event.stage for event in events} == {"looking"} and fractions[-1] == 1
+    assert fractions == sorted(fractions)
+    assert 0 <= sightings.unmatched <= sightings.regions
+
+
+def test_the_names_that_were_searched_for_grow(settings: Settings, table: Table, looked: Looked) -> None:
+    """By those that are new; the absence of anything else is said of all of them."""
+    index, _ = table
+    scene, _ = name_sightings(index, looked[0], settings)
+    assert searched_names(scene) == 80 + 14
+    again, _ = name_sightings(index.after(scene), replace(looked[0], texts=("Mugs", "trophy"), found={}), settings)
+    assert searched_names(again) == 80 + 15
+    (answer,) = index.after(again).ask(["trophy"])
+    assert answer.is_absent and answer.searched.names == 95
+
+
+def test_a_persons_names_stay(settings: Settings, table: Table, looked: Looked) -> None:
+    """Also those that were given while the detector looked, and what is gone by then is left out."""
+    index, _ = table
+    first = next(iter(looked[0].found))
+    things = index.scene.things
+    assert things is not None
+    given = {"name": "grandmother's", "source": "person", "probability": 1.0}
+    table = tuple(replace(thing, **given) if thing.id == first else thing for thing in things.table)
+    scene = replace(index.scene, things=replace(things, table=table))
+    other = next(number for number in looked[0].found if number != first)
+    scene = discard_thing(scene, other)
+    after, result = name_sightings(index.after(scene), looked[0], settings)
+    assert after.things is not None
+    kept = next(thing for thing in after.things.table if thing.id == first)
+    assert (kept.name, kept.source, kept.suggestions) == ("grandmother's", "person", ())
+    changed = {name.thing_id for name in (*result.named, *result.suggested)}
+    assert changed and not changed & {first, other}
+
+
+def test_a_look_ends_when_its_job_is_cancelled(settings: Settings, table: Table, tmp_path: Path) -> None:
+    def stop(event: ProgressEvent) -> None:
+        raise CancelledError("enough")
+
+    with pytest.raises(CancelledError):
+        look_for(table[0], ["banana"], settings, tmp_path, stop)
+
+
+@pytest.mark.parametrize(
+    "update", [{"open_set_detector": ""}, {"open_set_detector": "yolo_world:nowhere"}, {"segmenter": "sam1:nowhere"}]
+)
+def test_a_look_without_its_models_fails_before_anything_is_rendered(
+    settings: Settings, table: Table, tmp_path: Path, update: dict[str, str]
+) -> None:
+    other = settings.model_copy(update={"perception": settings.perception.model_copy(update=update)})
+    with pytest.raises(ModelUnavailableError):
+        look_for(table[0], ["banana"], other, tmp_path, lambda event: pytest.fail("it has begun"))

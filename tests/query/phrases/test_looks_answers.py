@@ -1,0 +1,112 @@
+"""Things are found by their looks where no name answers, weighed with what names say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
+from fastsplat.service.perception.image_text import open_image_text
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.query.language.meaning.probability import Logistic
+from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.artefact.scene import Looks, Scene, Thing
+from fastsplat_contract.messages.queries import Answer
+from tests.looks_model import COLORS, MODEL, write_looks_model
+from tests.query.conftest import DrawnEncoder
+
+_WORLD = drawn_frame(np.random.default_rng(3))
+_TABLE, _RED, _BLUE, _GREEN = range(1, 5)
+_RATIO = Logistic(score=8.0, lead=2.0, offset=-4.0)
+
+
+def _looks(model: LooksModel, color: str) -> Looks:
+    row = np.array(COLORS[color])
+    return Looks(model.encoder.sha256, (row / np.linalg.norm(row)).astype(np.float16).tobytes())
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
+    models: Path = tmp_path_factory.mktemp("models")
+    write_looks_model(models)
+    return LooksModel(open_image_text(PerceptionSettings(image_text=MODEL), models), _RATIO)
+
+
+@pytest.fixture(scope="module")
+def scene(model: LooksModel) -> Scene:
+    """A table with a red and a blue thing without names, and a green book."""
+    room = Room()
+    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
+    for number, place in enumerate((-0.4, 0.0, 0.4)):
+        room.place("book" if number == 2 else "crate", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, (0.5, 0.5, 0.5))
+    made = scene_of(room, 0, _WORLD)
+    assert made.things is not None
+    looks = {_RED: _looks(model, "red"), _BLUE: _looks(model, "blue"), _GREEN: _looks(model, "green")}
+    rows = (replace(thing, looks=looks.get(thing.id)) for thing in made.things.table)
+    nameless = {_RED, _BLUE}
+    rows_ = tuple(
+        replace(each, name="", source=None, probability=0.0) if each.id in nameless else each for each in rows
+    )
+    return replace(made, things=replace(made.things, table=rows_))
+
+
+def _index(scene: Scene, encoder: Any, model: LooksModel | None) -> SceneIndex:
+    return SceneIndex(scene, encoder, QuerySettings(backend="cpu"), looks=model)
+
+
+def _answer(index: SceneIndex, text: str) -> Answer:
+    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things)
+    return answer
+
+
+@pytest.mark.parametrize(("text", "thing"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])
+def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksModel, text: str, thing: int) -> None:
+    answer = _answer(_index(scene, DrawnEncoder(), model), text)
+    assert (answer.outcome, answer.things) == ("probably_here", (thing,)), answer.sentence
+    assert answer.probability is not None and 0.5 <= answer.probability < 1
+    assert "by its looks" in answer.sentence
+    without = _answer(_index(scene, DrawnEncoder(), None), text)
+    assert without.outcome != "probably_here" and "looks" not in without.sentence
+
+
+def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
+    index = _index(scene, DrawnEncoder(), model)
+    named = _answer(index, "the book")
+    assert named.things == (_GREEN,) and "looks" not in named.sentence
+    assert _answer(index, "the book") == _answer(_index(scene, DrawnEncoder(), None), "the book")
+
+
+@pytest.mark.parametrize(
+    "text", ["the red shiny one left of the book", "how many red shiny ones are here?", "the second red shiny one"]
+)
+def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
+    told, plain = (_answer(_index(scene, DrawnEncoder(), each), text) for each in (model, None))
+    assert (told.outcome, told.things, told.sentence) == (plain.outcome, plain.things, plain.sentence)
+
+
+def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
+    told, plain = (_answer(_index(scene, DrawnEncoder(), each), "a submarine") for each in (model, None))
+    assert (told.outcome, told.things) == (plain.outcome, plain.things)
+
+
+def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -> None:
+    things = (Thing(1, looks=_looks(model, "red")), Thing(2, looks=_looks(model, "blue")), Thing(3))
+    looks = ThingLooks(things, model)
+    even = looks.likely("red", {1: 0.5, 2: 0.5, 3: 0.5})
+    assert list(even) == [1, 2] and even[1] > 0.9 > 0.1 > even[2]
+    doubted = looks.likely("red", {1: 0.01, 2: 0.5})
+    odds = [each / (1 - each) for each in (even[1], doubted[1])]
+    assert odds[1] / odds[0] == pytest.approx(0.01 / 0.99, rel=1e-3)
+
+
+def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
+    other = _looks(model, "red")._replace(sha256="0" * 64)
+    assert not ThingLooks((Thing(1, looks=other),), model) and not ThingLooks((Thing(1),), model)
+    assert not ThingLooks((Thing(1, looks=_looks(model, "red")),), None)

@@ -1,0 +1,128 @@
+"""What is written on things is asked for: in so many words, of a kind of thing, and by a name that nothing bears."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
+from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.artefact.scene import Scene, Thing
+from fastsplat_contract.messages.queries import Answer
+from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
+from tests.query.conftest import DrawnEncoder
+
+_WORLD = drawn_frame(np.random.default_rng(3))
+_TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
+
+
+def _read(text: str, probability: float = 0.9, kind: ReadKind = "text") -> ThingRead:
+    return ThingRead(kind, text, probability, 3)
+
+
+_READS: Mapping[int, tuple[ThingRead, ...]] = {
+    _RED_BOOK: (_read("To the"), _read("Lighthouse", 0.8), _read("Virginia Woolf")),
+    _BLUE_BOOK: (_read("ORLANDO"), _read("V. WOOLF", 0.4)),
+    _BOX: (_read("Oat Milk 1.5 l"), _read("12", 1.0, "tag"), _read("Hafermilch")),
+}
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    room = Room()
+    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
+    for place, color in ((-0.4, (0.75, 0.1, 0.1)), (0.0, (0.75, 0.1, 0.1)), (0.4, (0.12, 0.25, 0.75))):
+        room.place("book", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, color)
+    room.place("crate", box((0.15, 0.15, 0.2)), (0.0, 0.25, 0.75), 0.2, (0.95, 0.95, 0.93))
+    made = scene_of(room, 0, _WORLD)
+    assert made.things is not None
+    table_ = tuple(replace(thing, reads=_READS.get(thing.id, ())) for thing in made.things.table)
+    return replace(made, things=replace(made.things, table=table_))
+
+
+@pytest.fixture
+def index(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
+
+
+def _answer(index: SceneIndex, text: str) -> Answer:
+    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things)
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("text", "things"),
+    [
+        ("where does it say oat milk?", {_BOX}),
+        ('Where does it say "Oat Milk"?', {_BOX}),
+        ("where is lighthouse written?", {_RED_BOOK}),
+        ("what says Hafermilch", {_BOX}),
+        ("the red book by Woolf", {_RED_BOOK}),
+        ("the book by Virginia Woolf", {_RED_BOOK}),
+        ("books by Woolf", {_RED_BOOK, _BLUE_BOOK}),
+        ("books not by Woolf", {_OTHER_RED_BOOK}),
+        ("the blue book titled Orlando", {_BLUE_BOOK}),
+        ("the book that says to the lighthouse on the table", {_RED_BOOK}),
+        ("where does it say lighthause", {_RED_BOOK}),
+        ("how many books are by Woolf?", {_RED_BOOK, _BLUE_BOOK}),
+    ],
+)
+def test_things_are_found_by_what_is_written_on_them(index: SceneIndex, text: str, things: set[int]) -> None:
+    answer = _answer(index, text)
+    assert set(answer.things) == things, answer.sentence
+    assert answer.outcome in ("here", "probably_here") and set(index.ranked.names.picks(answer) or ()) == things
+
+
+@pytest.mark.parametrize("text", ["oat milk", "Hafermilch", "tag 12", "where is the oat milk?", "To the Lighthouse"])
+def test_what_nothing_is_named_may_be_where_it_is_written(index: SceneIndex, text: str) -> None:
+    answer = _answer(index, text)
+    assert (answer.outcome, len(answer.things)) == ("probably_here", 1) and "says" in answer.sentence
+    assert answer.probability is None  # nobody measured how often what says "oat milk" is oat milk
+
+
+def test_how_probable_what_is_written_is_counts(index: SceneIndex) -> None:
+    assert _answer(index, "where does it say woolf").probability == pytest.approx(0.4)
+    assert _answer(index, "the red book by Woolf").probability == pytest.approx(0.9)
+    assert _answer(index, "where does it say lighthause").probability == pytest.approx(0.8 * 0.9)
+
+
+@pytest.mark.parametrize("text", ["where does it say almond milk", "the crate that says Woolf", "where does it say 13"])
+def test_what_no_photo_shows_is_not_said_to_be_absent(index: SceneIndex, text: str) -> None:
+    answer = _answer(index, text)
+    assert answer.outcome == "cannot_say" and answer.phrase is not None and answer.phrase.refusal is not None
+    assert answer.phrase.refusal.reason == "not_read"
+
+
+def test_names_come_before_what_is_written_and_by_is_a_place_where_nothing_says_so(index: SceneIndex) -> None:
+    assert set(_answer(index, "book").things) == {_RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK}
+    by_place = _answer(index, "the book by the crate").phrase
+    assert by_place is not None and by_place.refusal is not None and by_place.refusal.reason == "not_understood"
+
+
+def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene) -> None:
+    assert scene.things is not None
+    silent = replace(scene.things, table=tuple(replace(thing, reads=()) for thing in scene.things.table))
+    index = SceneIndex(replace(scene, things=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
+    assert not _answer(index, "Hafermilch").things and not _answer(index, "oat milk").things
+    assert _answer(index, "where does it say Hafermilch").outcome == "cannot_say"
+
+
+def test_figures_are_the_same_or_not_it_and_one_letter_of_five_may_differ() -> None:
+    written = WrittenWords((Thing(1, reads=(_read("Basmati 500 g", 1.0),)),))
+    assert written.bearing("basmati") == written.bearing("500") == written.bearing("500 g Basmati") == {1: 1.0}
+    assert written.bearing("basnati")[1] == pytest.approx(6 / 7)
+    assert not written.bearing("501") and not written.bearing("bas") and not written.bearing("bazznati")
+    assert not written.bearing("") and not written.bearing("basmati rice")
+    assert written.leading(["Basmati", "500", "on", "the", "table"]) == 2 and written.leading(["rice"]) == 0
+
+
+def test_questions_for_what_is_written_are_noun_phrases_of_something() -> None:
+    assert asked_of_writing("Where does it say exit?") == "something that says exit?"
+    assert asked_of_writing("where is EXIT written?") == "something that says EXIT"
+    assert asked_of_writing("where is the mug?") == "where is the mug?"

@@ -1,0 +1,45 @@
+"""Photos of another day compared with a scene on the page: what is gone is told, shown, lit up, and undone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from playwright.sync_api import Browser, expect
+
+from tests.api.scenes.test_observations import add_room, drawn_photos
+from tests.web.browser import visiting
+from tests.web.places import Place
+
+
+def test_what_is_gone_is_told_shown_and_undone(place: Place, browser: Browser, tmp_path: Path) -> None:
+    service, room = place.service, add_room(place.service, place.settings)
+    paths = [tmp_path / f"{number}.png" for number in range(3)]
+    for path, content in zip(paths, drawn_photos(block=False), strict=True):
+        path.write_bytes(content)
+    with visiting(browser, place.url, f"#/scenes/{room}", viewport={"width": 390, "height": 844}) as visit:
+        page = visit.page
+        visit.tab("Photos").locator("summary", has_text="Compare with today").click()
+        compare = page.get_by_role("button", name="Compare", exact=True)
+        expect(compare).to_be_disabled()
+        page.get_by_label("Photos of today").set_input_files(paths[:1])
+        expect(compare).to_be_disabled()
+        page.get_by_label("Photos of today").set_input_files(paths)
+        compare.click()
+        row = page.locator(".observations > li")
+        expect(row).to_have_count(1, timeout=60_000)
+        expect(page.get_by_text("3 photos are compared.")).to_be_visible()
+        (observation,) = service.observations.all(room).observations
+        (change,) = observation.changes
+        expect(row).to_contain_text(change.sentence)
+        expect(row.locator("canvas[data-drawn]")).to_have_count(2)
+        pictures = row.locator("canvas").evaluate_all("(all) => all.map((each) => each.toDataURL())")
+        assert pictures[0] != pictures[1]
+        show = row.get_by_role("button", name="Show in the scene")
+        show.click()
+        expect(show).to_have_attribute("aria-pressed", "true")
+        visit.check_accessible()
+        assert visit.fits()
+        row.get_by_role("button", name="Undo this comparison").click()
+        expect(row).to_have_count(0)
+        expect(page.get_by_text("The comparison is undone.")).to_be_visible()
+    assert service.observations.all(room).observations == ()

@@ -1,0 +1,51 @@
+"""What glows on the page is where the server says that it is; both definitions: `glow.py`."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, expect
+
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.photos.pictures import PictureRequest
+from tests.web.browser import visiting
+from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, pixels_of
+from tests.web.places import Place
+
+_VIEWS = ("0.9_-2.6_1.9_0_0_0.2", "-1.7_-2.3_1.1_0_0_0.2", "0.2_-1.9_2.6_0_0_0.2")
+_NAMES = ("mug", "ball", "story book")
+
+
+def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
+    request = QueryRequest(place.scene_id, (name,), cameras=(posed,), outputs=frozenset({"mask2d"}))
+    (answer,) = place.service.answers.query(request).answers
+    return answer.masks[0].array()
+
+
+@pytest.mark.parametrize(("view", "selected_name"), list(zip(_VIEWS, _NAMES, strict=True)))
+def test_the_pixels_that_glow_are_the_servers_mask(
+    place: Place, webgl_browser: Browser, view: str, selected_name: str
+) -> None:
+    ids = {thing.name: thing.id for thing in place.service.answers.list_things(place.scene_id).things}
+    address = f"{place.url}/#/scenes/{place.scene_id}?view={view}"
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={view}", device_scale_factor=1) as visit:
+        page, canvas = visit.page, visit.scene_shown()
+        plain = canvas_pixels(page)
+        height, width, _ = plain.shape
+        posed = page_camera(page, width, height)
+        truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed))
+        assert np.abs(plain - pixels_of(truth) / 255).mean() < 0.01  # it is the same scene from the same place
+        for name in _NAMES:
+            mask = _mask(place, posed, name)
+            page.goto(f"{address}&q={name}")
+            expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
+            found = overlap(mask, glowing(plain, canvas_pixels(page)))
+            assert mask.sum() > 2_000 and found >= 0.95, (name, found)
+        page.goto(f"{address}&things={ids[selected_name]}")
+        expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+        selected = overlap(_mask(place, posed, selected_name), glowing(plain, canvas_pixels(page), SELECTED))
+        assert selected >= 0.95, selected

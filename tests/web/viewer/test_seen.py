@@ -1,0 +1,173 @@
+"""The camera stays where pictures show what photos have seen, and flies to where a thing is seen whole."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import random
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from playwright.sync_api import Browser, expect
+
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.care.sample_scene import unpack_sample
+from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.poses import Box
+from fastsplat_contract.photos.pictures import PictureRequest
+from tests.web.browser import visiting
+from tests.web.glow import projected, scene_up, view_camera
+from tests.web.places import Place, running
+
+_ENCODER = "minilm_l6_int8"
+_GESTURES = 200
+_KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", *"wasdeq+-"]
+_PERFORMED = """
+(canvas, gestures) => gestures.map(([key, shift, times]) => {
+  for (let time = 0; time < times; time++)
+    canvas.dispatchEvent(key === "wheel"
+      ? new WheelEvent("wheel", { deltaY: shift ? 120 : -120, cancelable: true })
+      : new KeyboardEvent("keydown", { key, shiftKey: shift }));
+  return canvas.dataset.view;
+})
+"""
+"""Keys and wheel on the 3D view; the view after each gesture."""
+
+
+@pytest.fixture(scope="module")
+def sample(browser: Browser, models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    """A server with the sample scene alone."""
+    if not (models_dir / _ENCODER).is_dir():
+        pytest.skip(f"FASTSPLAT_MODELS has no {_ENCODER}")
+    folder = tmp_path_factory.mktemp("sample") / "data"
+    unpack_sample(folder)
+    ports = {"http_port": 0, "grpc_port": 0, "metrics_port": 0}
+    with running(Settings(data_dir=folder, models=models_dir, auth="off", **ports)) as place:
+        (scene,) = place.service.list_scenes().scenes
+        yield replace(place, scene_id=scene.id)
+
+
+class _Covered:
+    """How much of a picture shows surfaces that two photos show: by the server's depths alone."""
+
+    def __init__(self, place: Place) -> None:
+        self._place = place
+        cameras = place.service.get_scene(place.scene_id).cameras
+        small = [replace(posed, camera=posed.camera.scaled_to(96, _height(posed, 96))) for posed in cameras]
+        self._photos = [(posed, self._depth(posed)) for posed in small]
+
+    def of(self, posed: PosedCamera) -> float:
+        """The share of the pixels, 0..1."""
+        depth = self._depth(posed)
+        points = _points(posed, depth)
+        seen = np.zeros(len(points), dtype=int)
+        for photo, shown in self._photos:
+            x, y, z = projected(photo, points)
+            inside = (z > 0) & (x >= 0) & (y >= 0) & (x < photo.camera.width) & (y < photo.camera.height)
+            front = np.zeros(len(points))
+            front[inside] = shown[y[inside].astype(int), x[inside].astype(int)]
+            seen += inside & (front > 0) & (np.abs(z - front) < 0.05 * front)
+        return float((seen >= 2).sum() / depth.size)
+
+    def _depth(self, posed: PosedCamera) -> NDArray[np.float32]:
+        request = PictureRequest(self._place.scene_id, "depth", camera=posed, format="npy")
+        return np.nan_to_num(np.load(io.BytesIO(self._place.service.answers.picture(request))))
+
+
+def _height(posed: PosedCamera, width: int) -> int:
+    return round(posed.camera.height * width / posed.camera.width)
+
+
+def _points(posed: PosedCamera, depth: NDArray[np.float32]) -> NDArray[np.float64]:
+    rows, columns = np.nonzero(depth > 0)
+    z = depth[rows, columns].astype(np.float64)
+    camera = posed.camera
+    local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z], axis=1)
+    return np.asarray(local @ posed.world_from_camera[:3, :3].T + posed.world_from_camera[:3, 3])
+
+
+def _corners(box: Box) -> NDArray[np.float64]:
+    matrix = box.center.matrix()
+    signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    return np.asarray((signs * np.array(box.size)) @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def _camera(text: str, size: dict[str, float], up: tuple[float, float, float], width: int = 64) -> PosedCamera:
+    view = np.array([float(number) for number in text.split("_")])
+    return view_camera(view, width, round(width * size["height"] / size["width"]), up)
+
+
+def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: Place, webgl_browser: Browser) -> None:
+    draw = random.Random(5)
+    gestures = [[draw.choice([*_KEYS, "wheel"]), draw.random() < 0.4, draw.randint(1, 8)] for _ in range(_GESTURES)]
+    listed = sample.service.answers.list_things(sample.scene_id).things
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    with visiting(webgl_browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
+        canvas = visit.page.locator("canvas[role=application]")
+        expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+        strayed = canvas.evaluate(_PERFORMED, [["ArrowLeft", False, 20]])  # before the page knows what photos saw
+        visit.scene_shown()
+        expect(canvas).not_to_have_attribute("data-view", strayed[0])
+        early = canvas.get_attribute("data-view") or ""
+        box = canvas.bounding_box()
+        assert box is not None
+        views = [early, *canvas.evaluate(_PERFORMED, gestures)]
+        rows = visit.tab("Things").locator(".thing-list li")
+        for row, thing in enumerate(listed):
+            if thing.kind != "thing" or not thing.name or thing.box is None:
+                continue
+            before = canvas.get_attribute("data-view") or ""
+            rows.nth(row).get_by_role("button").click()
+            expect(canvas).not_to_have_attribute("data-view", before)
+            views.append(canvas.get_attribute("data-view") or "")
+            posed = _camera(views[-1], box, up, 640)
+            x, y, z = projected(posed, _corners(thing.box))
+            inside = (z > 0) & (x >= 0) & (x <= posed.camera.width) & (y >= 0) & (y <= posed.camera.height)
+            assert inside.all(), (thing.name, x, y)
+    covered = _Covered(sample)
+    assert covered.of(_camera(strayed[0], box, up)) < 0.5
+    shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
+    assert len(shares) > _GESTURES / 4  # the camera is no prisoner
+    assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
+
+
+def test_where_the_server_draws_no_gesture_leaves_what_was_seen(sample: Place, browser: Browser) -> None:
+    draw = random.Random(6)
+    gestures = [[draw.choice([*_KEYS, "wheel"]), draw.random() < 0.4, draw.randint(1, 8)] for _ in range(60)]
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    with visiting(browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
+        assert visit.page.evaluate("document.createElement('canvas').getContext('webgl2')") is None
+        canvas = visit.scene_shown()
+        expect(canvas).to_have_attribute("data-drawn", "server")
+        box = canvas.bounding_box()
+        assert box is not None
+        views = canvas.evaluate(_PERFORMED, gestures)
+    covered = _Covered(sample)
+    shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
+    assert len(shares) > len(gestures) / 4
+    assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
+
+
+def test_an_idle_view_turns_within_what_was_seen_until_the_first_touch(sample: Place, webgl_browser: Browser) -> None:
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    options = {"device_scale_factor": 0.25, "reduced_motion": "no-preference"}
+    with visiting(webgl_browser, sample.url, f"#/scenes/{sample.scene_id}", **options) as visit:
+        canvas = visit.page.locator("canvas[role=application]")
+        expect(canvas).to_have_attribute("data-drawn", "webgl", timeout=60_000)
+        views = [canvas.get_attribute("data-view") or ""]
+        for _ in range(3):
+            expect(canvas).not_to_have_attribute("data-view", views[-1])
+            views.append(canvas.get_attribute("data-view") or "")
+        visit.page.keyboard.press("Shift")
+        views.append(canvas.get_attribute("data-view") or "")
+        visit.at_rest()
+        assert canvas.get_attribute("data-view") == views[-1]
+        box = canvas.bounding_box()
+        assert box is not None
+    covered = _Covered(sample)
+    assert min(covered.of(_camera(view, box, up)) for view in views) >= 0.6

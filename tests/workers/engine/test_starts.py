@@ -1,0 +1,146 @@
+"""How often a job may be started: only starts that brought it no further than those before count against it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.settings import JobSettings, Settings
+from fastsplat.service.store.blobs.file_digests import write_digests
+from fastsplat.service.store.rows.records import NewJob
+from fastsplat.service.store.store import Store, open_store
+from fastsplat.workers.engine import supervisor as supervising
+from fastsplat.workers.engine.supervisor import Supervisor
+from fastsplat.workers.kinds.job_kinds import KINDS
+
+_JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    store = open_store(tmp_path / "data")
+    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "validated": ""}))
+    yield store
+    store.close()
+
+
+class _Trainer:
+    """In place of a trainer process: reports fractions of the training, then dies."""
+
+    pid = 0
+
+    def __init__(self, fractions: Sequence[float]) -> None:
+        self._fractions = iter(fractions)
+
+    def next(self, timeout: float) -> ProgressEvent:
+        for fraction in self._fractions:
+            return ProgressEvent("training", fraction, "at work")
+        raise EOFError
+
+    def status(self) -> str:
+        return "it was killed"
+
+    def kill(self) -> None:
+        """Nothing is left of it."""
+
+
+class _PowerCutError(Exception):
+    """The machine is off."""
+
+
+def _starts_until_given_up(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: Sequence[float], *, trainer_alone: bool
+) -> int:
+    """How many attempts a job has of which each reaches the fraction of its number, step by step, and dies."""
+    attempts: list[float] = []
+
+    def start(*_: object, **__: object) -> _Trainer:
+        if len(attempts) == len(reached):
+            raise _PowerCutError
+        attempts.append(reached[len(attempts)])
+        return _Trainer([attempts[-1] * part / 8 for part in range(9)])
+
+    settings = Settings(data_dir=tmp_path / "data", jobs=_JOBS)
+    monkeypatch.setattr(supervising, "TrainerProcess", start)
+    while True:
+        claim = store.jobs.claim("job")
+        assert claim is not None
+        worker = Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event())
+        if worker.start_limit_error() is not None:
+            return len(attempts)
+        if not trainer_alone:  # the worker dies with it, and says nothing any more
+            monkeypatch.setattr(worker, "_after_crash", _cut)
+        try:
+            outcome = worker.run_stage("training")
+        except _PowerCutError:
+            if len(attempts) == len(reached) or trainer_alone:
+                return len(attempts)
+            continue
+        assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
+        return len(attempts)
+
+
+def _cut(*_: object) -> None:
+    raise _PowerCutError
+
+
+_AN_END = [0.5] * 20
+"""From here on it comes no further."""
+
+
+@pytest.mark.parametrize("trainer_alone", [False, True])
+@pytest.mark.parametrize(
+    ("reached", "starts"),
+    [
+        (_AN_END, 3),
+        ([0.0] * 20, 3),
+        ([0.05 * step for step in range(1, 11)], 10),  # each comes further: it may be started as often as it takes
+        ([0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.4], 8),
+        ([0.1, 0.2, 0.3, *[0.3] * 9], 5),  # the third start that got to .3, and no further
+        ([0.5, 0.1, 0.2, 0.3, 0.4], 3),  # further than the last, but not than the first
+        ([0.5, 0.503, 0.506, 0.507], 3),  # so little may be the time between two reports
+    ],
+)
+def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
+    store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    reached: Sequence[float],
+    starts: int,
+    trainer_alone: bool,
+) -> None:
+    given = _starts_until_given_up(store, tmp_path, monkeypatch, reached, trainer_alone=trainer_alone)
+    assert given == starts
+
+
+def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_trainer(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though its work folder may be on a machine that this one does not see."""
+    for _ in range(2):
+        claim = store.jobs.claim("job")
+    assert claim is not None
+    result = tmp_path / "export"
+    result.mkdir()
+    made = {
+        "gaussians": 3,
+        "things": 0,
+        "scale": "ARBITRARY",
+        "dictionary": [],
+        "cameras": [],
+        "quality": {"stage_seconds": {}},
+    }
+    (result / "summary.json").write_text(json.dumps(made))
+    (result / "stage.json").write_text(json.dumps({"seconds": 1.5}))
+    write_digests(result)
+    store.blobs.publish(result, "scene", claim.operation.run_id)
+    monkeypatch.setattr(supervising, "TrainerProcess", lambda *_: pytest.fail("a trainer"))
+    settings = Settings(data_dir=tmp_path / "data", jobs=_JOBS)
+    assert Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event()).run().state == "done"
+    scene = store.scenes.scene("scene")
+    assert (scene.state, scene.gaussians, scene.quality["stage_seconds"]) == ("READY", 3, {"export": 1.5})

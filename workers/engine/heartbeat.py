@@ -1,0 +1,134 @@
+"""Heartbeats of workers and recovery of jobs of stalled workers.
+
+A worker without a heartbeat for too long is dead, suspended or cut off. Others may claim its jobs in any case: each
+write carries the attempt's number, so late writes of an old attempt have no effect. On its own machine a worker also
+sees if a process has ended.
+
+An observer measures with its own clock how long a heartbeat has been unchanged, since clocks of machines differ and
+jump.
+
+A suspended worker may hold locks. PostgreSQL ends its session after a while. SQLite does not: a process stopped within
+a transaction blocks all writers of the machine. So every worker kills stalled workers of its machine that are *stopped*
+(state T, not slow or being debugged), for which it only reads the database.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import time
+from collections.abc import Mapping
+
+from fastsplat.service.store.rows.records import WorkerRecord
+from fastsplat.service.store.store import Store
+from fastsplat.workers.engine.process_group import machine_id, process_state
+
+logger = logging.getLogger(__name__)
+
+
+class Heartbeat:
+    """This worker's heartbeat and its regularity.
+
+    After an outage of the database or machine sleep all other workers appear stalled until they had time to write
+    again.
+    """
+
+    def __init__(self, store: Store, executor_id: str, timeout_s: float) -> None:
+        self._store = store
+        self._executor_id = executor_id
+        self._timeout_s = timeout_s
+        self._updated_at = self._regular_since = _seconds()
+
+    def update(self) -> None:
+        """Writes the heartbeat; raises `DatabaseError` during an outage."""
+        self._store.workers.update_heartbeat(self._executor_id, machine_id(), os.getpid())
+        now = _seconds()
+        if now - self._updated_at > self._timeout_s / 2:
+            self._regular_since = now
+        self._updated_at = now
+
+    def is_regular(self) -> bool:
+        """It has been regular for long enough to judge others by theirs."""
+        now = _seconds()
+        return now - self._updated_at < self._timeout_s / 2 and now - self._regular_since > self._timeout_s
+
+
+class Observer:
+    """Measures how long other workers' values stay unchanged; one thread looks, any reads."""
+
+    def __init__(self) -> None:
+        self._seen: Mapping[str, tuple[float, float]] = {}
+
+    def look(self, values: Mapping[str, float]) -> None:
+        """Records each worker's latest value; forgets workers that are gone."""
+        now, before = _seconds(), self._seen
+        same = {name: before[name] for name, value in values.items() if name in before and before[name][0] == value}
+        self._seen = {name: same.get(name, (value, now)) for name, value in values.items()}
+
+    def stalled(self, timeout_s: float) -> frozenset[str]:
+        """Ids of workers whose value has been unchanged for `timeout_s` seconds."""
+        now = _seconds()
+        return frozenset(name for name, (_, since) in self._seen.items() if now - since > timeout_s)
+
+
+def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, timeout_s: float) -> None:
+    """Kills stalled workers of this machine that are stopped; only reads the database.
+
+    `observer` receives the heartbeats, so call this often.
+    """
+    host, workers = machine_id(), store.workers.list_workers()
+    observer.look({worker.executor_id: worker.heartbeat_at for worker in workers})
+    stalled = observer.stalled(timeout_s)
+    for worker in workers:
+        if worker.executor_id == executor_id or worker.host != host or worker.executor_id not in stalled:
+            continue
+        if process_state(worker.pid, worker.started_at) == "T":
+            _kill(worker)
+
+
+def prune_stalled_workers(
+    store: Store, executor_id: str, heartbeats: Observer, owners: Observer, timeout_s: float, *, trust_timeout: bool
+) -> None:
+    """Releases the jobs of dead workers, and unregisters dead workers without jobs.
+
+    Args:
+        heartbeats: the observer of `kill_suspended_workers`.
+        owners: observer of the owners of unfinished jobs, fed here.
+        trust_timeout: treat stalled workers as dead (`Heartbeat.is_regular`); stopped ones and ended processes always
+            are.
+    """
+    # Jobs before heartbeats: workers register before they claim, so one that starts in between is known.
+    busy = store.jobs.owners()
+    owners.look(busy)
+    host, stalled = machine_id(), heartbeats.stalled(timeout_s)
+    others = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
+    dead: set[str] = set()
+    for worker in others:
+        ended = worker.host == host and not process_state(worker.pid, worker.started_at)
+        if ended or not worker.heartbeat_at or (trust_timeout and worker.executor_id in stalled):
+            dead.add(worker.executor_id)
+    if trust_timeout:
+        # A live worker that was unregistered registers again soon; owners that stay unknown are dead.
+        known = {worker.executor_id for worker in others} | {executor_id}
+        dead |= owners.stalled(timeout_s) - known
+    for dead_id in sorted(dead & set(busy)):
+        logger.warning("worker %s is dead; others go on with its jobs", dead_id)
+        store.jobs.take_back(dead_id)
+    # Workers that had jobs are unregistered by the next call, once none is left.
+    for worker in others:
+        if worker.executor_id in dead and worker.executor_id not in busy:
+            store.workers.unregister(worker.executor_id)
+
+
+def _kill(worker: WorkerRecord) -> None:
+    try:
+        os.kill(worker.pid, signal.SIGKILL)
+        logger.warning("worker %s was stopped and without a heartbeat, and has been killed", worker.executor_id)
+    except OSError as error:
+        logger.warning("worker %s is stopped and cannot be killed: %s", worker.executor_id, error.strerror)
+
+
+def _seconds() -> float:
+    # Unlike the monotonic clock, this one advances while the machine sleeps.
+    return time.clock_gettime(time.CLOCK_BOOTTIME)

@@ -1,0 +1,319 @@
+"""Supervises a job: runs its trainer process, records progress and outcome."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.planning.presets import chosen_settings
+from fastsplat.service.settings import JobSettings, Settings
+from fastsplat.service.store.queue.claims import Claim, FencedError, JobRequest
+from fastsplat.service.store.store import Store
+from fastsplat.workers.engine.trainer_process import TrainerProcess
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat.workers.job.job_outcome import CANCELLED, DONE, JobOutcome, failed
+from fastsplat.workers.job.protocol import Done, Event, Failed, Job
+from fastsplat.workers.job.results import DISK_FULL, disk_full_error, error_to_json
+from fastsplat.workers.kinds.job_kinds import JobKind
+from fastsplat_contract.errors import (
+    ConflictError,
+    NotFoundError,
+    NotReadyError,
+    PermissionDeniedError,
+    ResourceError,
+    TrainerCrashedError,
+    WorkerCrashedError,
+)
+
+logger = logging.getLogger(__name__)
+
+
+_TRIES = 5
+"""Publication attempts while the scene is edited concurrently."""
+_DONE = "done"  # message of a complete stage's row
+_FURTHEST = "furthest"  # row key of the largest fraction reported by any attempt
+_ADVANCE = 0.01
+"""Progress beyond the furthest attempt that counts; less may be report timing."""
+
+
+class StoppingError(Exception):
+    """The worker is stopping; the job was returned unfinished."""
+
+
+class Supervisor:
+    """Runs a claimed job; returns it once `stopping` is set."""
+
+    def __init__(
+        self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
+    ) -> None:
+        self._settings = settings
+        self._job = ClaimedJob(store, claim, settings.calls, settings.namer.host)
+        self._kind = kind
+        self._stopping = stopping
+        self._trainer: TrainerProcess | None = None
+        self._progress = _StageRows(claim.operation.stages, kind.stages)
+        self._written_at = 0.0
+        self._checked_at = 0.0
+
+    def run(self) -> JobOutcome:
+        """Runs missing stages, records the outcome durably and cleans up.
+
+        Raises:
+            FencedError: another worker has claimed the job.
+            StoppingError: this worker is stopping; the job was returned.
+        """
+        error = self.start_limit_error()
+        outcome = DONE if error is None else failed(error)
+        if self._job.claim.attempt == 1 or not self._job.is_published():
+            for stage in self._kind.stages:
+                if outcome == DONE:
+                    outcome = self.run_stage(stage)
+        self.kill()
+        if outcome == DONE:
+            outcome = self._succeed()
+        if outcome == CANCELLED:
+            self._job.cancel()
+        elif outcome.error is not None:
+            self._job.fail(outcome.error)
+        logger.info("job %s %s", self._job.id, outcome.state)
+        self._job.clean_up(outcome)
+        return outcome
+
+    def start_limit_error(self) -> Mapping[str, Any] | None:
+        """Returns the error of a job started too often without progress, or None."""
+        limit = self._settings.jobs.max_starts
+        # This start, and the one that died after its stage.
+        self._note_completed_stages(starts=min(self._job.starts, 2))
+        if self._job.starts <= limit:
+            return None
+        error = WorkerCrashedError(
+            f"the worker died {limit} times while it ran one stage of this job, so it is not run again",
+            limit=_start_limit(limit),
+            hint="Look into the worker's log for the reason, then retry the operation.",
+        )
+        stages = self._kind.stages
+        last_stage = next((stage for stage in stages if not (self._job.folder / stage).is_dir()), stages[-1])
+        return error_to_json(error, last_stage, log=self._log_name())
+
+    def run_stage(self, stage: str) -> JobOutcome:
+        """Has the trainer finish a stage; raises as `run`."""
+        while stage not in self._progress.done:
+            try:
+                trainer = self._trainer or self._start_trainer()
+            except OSError as error:
+                return failed(_cannot_start(error, stage))
+            except PermissionDeniedError as error:
+                return failed(error_to_json(error, stage))
+            except (NotFoundError, NotReadyError) as error:  # the finished scene is gone
+                return CANCELLED if self._job.is_cancelled() else failed(error_to_json(error, stage))
+            try:
+                event = trainer.next(self._settings.jobs.poll_interval_s)
+            except EOFError:
+                outcome = self._after_crash(stage, trainer)
+                if outcome is not None:
+                    return outcome
+                continue
+            if self._stopping.is_set():
+                self.kill()
+                self._job.release()
+                raise StoppingError
+            if isinstance(event, Failed):
+                return failed(event.error)
+            completed = event is not None and self._progress.update(event)
+            files = event.files if isinstance(event, ProgressEvent) else {}
+            for kind, entry in files.items():
+                if kind == "draft":
+                    self._job.publish_draft(entry)
+                else:
+                    self._job.publish_file(kind, entry)
+            requests = self._requests(report=isinstance(event, Done) or bool(files), completed=completed)
+            if "cancel" in requests:
+                return CANCELLED
+            if "finish" in requests:
+                trainer.ask_to_finish()
+        if stage == "capture":
+            self._job.note_photos()
+            self._job.drop_originals()
+        return DONE
+
+    def kill(self) -> None:
+        if self._trainer is not None:
+            self._trainer.kill()
+            self._trainer = None
+
+    def _start_trainer(self) -> TrainerProcess:
+        job, attempt = self._job, self._job.claim.attempt
+        if not self._may_ask():
+            raise PermissionDeniedError(
+                "pictures of things do not go to a namer",
+                field="namer",
+                hint="An admin of the project agrees to the host of the server's namer, as by AgreeToNamer.",
+            )
+        job.folder.mkdir(parents=True, exist_ok=True)
+        job.note_edits()
+        folder, version = self._kind.sources(job)
+        spec = Job(
+            job.id,
+            attempt,
+            folder,
+            job.folder,
+            job.options,
+            chosen_settings(self._settings, job.options),
+            self._kind.stages,
+            job.claim.operation.order,
+            version,
+            job.claim.operation.excluded,
+        )
+        self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_namer=self._kind.asks_namer)
+        logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
+        return self._trainer
+
+    def _after_crash(self, stage: str, trainer: TrainerProcess) -> JobOutcome | None:
+        """Claims the job for another trainer, or returns the final outcome."""
+        status = trainer.status()
+        self.kill()
+        self._note_completed_stages(starts=1)
+        limit, starts = self._settings.jobs.max_starts, self._job.starts
+        logger.warning("job %s: the trainer died in %s: %s", self._job.id, stage, status)
+        if starts >= limit:
+            error = TrainerCrashedError(
+                f"the trainer died {starts} times in one stage, at last because {status}",
+                limit=_start_limit(limit),
+                hint="Use fewer or smaller images or a smaller budget of Gaussians, or a machine with more memory.",
+            )
+            return failed(error_to_json(error, stage, log=self._log_name()))
+        if self._job.is_cancelled():
+            return CANCELLED
+        self._job.claim_again()
+        self._progress.begin_attempt()
+        return None
+
+    def _note_completed_stages(self, starts: int) -> None:
+        """Records stages whose trainer or worker died before reporting them, and `starts`."""
+        complete = [stage for stage in self._kind.stages if (self._job.folder / stage).is_dir()]
+        unwritten = [stage for stage in complete if not self._progress.is_complete(stage)]
+        if unwritten:
+            for stage in unwritten:
+                self._progress.complete(stage)
+            self._job.note_completed(self._progress.rows, starts)
+
+    def _requests(self, *, report: bool, completed: bool) -> frozenset[JobRequest]:
+        """Polls requests at intervals; writes progress if due or if `report`.
+
+        A `completed` stage, or progress beyond all earlier attempts, resets the start count.
+        """
+        completed = completed or (self._progress.advanced and self._job.starts > 1)
+        jobs, now = self._settings.jobs, time.monotonic()
+        if report or now - self._written_at >= jobs.progress_interval_s:
+            self._written_at = self._checked_at = now
+            self._job.note_edits()
+            return self._job.report(self._progress.rows, starts=1 if completed else None) | self._taken_back()
+        if now - self._checked_at < jobs.poll_interval_s:
+            return frozenset()
+        self._checked_at = now
+        self._job.note_edits()
+        return self._job.poll_requests() | self._taken_back()
+
+    def _may_ask(self) -> bool:
+        return not self._kind.asks_namer or self._job.may_ask_namer()
+
+    def _taken_back(self) -> frozenset[JobRequest]:
+        """Cancels if the project withdrew its consent to the namer."""
+        return frozenset() if self._may_ask() else frozenset(("cancel",))
+
+    def _succeed(self) -> JobOutcome:
+        """Publishes the result; redoes the last stage if the scene was edited meanwhile."""
+        last = self._kind.stages[-1]
+        for remaining in reversed(range(_TRIES)):
+            try:
+                self._kind.publish(self._job, last)
+                return DONE
+            except (FencedError, NotFoundError):
+                if not self._job.is_cancelled():
+                    raise
+                return CANCELLED
+            except ConflictError as error:
+                if not remaining:
+                    return failed(error_to_json(error, last))
+            except OSError as error:
+                if error.errno not in DISK_FULL:
+                    raise
+                return failed(error_to_json(disk_full_error(), last))
+            self._job.drop_result(last)
+            self._progress.done.discard(last)
+            outcome = self.run_stage(last)
+            self.kill()
+            if outcome != DONE:
+                return outcome
+        raise AssertionError
+
+    def _log_name(self) -> str:
+        return f"logs/{self._job.id}.log"
+
+
+class _StageRows:
+    """Progress rows of a job's stages, as stored with the operation."""
+
+    def __init__(self, rows: Sequence[Mapping[str, Any]], stages: Sequence[str]) -> None:
+        self._stages = stages
+        self._rows = {row["stage"]: dict(row) for row in rows}
+        self._started: dict[str, float] = {}
+        self.done: set[str] = set()  # reported complete by the trainer
+        self.begin_attempt()
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        return [self._rows[stage] for stage in self._stages if stage in self._rows]
+
+    def begin_attempt(self) -> None:
+        self.advanced = False  # further in a stage than all earlier attempts
+        self._furthest_before: dict[str, float] = {}
+
+    def is_complete(self, stage: str) -> bool:
+        return bool(self._rows.get(stage, {}).get("message") == _DONE)
+
+    def complete(self, stage: str) -> None:
+        self._row(stage).update(fraction=1.0, message=_DONE)
+
+    def update(self, event: Event) -> bool:
+        """Applies a trainer's event; returns True if it newly completes a stage."""
+        if isinstance(event, Failed):
+            return False
+        new = isinstance(event, Done) and not self.is_complete(event.stage)
+        row = self._row(event.stage)
+        if isinstance(event, Done):
+            self.done.add(event.stage)
+            self.complete(event.stage)
+            if event.seconds:
+                row["seconds"] = event.seconds
+            return new
+        now = time.monotonic()
+        seconds = now - self._started.setdefault(event.stage, now)
+        row.update(fraction=event.fraction, message=event.message, seconds=seconds)
+        row["metrics"] = {**row["metrics"], **event.metrics}
+        before = self._furthest_before.setdefault(event.stage, row.get(_FURTHEST, 0.0))
+        self.advanced = self.advanced or event.fraction >= before + _ADVANCE
+        row[_FURTHEST] = max(row.get(_FURTHEST, 0.0), event.fraction)
+        return False
+
+    def _row(self, stage: str) -> dict[str, Any]:
+        new = {"stage": stage, "fraction": 0.0, "message": "", "seconds": 0.0, "metrics": {}}
+        return self._rows.setdefault(stage, new)
+
+
+def _start_limit(limit: int) -> str:
+    return f"{limit} starts of one stage ({environment_variable(JobSettings, 'max_starts')})"
+
+
+def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:
+    problem = ResourceError(
+        f"the trainer cannot be started: {error.strerror}",
+        field="data_dir",
+        hint="Free disk space and memory on the server, then retry the operation.",
+    )
+    return error_to_json(problem, stage)

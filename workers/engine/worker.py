@@ -1,0 +1,140 @@
+"""A process's worker: claims and runs jobs one by one, and does periodic maintenance.
+
+The database is the queue: attempt, owner, starts and outcome of a job; a stage is done when its folder exists. A worker
+in an unexpected state exits: the only recovery is by another worker or a restart.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.blobs.activity_clock import ActivityClock
+from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
+from fastsplat.service.store.queue.claims import Claim, FencedError
+from fastsplat.service.store.store import Store
+from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
+from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
+from fastsplat.workers.engine.periodic import repeat
+from fastsplat.workers.engine.supervisor import StoppingError, Supervisor
+from fastsplat.workers.kinds.job_kinds import JobKind
+from fastsplat_contract.jobs.operations import OperationKind
+
+_CLEANUP_INTERVAL_S = 60.0  # of folders, uploads, logs and rows
+
+logger = logging.getLogger(__name__)
+
+EXIT_FENCED = 75
+"""Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
+_EXIT_FAILED = 70
+_STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+
+
+@dataclass
+class Worker:
+    """The process's worker: identity, running job, stop flag."""
+
+    store: Store
+    settings: Settings
+    kinds: Mapping[OperationKind, JobKind]
+    executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
+    stopping: threading.Event = field(default_factory=threading.Event)
+    running: Supervisor | None = None
+    heartbeats: Observer = field(default_factory=Observer)
+    owners: Observer = field(default_factory=Observer)
+    heartbeat: Heartbeat = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.heartbeat = Heartbeat(self.store, self.executor_id, self.settings.jobs.stalled_worker_timeout_s)
+
+
+def start(worker: Worker) -> None:
+    """Starts the worker's threads and returns."""
+    jobs = worker.settings.jobs
+    # Before any write: a suspended worker may hold the lock it would wait for.
+    _repeat(worker, "kill suspended workers", _kill_suspended, jobs.heartbeat_interval_s)
+    worker.heartbeat.update()
+    _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
+    _repeat(worker, "run jobs", _run_waiting, jobs.poll_interval_s)
+    _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
+    _repeat(worker, "cleanup", _clean_up, _CLEANUP_INTERVAL_S)
+    _repeat(worker, "storage cleanup", _clean_up_storage, _STORAGE_CLEANUP_INTERVAL_S)
+
+
+def stop(worker: Worker, patience_s: float = 15.0) -> None:
+    """Stops claiming and returns the running job; the process must exit right after."""
+    worker.stopping.set()
+    deadline = time.monotonic() + patience_s
+    while worker.running and time.monotonic() < deadline:
+        time.sleep(0.05)
+    worker.store.workers.mark_stopped(worker.executor_id)
+
+
+def _run_waiting(worker: Worker) -> None:
+    while not worker.stopping.is_set() and (claim := worker.store.jobs.claim_next(worker.executor_id)):
+        _run(worker, claim)
+
+
+def _run(worker: Worker, claim: Claim) -> None:
+    """Runs a job to its end, starting at the first missing stage."""
+    job = claim.operation
+    try:
+        worker.running = Supervisor(worker.store, worker.settings, claim, worker.kinds[job.kind], worker.stopping)
+        worker.running.run()
+    except StoppingError:
+        pass
+    except FencedError:
+        logger.warning("job %s has been claimed by another worker; this worker starts over", job.id)
+        _exit_worker(worker, EXIT_FENCED)
+    except Exception:
+        logger.exception("job %s: the worker cannot go on", job.id)
+        _exit_worker(worker, _EXIT_FAILED)
+    worker.running = None
+
+
+def _exit_worker(worker: Worker, status: int) -> NoReturn:
+    if worker.running is not None:
+        worker.running.kill()
+    logging.shutdown()
+    os._exit(status)
+
+
+def _repeat(worker: Worker, name: str, task: Callable[[Worker], None], interval_s: float) -> None:
+    repeat(name, lambda: None if worker.stopping.is_set() else task(worker), interval_s)
+
+
+def _kill_suspended(worker: Worker) -> None:
+    timeout_s = worker.settings.jobs.stalled_worker_timeout_s
+    kill_suspended_workers(worker.store, worker.executor_id, worker.heartbeats, timeout_s)
+
+
+def _prune_stalled(worker: Worker) -> None:
+    prune_stalled_workers(
+        worker.store,
+        worker.executor_id,
+        worker.heartbeats,
+        worker.owners,
+        worker.settings.jobs.stalled_worker_timeout_s,
+        trust_timeout=worker.heartbeat.is_regular(),
+    )
+
+
+def _clean_up(worker: Worker) -> None:
+    settings = worker.settings
+    uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
+    remove_unneeded(worker.store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+    trash_lost_scenes(worker.store, ActivityClock(worker.store.blobs.root).now())
+
+
+def _clean_up_storage(worker: Worker) -> None:
+    blobs = worker.store.blobs
+    blobs.remove_partial(PARTIAL_EXPIRY_S)
+    trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))

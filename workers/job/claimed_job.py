@@ -1,0 +1,342 @@
+"""Durable state of a claimed job, in the database and files."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from fastsplat.service.settings import CallSettings
+from fastsplat.service.store.blobs.blobs import remove
+from fastsplat.service.store.queue.claims import Claim, FencedError, JobRequest
+from fastsplat.service.store.repositories.scene_repository import no_scene
+from fastsplat.service.store.repositories.version_repository import NewVersion
+from fastsplat.service.store.rows.codec import options_from_json
+from fastsplat.service.store.rows.records import NewJob
+from fastsplat.service.store.store import Store
+from fastsplat.workers.job.job_outcome import JobOutcome
+from fastsplat.workers.job.made_scenes import (
+    CARRIED,
+    DRAFTS,
+    EDITS,
+    SUMMARY,
+    EditedDraft,
+    MadeScene,
+    edited_draft,
+    read_made,
+    write_edited,
+)
+from fastsplat.workers.job.results import KEPT, PHOTOS
+from fastsplat_contract.errors import ConflictError, DatabaseError, NotFoundError, ObjectStoreError
+from fastsplat_contract.jobs.operations import SceneOptions
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+P = ParamSpec("P")
+_PATIENCE_S = 600.0
+_RETRY_S = 1.0
+
+
+def patient(method: Callable[P, T]) -> Callable[P, T]:
+    """Retries a call for up to ten minutes during an outage."""
+
+    @wraps(method)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        deadline = time.monotonic() + _PATIENCE_S
+        while True:
+            try:
+                return method(*args, **kwargs)
+            except (DatabaseError, ObjectStoreError):
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(_RETRY_S)
+
+    return call
+
+
+def at_once(job_id: str, look: Callable[[], frozenset[JobRequest]]) -> frozenset[JobRequest]:
+    """Returns the requests to a job; a database outage only costs progress reports."""
+    try:
+        return look()
+    except DatabaseError as error:
+        logger.warning("job %s: %s; will ask again", job_id, error.message)
+        return frozenset()
+
+
+class ClaimedJob:
+    """A job with this worker's newest claim to it.
+
+    Writes raise `FencedError` once another worker has claimed the job, or it has ended. Methods marked `patient` retry
+    for ten minutes during an outage of the database or object store, then raise `DatabaseError` or `ObjectStoreError`.
+    """
+
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
+        self.calls = calls
+        self._jobs = store.jobs
+        self._versions = store.versions
+        self._scenes = store.scenes
+        self._projects, self._namer_host = store.projects, namer_host
+        self._blobs = store.blobs
+        self.claim = claim
+        self.id = claim.operation.id
+        self.run_id = claim.operation.run_id
+        self.scene_id = claim.operation.scene_id
+        self._progress_files = dict(claim.operation.progress_files or {})
+        self._older_files: dict[str, str] = {}
+        self._noted: str | None = None
+        self._drafted = claim.operation.makes_scene  # an earlier attempt may have published a draft
+        self._carried: Sequence[str] = ()
+
+    @property
+    def starts(self) -> int:
+        """Starts that ended in a crash since the last progress, plus this one."""
+        return self.claim.operation.starts
+
+    @property
+    def options(self) -> SceneOptions:
+        operation = self.claim.operation
+        return options_from_json({**operation.options, "priority": operation.priority})
+
+    @property
+    def folder(self) -> Path:
+        return self._blobs.job(self.run_id)
+
+    @property
+    def log(self) -> Path:
+        return self._blobs.log(self.id)
+
+    @patient
+    def upload(self) -> Path:
+        folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
+        return folder / str(self.claim.operation.options["validated"])
+
+    @patient
+    def current_version(self) -> tuple[Path, str]:
+        """Fetches the scene's current version; raises `NotFoundError` if deleted."""
+        _, version, _ = self._scenes.current_version(self.scene_id)
+        current = self._blobs.fetch_version(self.scene_id, version)
+        if current is None:
+            raise no_scene(self.scene_id)
+        return current, version
+
+    def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
+        """Writes progress, and `starts` once ahead of earlier attempts; returns known requests without retry."""
+        return at_once(self.id, lambda: self._report(stages, starts))
+
+    def publish_file(self, kind: str, entry: Mapping[str, Any]) -> None:
+        """Publishes a progress file with the next report; keeps the previous one for current readers."""
+        before = self._progress_files.get(kind)
+        try:
+            self._blobs.keep_progress_file(self.run_id, entry["file"])
+            if kind in self._older_files:
+                self._blobs.drop_progress_file(self.run_id, self._older_files.pop(kind))
+        except ObjectStoreError as error:
+            logger.warning("job %s: a %s is not shown: %s", self.id, kind, error.message)
+            return
+        number = 1 if before is None else before["info"]["number"] + 1
+        if before is not None:
+            self._older_files[kind] = before["file"]
+        self._progress_files[kind] = {"file": entry["file"], "info": {**entry["info"], "number": number}}
+
+    def publish_draft(self, entry: Mapping[str, Any]) -> None:
+        """Publishes a draft as the current version, or skips it, without retry."""
+        name = str(entry["file"])
+        try:
+            made = self._published(self.folder / DRAFTS / name, name)
+            self._jobs.publish_draft(self.claim, made.summary, made.carried, edited=made.edited)
+        except DatabaseError as error:  # the rows may be written, and then need the folders
+            logger.warning("job %s: draft %s is not shown: %s", self.id, name, error.message)
+            return
+        except (ConflictError, FencedError, ObjectStoreError, OSError) as error:
+            logger.warning("job %s: draft %s is not shown: %s", self.id, name, error)
+            with suppress(ObjectStoreError):
+                self._drop_published(name)
+            return
+        self._drafted = True
+        before = self._progress_files.get("draft")
+        version = made.carried[-1].version if made.carried else name
+        info = {**entry["info"], "version": version, "number": 1 if before is None else before["info"]["number"] + 1}
+        self._progress_files["draft"] = {"file": name, "info": info}
+
+    def note_edits(self) -> None:
+        """Tells the trainer about edits of the newest draft, without retry."""
+        if not self._drafted:
+            return
+        with suppress(DatabaseError, ObjectStoreError, NotFoundError, OSError):
+            current = self._scenes.current_version(self.scene_id)[1]
+            self._drafted = bool(current)
+            if current and current != self._noted:
+                write_edited(self._edited(), self.folder / EDITS)
+                self._noted = current
+
+    @patient
+    def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
+        """Writes progress of a completed stage, and the new start count."""
+        self._report(stages, starts)
+
+    @patient
+    def drop_originals(self) -> None:
+        """Deletes the upload once its photos are read, if privacy was promised."""
+        upload_id = self.claim.operation.upload_id
+        if upload_id and self.options.privacy and (self.folder / "capture").is_dir():
+            self._blobs.drop_upload(upload_id)
+            self._blobs.upload(upload_id).mkdir(parents=True, exist_ok=True)
+
+    @patient
+    def note_photos(self) -> None:
+        """Records the capture stage's result for each photo."""
+        path = self.folder / "capture" / PHOTOS
+        if path.is_file():
+            self._jobs.record_photos(self.claim, json.loads(path.read_text()))
+
+    def poll_requests(self) -> frozenset[JobRequest]:
+        """Returns known requests, without retry."""
+        return at_once(self.id, lambda: self._jobs.check(self.claim))
+
+    @patient
+    def is_cancelled(self) -> bool:
+        return "cancel" in self._jobs.check(self.claim)
+
+    @patient
+    def may_ask_namer(self) -> bool:
+        """The settings name a namer, and the project agreed to its host."""
+        return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
+
+    @patient
+    def claim_again(self) -> None:
+        """Begins another attempt after a trainer crash."""
+        self.claim = self._jobs.claim_again(self.claim)
+
+    @patient
+    def release(self) -> None:
+        """Returns the job unfinished; this start does not count."""
+        self._jobs.release(self.claim)
+
+    @patient
+    def is_published(self) -> bool:
+        return bool(self._blobs.fetch_version(self.scene_id, self.run_id))
+
+    @patient
+    def publish(self, stage: str, *files: str) -> Path:
+        """Publishes the last stage's result as version `run_id`, if needed, and checks `files`.
+
+        Raises:
+            OSError: the disk is full.
+        """
+        folder = self._blobs.fetch_version(self.scene_id, self.run_id)
+        if folder is None:
+            folder = self._blobs.publish(self.folder / stage, self.scene_id, self.run_id)
+        self._blobs.check_version(folder, *files)
+        return folder
+
+    @patient
+    def publish_scene(self, stage: str, follow: NewJob | None) -> None:
+        """Publishes the last stage's result, completes scene and operation, and queues `follow`.
+
+        Raises:
+            ConflictError: a draft was edited meanwhile.
+            OSError: the disk is full.
+        """
+        made = self._made(stage)
+        more: Mapping[str, Any] = {"edited": made.edited, "result": made.result, "follow": follow}
+        self._drop_versions(self._jobs.succeed(self.claim, made.summary, made.carried, **more))
+
+    @patient
+    def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
+        """Completes the operation with a published version, if any; raises as `JobRepository.succeed_with_version`."""
+        self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
+
+    @patient
+    def drop_result(self, stage: str) -> None:
+        """Deletes the last stage's result to redo it; keeps an unpublished scene."""
+        result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
+        if self.claim.operation.makes_scene and result.is_dir():
+            remove(kept)
+            result.rename(kept)
+        remove(result)
+        self._drop_published(self.run_id)
+
+    @patient
+    def cancel(self) -> None:
+        self._jobs.cancelled(self.claim)
+
+    @patient
+    def fail(self, error: Mapping[str, Any]) -> None:
+        """Marks the operation FAILED with an `OperationError` as JSON."""
+        self._jobs.fail(self.claim, error)
+
+    def clean_up(self, outcome: JobOutcome) -> None:
+        """Deletes files that an ended job does not need; leftovers go with the periodic cleanup.
+
+        The upload of a failed or cancelled job is kept for a retry, unless its scene was deleted or privacy was
+        promised.
+        """
+        with suppress(ObjectStoreError):
+            self._blobs.drop_job(self.run_id)
+        if outcome.state != "failed":
+            remove(self.log)
+        with suppress(DatabaseError, ObjectStoreError):
+            deleted = bool(self._jobs.unknown_scenes([self.scene_id]))
+            promised = self.options.privacy is not None  # originals then do not outlive the attempt to read them
+            if self.claim.operation.upload_id and (deleted or promised or outcome.state == "done"):
+                self._blobs.drop_upload(self.claim.operation.upload_id)
+            if deleted and self.claim.operation.makes_scene:
+                self._blobs.drop_scene(self.scene_id)
+            elif deleted or outcome.state != "done":  # only what this job made
+                self._blobs.drop_version(self.scene_id, self.run_id)
+
+    def _made(self, stage: str) -> MadeScene:
+        made = self._published(self.folder / stage, self.run_id, check=True)
+        folder = self._version_or(self.run_id, self.folder / stage)
+        self._blobs.check_version(folder, SUMMARY, "stage.json")
+        made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
+        return made
+
+    def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
+        """Publishes a scene's folders and edits; with `check` raises `ConflictError` after edits."""
+        self._carried = ()
+        place = self._version_or(version, folder)
+        made = read_made(
+            place, self.scene_id, version, self.calls, lambda name: self._version_or(name, place / CARRIED / name)
+        )
+        if check:
+            edited = self._edited()
+            if made.edited != (edited.versions[-1].version if edited else ""):
+                raise ConflictError("a draft was edited meanwhile", field="version")
+        self._carried = tuple(new.version for new in made.carried)
+        for name in self._carried:
+            if (place / CARRIED / name).is_dir():
+                self._blobs.publish(place / CARRIED / name, self.scene_id, name)
+        if place == folder:
+            self._blobs.publish(folder, self.scene_id, version)
+        return made
+
+    def _version_or(self, version: str, folder: Path) -> Path:
+        return self._blobs.fetch_version(self.scene_id, version) or folder
+
+    def _edited(self) -> EditedDraft | None:
+        scene = self._scenes.scene(self.scene_id)
+        records = self._versions.of(scene) if scene.version else ()
+        return edited_draft(records, lambda name: self._version_or(name, Path()))
+
+    def _drop_published(self, version: str) -> None:
+        for name in (version, *self._carried):
+            self._blobs.drop_version(self.scene_id, name)
+
+    def _drop_versions(self, versions: Sequence[str]) -> None:
+        with suppress(ObjectStoreError):  # leftovers go with the periodic cleanup
+            for old in versions:
+                self._blobs.drop_version(self.scene_id, old)
+
+    def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> frozenset[JobRequest]:
+        requests = self._jobs.report(self.claim, stages, starts=starts, progress_files=self._progress_files)
+        if starts is not None:
+            self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
+        return requests

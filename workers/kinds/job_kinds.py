@@ -1,0 +1,107 @@
+"""Kinds of job: stages, inputs, code and publication."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from fastsplat.service.store.queue.ordered_jobs import order_job
+from fastsplat.workers.job.claimed_job import ClaimedJob
+from fastsplat_contract.codec.json_codec import from_plain, to_plain
+from fastsplat_contract.jobs.operations import OperationKind
+from fastsplat_contract.messages.scenes import Edit
+
+
+class Sources(NamedTuple):
+    """Inputs of a job on this machine."""
+
+    folder: Path  # of the validated upload, or of the finished scene's current version
+    version: str = ""  # of a finished scene
+
+
+@dataclass(frozen=True)
+class JobKind:
+    """A kind of job.
+
+    Attributes:
+        publish: publishes the last stage's result if needed, and completes the operation. Raises `ConflictError` to
+            redo the last stage because the scene has a new version, `NotFoundError` if it was deleted, `OSError` if the
+            disk is full.
+    """
+
+    stages: tuple[str, ...]  # in order
+    sources: Callable[[ClaimedJob], Sources]  # raises `NotFoundError`
+    run: str  # "module:name" of `Stage` functions by stage, imported only by trainers
+    publish: Callable[[ClaimedJob, str], None]
+    asks_namer: bool = False  # pass namer settings to trainers, given consent
+
+
+def _upload(job: ClaimedJob) -> Sources:
+    return Sources(job.upload())
+
+
+def _current_version(job: ClaimedJob) -> Sources:
+    return Sources(*job.current_version())
+
+
+def _publish_scene(job: ClaimedJob, stage: str) -> None:
+    scene_id, project = job.scene_id, job.claim.operation.project
+    job.publish_scene(stage, order_job("ask_namer", scene_id, "", {}, project) if job.may_ask_namer() else None)
+
+
+def _publish_version(job: ClaimedJob, stage: str) -> None:
+    # Imported only if a job makes a version.
+    from fastsplat.service.jobs.new_versions import new_version
+    from fastsplat.service.scene.artefact.scene_files import read_scene
+
+    folder = job.publish(stage, "summary.json")
+    summary = json.loads((folder / "summary.json").read_text())
+    result = {**summary["result"], "version": job.run_id}
+    of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
+    new = new_version(
+        read_scene(job.current_version()[0] / "artefact").things,  # its parent, otherwise publication fails
+        read_scene(folder / "artefact"),
+        job.calls,
+        scene_id=job.scene_id,
+        version=job.run_id,
+        request_id="",
+        request_digest="",
+        edits=summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
+        **{name: summary[name] for name in ("parent", "gaussians", "things", "dictionary")},
+    )
+    job.succeed_with_version(new, result)
+
+
+def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
+    path = job.folder / stage / "summary.json"
+    summary = json.loads(path.read_text()) if path.exists() else None  # publication moves it
+    if summary is None or summary["edits"]:
+        _publish_version(job, stage)
+    else:
+        job.succeed_with_version(None, {**summary["result"], "version": summary["parent"]})
+
+
+KINDS: Mapping[OperationKind, JobKind] = {
+    "create_scene": JobKind(
+        stages=("capture", "perception", "training", "export"),
+        sources=_upload,
+        run="fastsplat.workers.kinds.create_scene_stages:STAGES",
+        publish=_publish_scene,
+    ),
+    "look_again": JobKind(
+        stages=("looking", "naming"),
+        sources=_current_version,
+        run="fastsplat.workers.kinds.look_again_stages:STAGES",
+        publish=_publish_version,
+    ),
+    "ask_namer": JobKind(
+        stages=("asking", "suggesting"),
+        sources=_current_version,
+        run="fastsplat.workers.kinds.ask_namer_stages:STAGES",
+        publish=_publish_suggestions,
+        asks_namer=True,
+    ),
+}
