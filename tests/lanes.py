@@ -1,8 +1,4 @@
-"""Which tests `make test` runs and which it leaves to `make test-rest`, and which come first.
-
-All of it is decided here, by folder and file; nothing is marked by hand in a test. `make test-all` and a pytest of
-single files run whatever they are given.
-"""
+"""Decides by folder and file which tests `make test` runs, and in which order."""
 
 from __future__ import annotations
 

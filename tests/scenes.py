@@ -48,22 +48,10 @@ def labelled_scene(
     cameras: Sequence[PosedCamera] = (),
     **others: Any,
 ) -> Scene:
-    """A scene whose codes are one-hot: Gaussian g has label `label_ids[g]` with a logit of 8.
+    """Makes a scene of one-hot codes: Gaussian g has label `label_ids[g]` with a logit of 8.
 
-    Args:
-        means: [G, 3], scene units (meters).
-        label_ids: [G], 0 for undetected.
-        labels: names in the order of their ids, or a whole dictionary.
-        scales: of all Gaussians, or [G, 3].
-        quats: w x y z of all Gaussians, or [G, 4].
-        logit_opacities: of all Gaussians, or [G].
-        sh: [G, K, 3]; a number stands for [G, 1, 3] of it.
-        code_size: numbers of a code; 0: one a class.
-        undetected_bias: logit of undetected where a code says nothing.
-        encoder: embeds the labels; None: zeros by the name of an encoder that is not there.
-        templates: the sentences the labels are embedded in.
-        cameras: of the scene.
-        **others: further fields of `Scene`.
+    Arguments for all Gaussians may be one value or [G, ...]; a number as `sh` stands for [G, 1, 3] of it; `code_size` 0
+    is one a class; without an `encoder` embeddings are zeros; `others` are further fields of `Scene`.
     """
     dictionary = labels if isinstance(labels, Dictionary) else dictionary_of(labels)
     classes = len(dictionary) + 1
@@ -111,16 +99,9 @@ def finish_job(
     draft: Provisional | None = None,
     **row: Any,
 ) -> None:
-    """End a queued job as a worker that made `scene` would.
+    """Ends a queued job as a worker that made `scene` would; with `draft`, the job goes on.
 
-    Args:
-        store: where the job is queued.
-        operation_id: whose job.
-        scene: what it made.
-        version: name of the scene's first version.
-        stages: what the worker reports before.
-        draft: what the scene is made of: then the job goes on.
-        **row: further values of every label's row.
+    `stages` are reported before; `row` has further values of every label's row.
     """
     claim = store.jobs.claim(operation_id)
     assert claim is not None

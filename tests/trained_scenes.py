@@ -49,11 +49,9 @@ def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path
 
 
 def trained_tabletop(test_data: Path, models: Path) -> Path:
-    """A small posed and labelled capture, and its scene by `fastsplat.train`.
+    """Trains a small posed and labelled capture by `fastsplat.train`.
 
-    Returns:
-        a folder with `table top`, the capture of 8 views; `scene`, the data folder; and `progress.jsonl`, a line for
-        each time that the operation was reported.
+    Returns a folder with the capture `table top`, the data folder `scene`, and `progress.jsonl`, a line a report.
     """
 
     def make(folder: Path) -> None:

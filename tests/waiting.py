@@ -18,12 +18,9 @@ def wait_for(what: Callable[[], object], patience_s: float = 120.0) -> None:
 
 
 def with_growing_limit(attempt: Callable[[float], _T | None], first_s: float, most_s: float = 120.0) -> _T:
-    """What an attempt returns that is not None: it has a time limit of its own, which triples until it suffices.
+    """Returns what `attempt` does within a limit in seconds, which triples from `first_s` until it suffices.
 
-    Args:
-        attempt: takes the limit in seconds; None where the limit ended it before it came to what the test is about.
-        first_s: the first limit.
-        most_s: no limit is longer; the test fails if this one did not suffice.
+    An attempt returns None where the limit ended it; the test fails if `most_s` did not suffice.
     """
     limit_s = first_s
     while limit_s <= most_s:

@@ -1,7 +1,6 @@
-"""A stand-in for rclpy and what the node imports beside it, as ROS 2 is not on PyPI: it keeps what a node publishes.
+"""A stand-in for rclpy, which is not on PyPI: keeps what a node publishes.
 
-Message classes are those of rosbags, which refuse fields that a message does not have. What rclpy itself checks beyond
-that (ranges, types of arrays), quality of service and the executor are not tried here.
+Message classes are those of rosbags, which refuse unknown fields; ranges, quality of service and executor are untried.
 """
 
 from __future__ import annotations

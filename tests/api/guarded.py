@@ -1,7 +1,4 @@
-"""A server that asks for keys, keys of every kind, and every call of both protocols as one may send it.
-
-The calls are those of the application's routes and of the service's descriptor, so that a new one cannot be left out.
-"""
+"""A server that asks for keys, keys of every kind, and every call of both protocols, from their own tables."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
-"""Calls on the versions of one scene, several at the same moment on two servers, held against `version_model`.
+"""Calls on the versions of one scene, several at once on two servers, held against `version_model`.
 
-Of calls that ran at once nobody knows the order; so every order is tried, and at least one has to explain all answers
-and all that is stored afterwards: rows, folders, and what the current version shows.
+At least one order of calls that ran at once has to explain all answers and all that is stored afterwards.
 """
 
 from __future__ import annotations

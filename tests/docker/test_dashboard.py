@@ -81,10 +81,9 @@ def _series(scrape: str) -> list[dict[str, str]]:
 
 
 def _complaints(promtool: str, folder: Path, series: list[dict[str, str]], targets: list[tuple[str, str]]) -> str:
-    """What promtool says against the expectation that each expression gives numbers, all with the label that is shown.
+    """Unit tests for promtool: each expression gives numbers, all with the label that is shown.
 
-    An expression is asked whether it gives anything: `group` is 1 then, and nothing otherwise. `>= 0` leaves out what
-    is no number.
+    `group` is 1 where an expression gives anything; `>= 0` leaves out what is no number.
     """
     asked = []
     for expression, label in targets:

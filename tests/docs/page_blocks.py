@@ -37,12 +37,9 @@ class Block:
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """Every block of a page, in order.
+    """Every block of a page, in order; `ValueError` for one without fence or known language, or a mark before none.
 
     A block that cannot run in a test has the line `<!-- not executed: reason -->` right before it.
-
-    Raises:
-        ValueError: a block without a fence, in a language that is neither executed nor shown, or a mark before nothing.
     """
     name = str(page.relative_to(ROOT))
     found: list[Block] = []

@@ -39,11 +39,7 @@ class PageReader:
         self._python: PythonSession | None = None
 
     def run(self, block: Block) -> None:
-        """Run a block.
-
-        Raises:
-            AssertionError: it failed; says where, and what it printed.
-        """
+        """Runs a block; `AssertionError` with where and what it printed if it failed."""
         code = re.sub(r"(localhost|127\.0\.0\.1):(\d+)", self._mapped, block.code)
         if block.language == "sh":
             self._run_in_shell(code, str(block))

@@ -26,11 +26,9 @@ _LENGTH = 2.0
 def textured_room(
     seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
 ) -> Scene:
-    """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
-    a plain bright cube stands on the floor, with the fourth label if there is one. The cameras look at the corner's
-    middle from inside.
+    """Three square walls of two units that meet in the origin, patterned by `seed`, seen from inside.
 
-    `others`: as for `labelled_scene`.
+    With `block`, a bright cube stands on the floor, with the fourth label if there is one; `others` are those of its scene.
     """
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE

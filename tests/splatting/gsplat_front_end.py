@@ -1,9 +1,7 @@
 """gsplat's own front end on the CPU: what it checks, projects, cuts into tiles and hands on is its own code.
 
-Its CUDA kernels are replaced where its front end calls them: projection by its own PyTorch version of it, the list of
-tiles by the same in vectors (a test compares the two), and the pixels by a compositing that is written here after its
-kernel (`RasterizeToPixels3DGSFwd.cu`), as its PyTorch version asks a kernel for the pixels, too. None of it leans on a
-rasterizer of the product, so that a mistaken convention does not cancel.
+Its CUDA kernels are replaced: projection and tile lists by its own PyTorch version (in vectors, as a
+test compares), pixels by a compositing written after `RasterizeToPixels3DGSFwd.cu`. Nothing leans on the product.
 """
 
 from __future__ import annotations
@@ -64,11 +62,7 @@ def _project(
 def isect_tiles(
     means2d: Tensor, radii: Tensor, depths: Tensor, tile_size: int, tile_width: int, tile_height: int, **rest: Any
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Which Gaussians reach which tiles, by tile and then by depth: of one view.
-
-    Returns:
-        int32 [1, N] tiles a Gaussian; int64 [M] tile above depth; int32 [M] Gaussian.
-    """
+    """Lists the Gaussians of the tiles by depth: int32 [1, N] tiles a Gaussian, int64 [M] keys, int32 [M] ids."""
     assert not rest.get("packed") and len(means2d) == 1
     size = torch.tensor([tile_width, tile_height], device=means2d.device)
     low = (torch.floor(means2d[0] / tile_size - radii[0] / tile_size)).int().clamp(min=0).minimum(size)

@@ -1,8 +1,6 @@
 """A device that is none: its tensors lie in memory, and are as strict with the host as those of a GPU.
 
-A tensor of `DEVICE` refuses `.numpy()`, and an operation refuses to mix one with a host tensor, but for numbers
-(tensors without dimensions), indices, and copies, as CUDA does. So what runs here moves its data where it should;
-whether the kernels are right, other tests say.
+A tensor of `DEVICE` refuses `.numpy()` and operations with host tensors, but for numbers, indices and copies, as CUDA.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """The data folder of a release, small, to be opened by every later one: `python -m tests.store.released_folder`.
 
-It is written once for a minor release, into `tests/store/released/`, and stays for as long as that release's data
-folders are read: whoever makes it anew tests nothing any more. Beside the folder it has `told.json`, what the release
-that made it told of what is in it.
+It is written once for a minor release, with `told.json`, the release's own answers, and never made anew.
 """
 
 from __future__ import annotations
@@ -42,12 +40,7 @@ def opened(folder: Path, models: Path) -> SceneService:
 
 
 def make(archive: Path) -> None:
-    """Write the folder of the release that runs: scenes of two projects, edits, names, photos, jobs and keys.
-
-    Raises:
-        FileExistsError: it was written before, and stays.
-        SystemExit: it got too large to be kept.
-    """
+    """Writes the folder of the release that runs; `FileExistsError` if it is there, `SystemExit` if too large."""
     with tempfile.TemporaryDirectory() as made:
         folder, models = Path(made) / "data", Path(made) / "models"
         write_words(models)

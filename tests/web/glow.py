@@ -1,10 +1,8 @@
-"""How well what glows on the page agrees with the server's mask of it.
+"""Compares what glows on the page with the server's mask of it.
 
-Two definitions meet here. The server's mask of a label or thing: the pixels of which it is the most probable thing,
-each Gaussian's whole membership blended front to back, where the scene covers at least half of the pixel. The page's
-glow: the Gaussians that are most probably of it are drawn in a color of their own; a pixel glows if these make up more
-than `GLOWS` of its color. Not half of it: where three things meet, or part of a pixel is of no thing, the most probable
-one has less.
+The server's mask: pixels of which the thing is the most probable, memberships blended, where the scene covers at least
+half of the pixel. The page's glow: Gaussians most probably of the thing, in a color of their own, are more than `GLOWS`
+of the pixel's color; less than half, as three things may meet in one pixel.
 """
 
 from __future__ import annotations

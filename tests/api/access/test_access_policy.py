@@ -1,8 +1,4 @@
-"""Who may call what: the policy exhaustively in process, and over both protocols by samples.
-
-Over the wire each call is made by nobody, by the highest role that is refused, by the lowest that is let in, by the
-roles that do one thing alone where these will do, and by the admin of another project.
-"""
+"""Who may call what: the policy exhaustively in process, over both protocols by samples of all roles."""
 
 from __future__ import annotations
 

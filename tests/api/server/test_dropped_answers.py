@@ -1,7 +1,6 @@
 """Answers that their readers drop: the server closes each at once, within its call, and lives.
 
-What gRPC leaves to the garbage collector is closed after its call is gone, where a look at the call's context can end
-the process; so the server is a process of its own, and says which of its generators were left.
+The server is a process of its own, as a generator left to the garbage collector of gRPC may end it.
 """
 
 from __future__ import annotations
