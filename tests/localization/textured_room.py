@@ -28,7 +28,7 @@ def textured_room(
 ) -> Scene:
     """Three square walls of two units that meet in the origin, patterned by `seed`, seen from inside.
 
-    With `block`, a bright cube stands on the floor, with the fourth label if there is one; `others` are those of its scene.
+    With `block`, a bright cube stands on the floor, with the fourth label if there is one; `others` go to its scene.
     """
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
