@@ -13,10 +13,7 @@ FOLDER = Path(__file__).parent / "interop"
 
 
 def packages() -> Path:
-    """The folder `node_modules` with all packages of the lock, installed if they are not yet.
-
-    Skips the test where Node.js or npm is not here.
-    """
+    """Installs the packages of the lock into `node_modules`; skips the test where Node.js or npm is not here."""
     if shutil.which("npm") is None or shutil.which("node") is None:
         pytest.skip("Node.js with npm is not here, which brings programs and WordNet for tests")
     modules = FOLDER / "node_modules"

@@ -22,6 +22,7 @@ from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.objects.things import thing_count
+from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
@@ -174,8 +175,11 @@ def _each(values: ArrayLike, *shape: int, dtype: Any = np.float32) -> np.ndarray
 
 
 def stand_in_models(models: Path, *names: str) -> Path:
-    """Folders of models that are there and never opened, as no job runs: of those that photos need, and of `names`."""
+    """Makes folders of models that no test opens: those that photos need; `names` are the real ones where they are."""
     for name in ("picodet_416", "mobile_sam", "grounding_dino_tiny", *names):
-        (models / name).mkdir(parents=True, exist_ok=True)
-        (models / name / "stand-in").touch()
+        if name in names and (real := Settings().models / name).is_dir():
+            (models / name).symlink_to(real)
+        else:
+            (models / name).mkdir(parents=True, exist_ok=True)
+            (models / name / "stand-in").touch()
     return models

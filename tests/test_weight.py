@@ -22,7 +22,7 @@ from fastsplat_contract.calls import CALLS
 ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
-    "api": (6847, 12013),
+    "api": (6847, 12010),
     "application": (7605, 3258),
     "benchmarks": (0, 2508),
     "capture": (11197, 7083),
@@ -47,12 +47,12 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "splat_import": (674, 333),
     "splatting": (5581, 4734),
     "store": (4666, 1940),
-    "tests": (0, 1667),
+    "tests": (0, 1668),
     "web": (0, 4449),
-    "workers": (2609, 3704),
+    "workers": (2609, 3703),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 82031, "tests": 63843, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 82031, "tests": 63840, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

@@ -13,10 +13,7 @@ _OF_ONE_CONNECTION = {"connection", "keep-alive", "transfer-encoding", "content-
 
 @contextmanager
 def proxied(port: int, prefix: str) -> Iterator[str]:
-    """The address under which the server at `port` is shown; what is outside `prefix` is not there.
-
-    The proxy cuts the prefix off, and says who asked in X-Forwarded-For, -Proto and -Host.
-    """
+    """Shows the server at `port` under `prefix`, which it cuts off; X-Forwarded-For, -Proto and -Host say who asked."""
 
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"

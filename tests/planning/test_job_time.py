@@ -145,7 +145,7 @@ def test_the_rest_of_a_run_is_known_by_its_steps_though_late_ones_take_longer(
     measured = Speed(0.2, 0.2, 0.2)
     run = requested.model_copy(update={"min_iterations": min(1_000, requested.iterations)})
     steps, bound = _steps_of_run(run, scene), 1_000 if run.time_budget_s else run.iterations
-    at = round(share * len(steps))
+    at, share = round(share * len(steps)), round(share * len(steps)) / len(steps)
     ran_s, whole_s = (bound / len(steps) * sum(part) * k / 0.2 for part in (steps[:at], steps))
     true_s = max(whole_s, run.time_budget_s or 0.0) - ran_s + run_seconds_left(run, scene, measured, 10**6, 10**6)
     iteration = round(bound * at / len(steps))

@@ -1,7 +1,6 @@
 """Deployments: one a test, or one with a worker for all tests of a file that do not end the worker.
 
-Laws of jobs are tested on SQLite; on PostgreSQL as well those whose SQL or locking differs there, with
-`on_both_databases` of `deployment`.
+Laws whose SQL or locking differs on PostgreSQL are tested there, too, by `deployment.on_both_databases`.
 """
 
 from __future__ import annotations
