@@ -206,7 +206,7 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
         operation = deployment.post("training:sleep_once 600", "export:sleep 2")
         # At the end of a stage, where the next one begins on waking.
         inside = _SUSPEND_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "from fastsplat.service.store import database\ndatabase.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
+        short = "from fastsplat.service.store.rows import database\ndatabase.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
         suspended = deployment.start_worker(elsewhere=True, code=short + inside)
         trainer = deployment.wait_in("training", operation)
         deployment.wait_for(flag.exists)
