@@ -1,4 +1,4 @@
-"""A large scene drawn quickly, for a camera that moves."""
+"""Fast rendering of a simplified large scene while a camera moves."""
 
 from __future__ import annotations
 
@@ -14,16 +14,7 @@ from fastsplat_contract.geometry.camera import PosedCamera
 
 
 class CoarseView:
-    """The pictures of a coarse scene. Threads may share it.
-
-    Args:
-        scene: of few Gaussians, see `coarse_scene`, with things.
-        settings: as of the scene's index.
-
-    Attributes:
-        scene: as given.
-        things: of its Gaussians alone: one that has none of them is not there.
-    """
+    """Renderer of a coarse scene with things (see `coarse_scene`); thread-safe."""
 
     def __init__(self, scene: Scene, settings: QuerySettings) -> None:
         self.scene = scene
@@ -31,7 +22,7 @@ class CoarseView:
         self.things = SceneThings(scene, True, self._map, scene_history(scene))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3]: the scene's colors on black."""
+        """Renders colors on black, uint8 [H, W, 3]."""
         return self._renderer.colors(posed)
 
     def _map(self, posed: PosedCamera, things: Things | Parts) -> NDArray[np.uint16]:

@@ -1,4 +1,4 @@
-"""What is answered of a scene without its Gaussians: all but pictures, masks and what must be measured."""
+"""Answers that need no Gaussians: everything but images, masks and measurements."""
 
 from __future__ import annotations
 
@@ -39,27 +39,22 @@ if TYPE_CHECKING:
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)
-"""Some words of every question about time."""
+"""Every question about time contains one of these words."""
 _PER_THING = 1_024
-"""Bytes: a row of the table, its place among its label's, suggestions."""
+"""Estimated bytes of a thing: its table row, its index entry and its suggestions."""
 
 
 class RankedScene:
-    """The labels and the names of things of one scene, ready to be asked. Threads may share it.
+    """Labels and thing names of one scene, ready for queries; thread-safe.
 
     Args:
-        scene: only its sizes are kept.
-        ranker: of its names.
-        names: of its things.
-        unseen: how much of it no photo shows.
-        history: of its things.
-        looks: a model that compares texts with what its things look like; None: none does.
-        sizes: of its things, see `sizes_in_meters`; None: none is known.
+        scene: only its array shapes are kept.
+        looks: compares texts with the appearance of things; None: disabled.
+        sizes: sizes of its things, see `sizes_in_meters`; None: unknown.
 
     Attributes:
-        names: see there.
-        elsewhere: names that other scenes suggest for its things, by their ids.
-        blank: as many Gaussians as the scene has, with as many harmonics, all zero; they take no memory.
+        elsewhere: names suggested by other scenes, by thing id.
+        blank: zero Gaussians in the scene's shapes; broadcast, so they take no memory.
     """
 
     def __init__(
@@ -90,7 +85,7 @@ class RankedScene:
 
     @property
     def nbytes(self) -> int:
-        """What it weighs in memory, estimated; it does not depend on the number of Gaussians."""
+        """Estimated bytes in memory, independent of the number of Gaussians."""
         things = (*self.names.present, *self.names.parts)
         looks = sum(len(thing.appearance) for thing in things)
         looks += sum(len(thing.looks.embedding) for thing in things if thing.looks is not None)
@@ -98,13 +93,10 @@ class RankedScene:
         return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
 
     def suggesting(self, known: Sequence[KnownThing], scene_id: str) -> RankedScene:
-        """This scene with what other scenes suggest for its things, its sources weighed by what people named there,
-        too. What came of the last `known` is kept, as long as that very sequence is passed.
+        """Returns this scene with suggestions from other scenes of the project.
 
-        Args:
-            known: what people named in the project's scenes; those of this scene do not count.
-            scene_id: of this scene.
-        """
+        Names in `known` of this scene are ignored; those of others also weight the sources. The last result is cached
+        by identity of `known`."""
         seen, other = self._suggesting
         if seen is not known:
             others = [one for one in known if one.scene_id != scene_id]
@@ -124,20 +116,17 @@ class RankedScene:
     def answer(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
     ) -> tuple[Answer, ...]:
-        """One answer per text of a checked question, in order; every answer ranks all names.
+        """Answers each text of a checked query, in order; every answer ranks all names.
 
-        Args:
-            query: the question.
-            things: all things of the scene; called only where a phrase needs measures of them, where a sentence speaks
-                of one without a name, or where the scene stores none.
-            asker: float64 [4, 4], world from who asks.
-        """
+        `things` loads the scene's things, only for measurements, sentences about unnamed things, or if none are stored.
+        `asker` is float64 [4, 4], world from asker."""
         if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.looked_at_again:
             return tuple(self._in_words(ranked, things, None) for ranked in self.decided(query, things, asker))
         now = datetime.now(UTC)
         questions = [time_question(text, now) for text in query.texts]
         pairs = zip(questions, query.texts, strict=True)
-        # Who asks what has moved names nothing: "object" is ranked in its place, and what comes of that is not told.
+        # A question about moves alone names nothing: a negative is ranked in its place, and its matches are not
+        # reported.
         texts = tuple(text if asked is None else asked.about or query.negatives[0] for asked, text in pairs)
         ranked = self.decided(replace(query, texts=texts), things, asker)
         answers = (self._in_words(each, things, asked) for each, asked in zip(ranked, questions, strict=True))
@@ -161,10 +150,10 @@ class RankedScene:
     def decided(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
     ) -> Sequence[Ranked]:
-        """What is decided of each text before it is put into words; the arguments are those of `answer`."""
+        """Ranks and judges each text before sentences are written; arguments as in `answer`."""
         ranked = self.ranker.rank(query)
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
-        # A "black bear" of the lexicon that is not here may be a bear that is black.
+        # A "black bear" that the lexicon knows and the scene lacks may be a bear that is black.
         gone = [each.answer.text if each.verdict == "absent" else "" for each in ranked]
         parted = parsed_questions(gone, self.ranker.names, self.ranker.names.has, self._written)
         told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)

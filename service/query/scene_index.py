@@ -1,4 +1,4 @@
-"""A scene that answers questions: texts to entries, masks and objects."""
+"""A scene that can be queried: from texts to entries, masks and objects."""
 
 from __future__ import annotations
 
@@ -47,29 +47,28 @@ _MAX_NAMED = 20
 
 
 class SceneIndex:
-    """One scene, one text encoder. Threads may share it.
+    """One scene with one text encoder; thread-safe.
 
-    An entry is *exact* when the question is its name (see `NameIndex.match`), when its score reaches the encoder's
-    exact threshold, or, with a lexicon, when both share a sense. Otherwise entries from the encoder's related threshold
-    on, or where a lexicon's model finds it likely that anything answers, are *related*: the leading one, and those that
-    are likely enough to be an answer beside it; so are entries that the question names and says more of. An encoder
-    that was never calibrated (and no thresholds in the settings) knows names only; its answers say so.
+    An entry is *exact* if the query is its name (`NameIndex.match`), if its score reaches the encoder's exact
+    threshold, or, with a lexicon, if both share a sense. Otherwise the entries above the encoder's related threshold,
+    or those that the lexicon's model finds likely, are *related*: the leading one and those likely enough beside it, as
+    well as entries that the query names with further words. An uncalibrated encoder without thresholds in the settings
+    matches names only; its answers say so.
+
+    All renderings raise LimitExceededError for images above 4,096 pixels a side; `mask`, `mask2d`, `mask3d` and
+    `objects_of` raise InvalidInputError for answers with entries of another scene.
 
     Args:
-        scene: an artefact.
-        encoder: embeds queries; the labels are embedded anew if the scene's came from another encoder or other
-            templates.
-        settings: see `QuerySettings`.
-        before: of the scene that this one was edited from, with the same encoder, settings and lexicon, to use again.
-        lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
-        caches: see `Ranker`.
-        looks: compares texts with what things look like; None: nothing does.
+        encoder: embeds queries; also re-embeds the labels if the scene's came from another encoder or other templates.
+        before: index of the scene before an edit, with the same encoder, settings and lexicon, for reuse.
+        lexicon: judges meanings beside the encoder where both were calibrated together; None: not used.
+        looks: compares texts with the appearance of things; None: disabled.
 
     Attributes:
-        ranked: what is answered without the Gaussians; it keeps none of them.
+        ranked: answers queries without keeping the Gaussians.
 
     Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings.
+        ModelUnavailableError: the encoder returns something other than embeddings.
     """
 
     def __init__(
@@ -115,43 +114,43 @@ class SceneIndex:
         self._before = None
 
     def after(self, scene: Scene) -> SceneIndex:
-        """The index of a scene that this one's was edited to."""
+        """Returns the index of an edited version of this scene, reusing this one."""
         return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon, looks=self._looks)
 
     @property
     def calibrated(self) -> bool:
-        """Whether there are thresholds for this encoder, so that `related` can be said at all."""
+        """True if thresholds exist for this encoder, so that `related` can be judged."""
         return self.ranked.ranker.calibrated
 
     @property
     def gaussian_classes(self) -> NDArray[np.int32]:
-        """int32 [G]: dictionary id of each Gaussian, 0 = undetected."""
+        """Dictionary id of each Gaussian, int32 [G]; 0 = undetected."""
         return self._labels.classes
 
     @cached_property
     def isolation(self) -> NDArray[np.float32]:
-        """float32 [G]: how far each Gaussian is from others, see `service.scene.gaussians.isolation`."""
+        """Isolation of each Gaussian, float32 [G], see `service.scene.gaussians.isolation`."""
         from fastsplat.service.scene.gaussians.isolation import isolation  # scipy loads with the first filter
 
         return isolation(self.scene.gaussians)
 
     @cached_property
     def label_counts(self) -> list[int]:
-        """The number of Gaussians of each dictionary id, those of parts of that name included; [0] those of none."""
+        """Number of Gaussians of each dictionary id, including parts of that name; [0]: undetected."""
         counts: list[int] = np.bincount(self._labels.classes, minlength=len(self.scene.dictionary) + 1).tolist()
         for label_id in self._part_labels:
             counts[label_id] = int(self.labeled((label_id,)).sum())
         return counts
 
     def labeled(self, label_ids: Sequence[int]) -> NDArray[np.bool_]:
-        """bool [G]: Gaussians that have one of these labels, or are of a part that bears one."""
+        """Selects Gaussians of these labels, or in parts that bear one, bool [G]."""
         rows = np.isin(self._labels.classes, label_ids)
         parts = [part_id for label_id in label_ids for part_id in self._part_labels.get(label_id, ())]
         return np.asarray(rows | np.isin(self.things.part_owner, parts) if parts else rows)
 
     @cached_property
     def _part_labels(self) -> Mapping[int, tuple[int, ...]]:
-        """The ids of the parts that bear each label, of labels that a part bears."""
+        """Ids of the parts that bear each label."""
         if self.scene.things is None or self.scene.things.parts is None:
             return {}
         parts = {part.id for part in self.things.present_parts}
@@ -166,34 +165,19 @@ class SceneIndex:
         templates: Sequence[str] | None = None,
         coverage: float | None = None,
     ) -> tuple[Answer, ...]:
-        """One answer per text, in order; every answer ranks the whole dictionary.
-
-        Args:
-            texts: plain words.
-            negatives, templates, coverage: see `check_query`; the labels are embedded anew for templates that were not
-                asked with lately.
-
-        Raises:
-            InvalidInputError, LimitExceededError: as `check_query`.
-        """
+        """Answers each text; arguments and errors as `check_query`; new templates re-embed the labels."""
         query = check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
         return self.ranked.answer(query, lambda: self.things)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
-        """bool [G]: Gaussians whose most probable class is a relevant entry, or that are of a part that bears one; row
-        number = Gaussian id.
-
-        Raises:
-            InvalidInputError: the answer names entries that this scene does not have.
-        """
+        """Selects Gaussians whose class or part is a relevant entry, bool [G]."""
         relevant = self._relevant_ids(answer)
         meant = self.ranked.names.picks(answer)
         return self.labeled(relevant) if meant is None else self.things.rows(meant)
 
     @property
     def things(self) -> SceneThings:
-        """All things of this scene, with or without a name: those that it stores, else those of its labels, see
-        `labeled_things`."""
+        """All things, named or not: stored ones, else those from `labeled_things`."""
         from fastsplat.service.query.things.labeled_things import labeled_things
         from fastsplat.service.query.things.thing_index import SceneThings
 
@@ -206,19 +190,14 @@ class SceneIndex:
             return self._things
 
     def is_understood(self, name: str) -> bool:
-        """Whether a word that a name, or an alias of its label, ends in is known, so that the lexicon relates it to
-        other words; True without a lexicon, which alone could tell."""
+        """True if the lexicon knows a name's or alias's last word; True without a lexicon."""
         label_id = self.scene.dictionary.id_of(name)
         entry = None if label_id is None else self.scene.dictionary.entries[label_id - 1]
         names = (name,) if entry is None else (entry.label, *entry.aliases)
         return self._lexicon is None or bool(label_meaning(names, self._lexicon).senses)
 
     def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
-        """A scene of this index with one more label, embedded, and with the head that knows it.
-
-        Raises:
-            ModelUnavailableError: the encoder answers with something else than embeddings.
-        """
+        """Adds an embedded label and the head that knows it; may raise ModelUnavailableError."""
         dictionary = Dictionary((*scene.dictionary.entries, entry))
         own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
         if len(scene.dictionary) and scene.text_encoder == own:
@@ -231,12 +210,7 @@ class SceneIndex:
         )
 
     def objects_of(self, answer: Answer) -> tuple[SceneThing, ...]:
-        """The things and parts that an answer is about, which have a name and can be seen, in the order of the entries,
-        then from the largest; with the cameras that see each best. Their Gaussians are in `mask3d`.
-
-        Raises:
-            InvalidInputError: the answer names entries that this scene does not have.
-        """
+        """Visible named things and parts of an answer with best views, by entry and size."""
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
         if not place:
             return ()
@@ -251,12 +225,7 @@ class SceneIndex:
         return tuple(replace(each, best_views=views.get(each.id, ())) for each in named)
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
-        """Where the answer is in one view; a view of nothing gives an empty mask.
-
-        Raises:
-            InvalidInputError: the answer names entries that this scene does not have.
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders an answer's mask in one view; empty if the view shows nothing."""
         relevant = self._relevant_ids(answer)
         relevancy = np.zeros(len(self.scene.dictionary) + 1, dtype=np.float32)
         for match in answer.matches:
@@ -274,12 +243,7 @@ class SceneIndex:
         return drawn
 
     def mask(self, answer: Answer, posed: PosedCamera) -> NDArray[np.bool_]:
-        """bool [H, W]: `mask2d(answer, posed).mask`, drawn without colors and relevancy. Where the names of things are
-        the labels, the maps of things of the last views are used again.
-
-        Raises:
-            InvalidInputError, LimitExceededError: as `mask2d`.
-        """
+        """Computes `mask2d(answer, posed).mask`, without colors and relevancy; reuses recent thing maps."""
         relevant = self._relevant_ids(answer)
         if (meant := self.ranked.names.picks(answer)) is not None:
             self.check_view(posed)
@@ -291,16 +255,12 @@ class SceneIndex:
         return np.asarray(np.isin(self.label_map(posed), relevant))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3]: the scene's colors on black.
-
-        Raises:
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders colors on black, uint8 [H, W, 3]."""
         return self._renderer_for(posed).colors(posed)
 
     @property
     def coarse(self) -> CoarseView | SceneIndex:
-        """What draws this scene, and its things, while a camera moves; of a small scene this index itself."""
+        """Renderer for moving cameras; for a small scene this index itself."""
         things = self.things
         with self._renderer_lock:
             if self._coarse is None:
@@ -313,35 +273,19 @@ class SceneIndex:
             return self._coarse
 
     def depth(self, posed: PosedCamera) -> NDArray[np.float32]:
-        """float32 [H, W]: expected camera z in scene units, 0 where less than `alpha_min` is covered.
-
-        Raises:
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders expected camera z, float32 [H, W], scene units; 0 below `alpha_min`."""
         return self._renderer_for(posed).depth(posed)
 
     def geometry(self, posed: PosedCamera) -> ViewGeometry:
-        """Depth, its spread, normals and confidence of one view, with the colors of the surface as `image`.
-
-        Raises:
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders depth, its spread, normals, confidence and colors of one view."""
         return self._renderer_for(posed).geometry(posed)
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
-        """uint16 [H, W]: dictionary id of each pixel's most probable class, 0 = undetected or too little covered.
-
-        Raises:
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders each pixel's most probable class, uint16 [H, W]; 0 = undetected or barely covered."""
         return self._renderer_for(posed).label_map(posed)
 
     def thing_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
-        """uint16 [H, W]: id of each pixel's most probable thing, 0 = none or too little covered.
-
-        Raises:
-            LimitExceededError: the image is larger than the settings allow.
-        """
+        """Renders each pixel's most probable thing, uint16 [H, W]; 0 = none or barely covered."""
         self.check_view(posed)
         return self.things.map(posed)
 
@@ -361,11 +305,7 @@ class SceneIndex:
         return answer.relevant_ids
 
     def view(self, name: str) -> PosedCamera:
-        """One of the scene's own cameras.
-
-        Raises:
-            NotFoundError: there is none of that name.
-        """
+        """Returns the scene's camera of this name, or raises NotFoundError."""
         for posed in self.scene.cameras:
             if posed.name == name:
                 return posed
@@ -373,11 +313,7 @@ class SceneIndex:
         raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
 
     def check_view(self, posed: PosedCamera) -> None:
-        """Raise unless the settings allow a view of this size.
-
-        Raises:
-            LimitExceededError: the image is too large.
-        """
+        """Raises LimitExceededError for a view that is too large."""
         side = _MAX_IMAGE_SIDE
         if max(posed.camera.width, posed.camera.height) > side:
             raise LimitExceededError(

@@ -1,4 +1,4 @@
-"""Answers as pictures."""
+"""Images of answers."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from fastsplat_contract.photos.pictures import Tint
 
 U8 = NDArray[np.uint8]
 
-# Every eighth colour (and the last) of the Turbo table: A. Mikhailov, "Turbo, An Improved Rainbow Colormap for
-# Visualization", Google AI Blog 2019 (Apache-2.0). Linear between them it stays within 3 of 255 of the whole table.
+# Every eighth color (and the last) of the Turbo table: A. Mikhailov, "Turbo, An Improved Rainbow Colormap for
+# Visualization", Google AI Blog 2019 (Apache-2.0). Linear interpolation stays within 3 of 255 of the whole table.
 _TURBO_AT = np.append(np.arange(0, 256, 8), 255) / 255.0
 _TURBO = np.array(
     [
@@ -34,12 +34,12 @@ _RANKED = ((255, 96, 16), (48, 144, 255), (96, 200, 80), (190, 110, 255), (255, 
 _WIDEST_TAG = 1 / 3
 _JPEG_QUALITY = 80
 _GOLDEN = 0.618034
-"""Turns of hue between neighbours: consecutive ids look unlike."""
+"""Hue step between consecutive ids, in turns, so that they look different."""
 _OUTLINE = np.array([255, 255, 255], dtype=np.uint8)
 
 
 def turbo(values: NDArray[np.floating]) -> U8:
-    """uint8 [..., 3] of values [...] in 0..1 (clamped; NaN counts as 0): blue is low, red is high."""
+    """Maps values [...] in 0..1 (clamped, NaN as 0) to Turbo, uint8 [..., 3]."""
     x = np.clip(np.nan_to_num(np.asarray(values, dtype=np.float64), nan=0.0), 0.0, 1.0)
     channels = [np.interp(x, _TURBO_AT, _TURBO[:, channel]) for channel in range(3)]
     return np.stack(channels, axis=-1).round().astype(np.uint8)
@@ -48,11 +48,9 @@ def turbo(values: NDArray[np.floating]) -> U8:
 def overlay(
     rgb: U8, mask: NDArray[np.bool_], *, colour: tuple[int, int, int] = (255, 64, 32), strength: float = 0.5
 ) -> U8:
-    """uint8 [H, W, 3]: `rgb` with the mask's pixels tinted and its inner edge drawn in white.
+    """Tints a mask on an image and outlines it in white, uint8 [H, W, 3].
 
-    Raises:
-        InvalidInputError: `rgb` and `mask` are not of one size.
-    """
+    A mask of another size raises InvalidInputError."""
     if rgb.shape != (*mask.shape, 3):
         raise InvalidInputError(f"a mask of shape {mask.shape} on an image of shape {rgb.shape}", field="mask")
     picture = rgb.copy()
@@ -63,15 +61,7 @@ def overlay(
 
 
 def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[int, str]]) -> U8:
-    """uint8 [H, W, 3]: every label of an answer in a colour of its own, with its name where most of it is.
-
-    A name wider than a third of the picture is left out.
-
-    Args:
-        rgb: uint8 [H, W, 3], the view.
-        label_ids: uint16 [H, W], see `Mask2D.label_ids`.
-        names: label id and name, best first; the first gets the strongest tint.
-    """
+    """Tints labels (id and name, best first) and writes short names, uint8 [H, W, 3]."""
     picture, tags = rgb, []
     for rank, (label_id, name) in enumerate(names):
         mask = label_ids == label_id
@@ -83,7 +73,7 @@ def named_overlay(rgb: U8, label_ids: NDArray[np.uint16], names: Sequence[tuple[
 
 
 def label_colors(labels: int) -> U8:
-    """uint8 [N + 1, 3]: black for undetected, then colors that neighbours do not share."""
+    """Color table for N labels, uint8 [N + 1, 3]: black for undetected, neighbors differ."""
     hue = (np.arange(labels, dtype=np.float64) * _GOLDEN) % 1.0
     light = np.where(np.arange(labels) % 2, 0.55, 0.95)[:, None]
     channels = [np.clip(np.abs(((hue + offset) % 1.0) * 6 - 3) - 1, 0, 1) for offset in (0, 1 / 3, 2 / 3)]
@@ -92,13 +82,7 @@ def label_colors(labels: int) -> U8:
 
 
 def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, str]) -> U8:
-    """uint8 [H, W, 3]: every thing of a view in a colour that its id alone decides, over the grey view, with its name.
-
-    Args:
-        rgb: uint8 [H, W, 3], the view.
-        thing_ids: uint16 [H, W], 0 for none.
-        names: of the things that have one, by id; "" for none.
-    """
+    """Colors things by id, with names, over the gray view, uint8 [H, W, 3]."""
     grey = rgb @ np.array([0.299, 0.587, 0.114])
     colors = label_colors(int(thing_ids.max(initial=0)))[thing_ids]
     tinted = np.where((thing_ids > 0)[..., None], 0.4 * grey[..., None] + 0.6 * colors, grey[..., None])
@@ -108,14 +92,7 @@ def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, s
 
 
 def tinted_picture(rgb: U8, thing_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
-    """uint8 [H, W, 3]: each tint mixed over its things, and what no tint covers darker.
-
-    Args:
-        rgb: uint8 [H, W, 3], the view.
-        thing_ids: uint16 [H, W], 0 for none.
-        tints: the last one of a thing holds.
-        dimming: the share of brightness that the rest loses, 0..1.
-    """
+    """Tints things (last tint wins) and dims the rest by `dimming`, uint8 [H, W, 3]."""
     size = 1 + max([int(thing_ids.max(initial=0)), *(number for tint in tints for number in tint.things)])
     own, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
     for tint in tints:
@@ -128,7 +105,7 @@ def tinted_picture(rgb: U8, thing_ids: NDArray[np.uint16], tints: Sequence[Tint]
 
 
 def _tagged(picture: U8, tags: Sequence[tuple[tuple[float, float], str]]) -> U8:
-    """The picture with texts at places (x, y) in pixels."""
+    """Draws texts at (x, y) in pixels."""
     image = Image.fromarray(picture)
     draw = ImageDraw.Draw(image)
     font = ImageFont.load_default(max(10, picture.shape[0] // 28))
@@ -142,32 +119,28 @@ def _tagged(picture: U8, tags: Sequence[tuple[tuple[float, float], str]]) -> U8:
 
 
 def _middle_of_largest(mask: NDArray[np.bool_]) -> tuple[float, float]:
-    """(x, y) of the mean of the largest connected part, in pixels."""
+    """Centroid (x, y) of the largest connected component, pixels."""
     _, _, stats, centroids = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     return float(centroids[largest, 0]), float(centroids[largest, 1])
 
 
 def relevancy_picture(rgb: U8, relevancy: NDArray[np.float32], *, strength: float = 0.7) -> U8:
-    """uint8 [H, W, 3]: the relevancy [H, W] in Turbo over the grey image, on the scale 0..1, never stretched."""
+    """Overlays relevancy [H, W] in Turbo, unstretched, on the gray image, uint8 [H, W, 3]."""
     grey = rgb @ np.array([0.299, 0.587, 0.114])
     mixed = turbo(relevancy) * strength + grey[..., None] * (1.0 - strength)
     return np.asarray(mixed.round().clip(0, 255), dtype=np.uint8)
 
 
 def jpeg_bytes(image: U8) -> bytes:
-    """A JPEG of uint8 [H, W, 3], RGB."""
+    """Encodes uint8 [H, W, 3], RGB, as JPEG."""
     file = BytesIO()
     Image.fromarray(np.ascontiguousarray(image)).save(file, format="JPEG", quality=_JPEG_QUALITY)
     return file.getvalue()
 
 
 def png_bytes(image: U8) -> bytes:
-    """A PNG of uint8 [H, W, 3] (RGB) or [H, W] (grey).
-
-    Raises:
-        InvalidInputError: another shape or dtype.
-    """
+    """Encodes uint8 [H, W, 3] (RGB) or [H, W] (gray) as PNG, else raises InvalidInputError."""
     if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
         raise InvalidInputError(f"an image of shape {image.shape} and type {image.dtype}", field="image")
     file = BytesIO()
@@ -176,7 +149,7 @@ def png_bytes(image: U8) -> bytes:
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The mask without its pixels that touch background or the image's border by an edge."""
+    """Removes mask pixels that share an edge with the background or the image border."""
     inner = np.zeros_like(mask)
     inner[1:-1, 1:-1] = mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
     return inner

@@ -1,4 +1,4 @@
-"""A scene seen from a pose: colors, depth, label maps and masks. One rasterization each."""
+"""Rendering of a scene from a pose: colors, depth, label maps and masks."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from fastsplat.service.splatting.raster.types import LabelMap, Rendering
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _SURE_PX = 64
-"""Membership of a Gaussian of no part in none, pixels."""
+"""Weight in pixels by which a Gaussian without a part belongs to none."""
 
 
 @dataclass(frozen=True)
 class Mask2D:
-    """Where an answer is in one view."""
+    """An answer's mask in one view."""
 
     mask: NDArray[np.bool_]  # bool [H, W], pixels whose most probable class is a relevant entry
     label_ids: NDArray[np.uint16]  # uint16 [H, W], which relevant entry each pixel of the mask is, 0 outside the mask
@@ -36,7 +36,7 @@ class Mask2D:
 
 
 class Renderer:
-    """The activated Gaussians of a scene, kept for the next view. Threads may share it."""
+    """Renderer that keeps a scene's activated Gaussians between views; thread-safe."""
 
     def __init__(self, scene: Scene, settings: QuerySettings) -> None:
         gaussians = scene.gaussians
@@ -52,7 +52,7 @@ class Renderer:
         self._parts: tuple[Parts, EvidenceBlend] | None = None
 
     def relabeled(self, scene: Scene) -> Renderer:
-        """The renderer of a scene with the same Gaussians and other labels."""
+        """Returns a renderer of a scene with the same Gaussians and other labels."""
         other = copy.copy(self)
         other._classes = len(scene.dictionary) + 1
         other._labels = label_blend(scene, self._device, self._labels)
@@ -60,33 +60,30 @@ class Renderer:
         return other
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
-        """uint8 [H, W, 3], on black."""
+        """Renders colors on black, uint8 [H, W, 3]."""
         return _to_bytes(self._rasterize(posed, self._rgb(posed)).image)
 
     def depth(self, posed: PosedCamera) -> F32:
-        """float32 [H, W]: Σ w·z / Σ w in scene units, 0 where alpha is below `alpha_min`."""
+        """Renders Σ w·z / Σ w, float32 [H, W], scene units; 0 where alpha < `alpha_min`."""
         rendering = self._rasterize(posed, self._means.new_zeros(len(self._means), 1))
         covered = rendering.alpha >= max(self._settings.alpha_min, 1e-6)
         expected = torch.where(covered, rendering.depth / rendering.alpha.clamp_min(1e-6), 0.0)
         return _to_floats(expected)
 
     def geometry(self, posed: PosedCamera) -> ViewGeometry:
-        """Depth, its spread, normals and confidence, with the colors of the surface as `image`."""
+        """Renders depth, its spread, normals, confidence and colors of the surface."""
         splats = replace(self._splats, features=self._rgb(posed))
         return view_geometry(splats, posed, alpha_min=self._settings.alpha_min, backend=self._settings.backend)
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
-        """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
+        """Renders the most probable class, uint16 [H, W]; 0: undetected or alpha < `alpha_min`."""
         drawn = self._label(posed, self._means.new_zeros(len(self._means), 0), None)
         return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
-        """uint16 [H, W]: the most probable thing of each pixel, 0 for none or where alpha is below `alpha_min`.
+        """Renders the most probable thing, uint16 [H, W]; 0: none or alpha < `alpha_min`.
 
-        Args:
-            posed: the view.
-            things: of the scene's Gaussians, the same at every call.
-        """
+        `things` must be the same at every call, as they are cached."""
         if isinstance(self._labels, ThingBlend):
             return self._drawn_ids(self._labels.things, posed)
         if self._things is None:  # of labels: they are kept nowhere else
@@ -94,12 +91,7 @@ class Renderer:
         return self._drawn_ids(self._things, posed)
 
     def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
-        """uint16 [H, W]: the most probable part of each pixel, 0 for none, as `thing_map`; Gaussians of no part say so.
-
-        Args:
-            posed: the view.
-            parts: of things of the scene's Gaussians.
-        """
+        """Renders the most probable part, uint16 [H, W]; 0 for none, as `thing_map`."""
         known = self._parts
         if known is None or known[0].membership is not parts.membership:
             classes = max(part.id for part in parts.table) + 1
@@ -119,13 +111,9 @@ class Renderer:
         return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def mask(self, posed: PosedCamera, relevant: tuple[int, ...], relevancy: F32) -> Mask2D:
-        """The pixels of the classes `relevant`, and Σ_n p(n)·relevancy(n)·alpha.
+        """Renders the mask of the classes `relevant` and the relevancy Σ_n p(n)·relevancy(n)·alpha.
 
-        Args:
-            posed: the view.
-            relevant: dictionary ids.
-            relevancy: float32 [N + 1], by class; class 0 (undetected) should be 0.
-        """
+        `relevancy` is float32 [N + 1], by class; class 0 (undetected) should be 0."""
         labels = self._label(posed, self._rgb(posed), relevancy)
         assert labels.relevancy is not None
         classes = labels.classes.cpu().numpy()
@@ -169,7 +157,7 @@ class Renderer:
 
 
 def _with_rest(membership: Evidence) -> Evidence:
-    """The membership in which a Gaussian without entries is surely of nothing."""
+    """Assigns Gaussians without entries to class 0 (nothing)."""
     sizes = np.diff(membership.starts)
     rows, rest = np.repeat(np.arange(len(sizes)), sizes), np.flatnonzero(sizes == 0)
     return evidence_of(

@@ -1,4 +1,4 @@
-"""A sheet of things: each cut from a picture of a view, outlined and numbered."""
+"""Contact sheets of things: each cropped from a view, outlined and numbered."""
 
 from __future__ import annotations
 
@@ -15,28 +15,23 @@ from fastsplat.service.query.drawing.pictures import U8, jpeg_bytes
 MOST_THINGS = 20
 _SIDE, _LARGEST_CELL = 768, 256
 _MARGIN = 0.3
-"""Of a thing's longer side, around it."""
+"""Margin around a thing, as a share of its longer side."""
 _LEAST_SIDE = 12.0
-"""Pixels of the mask that a cut has at least, so that a tiny thing is seen with what is around it."""
+"""Least side of a crop in mask pixels, so that tiny things keep some context."""
 _OUTLINE, _GROUND = (255, 230, 0), (32, 32, 32)
 
 
 def cell_side(count: int) -> int:
-    """Pixels of the square that each of so many things has on their sheet."""
+    """Side of each cell in pixels for a sheet of `count` things."""
     return min(_LARGEST_CELL, _SIDE // _columns(count))
 
 
 def thing_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
-    """uint8 [H, W, 3], the longer side `side` pixels: the largest connected part of a thing with what is around it, and
-    a line around what is the thing's.
+    """Crops and outlines the largest component of a thing, uint8 [H, W, 3], in `side` pixels.
 
-    Args:
-        picture: uint8 [H, W, 3] of a whole view.
-        mask: bool [h, w] of the same view in any size: where the thing is; not empty.
-        side: pixels.
-    """
+    `mask`, bool [h, w], not empty, may have another size than the picture."""
     height, width = mask.shape
-    # Single pixels far from a thing would make its cut the whole picture.
+    # Stray pixels far from a thing would make the crop the whole picture.
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     largest = labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     rows, columns = np.flatnonzero(largest.any(axis=1)), np.flatnonzero(largest.any(axis=0))
@@ -59,11 +54,9 @@ def thing_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
 
 
 def thing_sheet(cells: Sequence[U8]) -> bytes:
-    """A JPEG of at most 768 pixels a side: cells in rows, each with its number, from 1, in its upper left corner.
+    """Arranges numbered cells, from 1, as a JPEG of at most 768 pixels a side.
 
-    Args:
-        cells: 1 to `MOST_THINGS` of `thing_cell`, their longer side `cell_side`.
-    """
+    At most `MOST_THINGS` results of `thing_cell`, with `cell_side` as their longer side."""
     columns, side = _columns(len(cells)), cell_side(len(cells))
     sheet = Image.new("RGB", (columns * side, ceil(len(cells) / columns) * side), _GROUND)
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=18)

@@ -1,4 +1,4 @@
-"""The surface that a view shows: depth, its spread, normals and how far they can be relied on."""
+"""Surface geometry of a view: depth, its spread, normals and confidence."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.geometry.camera import PosedCamera
 
 RELATIVE_SPREAD = 0.05
-"""Spread of the blended depth, as a share of the depth, at which confidence is half of what is covered."""
+"""Relative spread of the blended depth that halves the confidence."""
 
 
 @dataclass(frozen=True)
 class ViewGeometry:
-    """What a view shows of surfaces; 0 everywhere where less than `alpha_min` is covered."""
+    """Surface geometry of a view; 0 everywhere where alpha < `alpha_min`."""
 
     depth: F32  # float32 [H, W], expected camera z Σ w·z / Σ w, scene units
     median_depth: F32  # float32 [H, W], camera z of the Gaussian where half of the light is gone
@@ -31,17 +31,10 @@ class ViewGeometry:
 
 @torch.no_grad()
 def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backend: Backend) -> ViewGeometry:
-    """One rasterization of depth, spread and normals beside the features of `splats`.
+    """Renders depth, spread and normals with the features of `splats` in one rasterization.
 
-    The normal of a pixel is the blend of its Gaussians' shortest axes, each turned towards the camera: on a scene with
-    true depth they are nearer to the truth than the slopes of the rendered depth are (figures in docs/take_away.md).
-
-    Args:
-        splats: G Gaussians, world frame, with C features.
-        posed: the view.
-        alpha_min: pixels less covered have no surface.
-        backend: the rasterizer.
-    """
+    A pixel's normal blends its Gaussians' shortest axes, each turned towards the camera: with true depth these are
+    closer to the truth than slopes of the rendered depth (figures in docs/take_away.md)."""
     viewmat = torch.tensor(posed.camera_from_world(), dtype=splats.means.dtype, device=splats.means.device)
     center = torch.tensor(posed.world_from_camera[:3, 3], dtype=splats.means.dtype, device=splats.means.device)
     z = splats.means @ viewmat[2, :3] + viewmat[2, 3]
@@ -78,7 +71,7 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
 
 
 def shortest_axes(splats: Splats) -> Tensor:
-    """[G, 3]: the direction of each Gaussian's smallest standard deviation, world frame, unit length."""
+    """Unit direction of each Gaussian's smallest scale, [G, 3], world frame."""
     w, x, y, z = torch.nn.functional.normalize(splats.quats, dim=1).unbind(dim=1)
     columns = torch.stack(
         [

@@ -1,4 +1,4 @@
-"""Scenes put into another frame: Gaussians and cameras turned, scaled and shifted."""
+"""Alignment of scenes to another frame: Gaussians and cameras rotated, scaled and shifted."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ F64 = NDArray[np.float64]
 
 
 def placed_gaussians(gaussians: Gaussians, change: Similarity) -> Gaussians:
-    """The Gaussians in another frame: they look the same to a camera that goes along (`Similarity.camera`)."""
+    """Transforms Gaussians so that they look the same to a `Similarity.camera`."""
     if change.scale == 1.0 and np.array_equal(change.rotation, np.eye(3)) and not change.translation.any():
         return gaussians
     pose = np.eye(4)
@@ -45,11 +45,11 @@ def placed_gaussians(gaussians: Gaussians, change: Similarity) -> Gaussians:
 
 
 def align_scene(index: SceneIndex, edit: Edit) -> Scene:
-    """The scene in the frame of a map; see `Alignment` of the contract.
+    """Moves the scene into the frame of a map; see `Alignment` of the contract.
 
     Raises:
-        InvalidInputError: a label or things; not exactly one of transform and pairs; fewer than three pairs,
-            pairs on one line, of a mirrored frame, or of which fewer than half agree; a motion that is not rigid.
+        InvalidInputError: a label or things; not exactly one of transform and pairs; fewer than three pairs, collinear
+            or mirrored pairs, or pairs of which fewer than half agree; a transform that is not rigid.
         LimitExceededError: too many pairs, or too long a name.
     """
     order = edit.alignment
@@ -77,40 +77,26 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
 
 @dataclass(frozen=True)
 class PairFit:
-    """The similarity that takes points of a scene to those of a map best.
-
-    Attributes:
-        deviation: relative standard deviation of the scale, 0 where it was not fitted; 1.96 of it are the 95 % interval
-            of Student's distribution for so few pairs.
-    """
+    """The best similarity from points of a scene to points of a map."""
 
     change: Similarity  # from the scene's frame into the map's
     residuals: F64  # float64 [N], of each pair, units of the map
     outliers: NDArray[np.bool_]  # bool [N], pairs that did not count
     spread: float  # root mean square distance of the scene's points that counted from their middle
-    deviation: float
+    deviation: float  # relative, of the scale, 0 if not fitted; × 1.96: 95 % interval of Student's t for few pairs
 
     @property
     def rms(self) -> float:
-        """Of the pairs that counted."""
+        """Root mean square residual of the inliers, map units."""
         return float(np.sqrt((self.residuals[~self.outliers] ** 2).mean()))
 
 
 def fit_pairs(scene: F64, world: F64, *, scaled: bool) -> PairFit:
-    """The least-squares similarity, or rigid motion, from points [N, 3] to points [N, 3] (Umeyama, "Least-squares
-    estimation of transformation parameters between two point patterns", PAMI 1991).
+    """Fits the least-squares similarity (rigid unless `scaled`) between point pairs [N, 3].
 
-    Of five pairs and more those are outliers that lie further than 3 robust deviations from the motion that fits half
-    of them best, among those through three pairs (Rousseeuw 1984).
-
-    Args:
-        scene, world: the pairs.
-        scaled: whether the scale is fitted as well; else it is 1.
-
-    Raises:
-        InvalidInputError: see `align_scene`.
-        LimitExceededError: more than 1,000 pairs.
-    """
+    After Umeyama, "Least-squares estimation of transformation parameters between two point patterns", PAMI 1991. From
+    five pairs on, outliers are those further than 3 robust deviations from the best motion through three pairs (least
+    median of squares, Rousseeuw 1984). Errors as `align_scene`; at most 1,000 pairs."""
     count = len(scene)
     if count > _MOST_PAIRS:
         raise LimitExceededError(f"{count} pairs", field="alignment.pairs", limit=f"{_MOST_PAIRS} pairs")
@@ -140,7 +126,7 @@ def fit_pairs(scene: F64, world: F64, *, scaled: bool) -> PairFit:
 
 
 def _agreeing(scene: F64, world: F64, scaled: bool) -> NDArray[np.bool_]:
-    """bool [N]: the pairs that agree with each other."""
+    """Selects the pairs that agree with each other, bool [N]."""
     count = len(scene)
     random = np.random.default_rng(0)
     triples = list(combinations(range(count), 3)) if count <= _EXHAUSTIVE else None
@@ -176,7 +162,7 @@ def _disagreeing() -> InvalidInputError:
 
 
 def _flatness(points: F64) -> float:
-    """The second largest spread of points by the largest: 0 where they are on one line, or one."""
+    """Ratio of the second to the largest singular value; 0: collinear or a single point."""
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return float(values[1] / values[0]) if values[0] > 0 else 0.0
 
@@ -192,7 +178,7 @@ def _check_spread(points: F64, what: str) -> None:
 
 
 def _check_handedness(scene: F64, world: F64) -> None:
-    """Raise where a mirror image fits clearly better than a rotation: one of the frames is left-handed."""
+    """Raises if a reflection fits clearly better than a rotation: one frame is left-handed."""
     left, values, right = np.linalg.svd((world - world.mean(axis=0)).T @ (scene - scene.mean(axis=0)))
     if np.linalg.det(left @ right) < 0 and values[2] > _MIRROR * values[0]:
         raise InvalidInputError(
@@ -248,7 +234,7 @@ def _placed(scene: Scene, change: Similarity, frame: str, fit: PairFit | None) -
 _MOST_CHARS = 200
 _FEWEST_PAIRS, _MOST_PAIRS = 3, 1_000
 _ROBUST_FROM = 5
-"""With four pairs an outlier and a bad fit cannot be told apart well enough to leave one out."""
+"""With four pairs an outlier cannot be told from a bad fit."""
 _EXHAUSTIVE, _TRIALS = 12, 500
 _LINE = 0.02
 _WORST = 0.2

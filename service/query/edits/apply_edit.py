@@ -1,8 +1,7 @@
-"""Edits by name: a scene in, another scene out. The table `_KINDS` has a row for each kind of edit.
+"""Application of edits: a scene in, a new scene out; `_KINDS` lists all kinds.
 
-An edit takes along what the object encloses, whatever its label: where two objects meet, a Gaussian of the one often
-has the label of the other, and would stay behind as a floater.
-"""
+An edit includes the Gaussians that the object encloses, whatever their label: where two objects touch, a Gaussian of
+one often has the label of the other and would stay behind as a floater."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Order:
-    """What `apply_edit` was called with."""
+    """The arguments of `apply_edit`."""
 
     index: SceneIndex
     edit: Edit
@@ -61,25 +60,23 @@ def apply_edit(
     max_gaussians: int | None = None,
     piece: Rows | None = None,
 ) -> Scene:
-    """The scene after the edit; evidence, codes and things go along with their rows. The index's own scene stays as it
-    is.
+    """Applies an edit and returns the new scene; the index's own scene is unchanged.
 
-    A scene that stores no things stores them from its first edit on, so that their ids stay.
+    Evidence, codes and things follow their rows. A scene without stored things stores them from its first edit on, so
+    that their ids persist.
 
     Args:
-        index: of the scene as it is.
-        edit: what to do.
-        seen: the things that whoever edits has looked at; None: unknown.
+        seen: the things that the editor has looked at; None: unknown.
         before: the things before the request that the edit is part of; None: those of the index.
-        source: of the scene that `insert` takes things from; None for other edits.
-        max_gaussians: no duplicate makes the scene larger than this; None for no bound. Each can double it.
-        piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows; None for other edits.
+        source: index of the scene that `insert` takes things from.
+        max_gaussians: bound for duplicates, each of which can double the scene; None for no bound.
+        piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows.
 
     Raises:
         NotFoundError: no such label, object or thing here.
-        InvalidInputError: an unknown action, not exactly one of label and things, a color, transform or name
-            that is missing, superfluous, out of range or not rigid.
-        LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
+        InvalidInputError: an unknown action, not exactly one of label and things, or an invalid field.
+        LimitExceededError: the scene would be too large, or see `edit_things`.
+        ConflictError: see `edit_things`.
     """
     if edit.action in _CALLS or edit.texts:
         what, call = _CALLS.get(edit.action, _CALLS["look_again"])
@@ -121,7 +118,7 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
 
 
 def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = False) -> Callable[[_Order], Scene]:
-    """A kind that changes the Gaussians it is about; `grows`: it may pass the bound on their number."""
+    """Makes a kind that changes the Gaussians it is about; `grows`: check their number."""
 
     def make(order: _Order) -> Scene:
         rows = edited_rows(order.index, order.edit)
@@ -139,7 +136,7 @@ def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = Fals
 
 
 def _remove(order: _Order) -> Scene:
-    """Refused where nothing would be left, and where a filter takes nothing."""
+    """Removes Gaussians; refused if nothing would be left or a filter takes nothing."""
     edit, count = order.edit, len(order.index.scene.gaussians)
     rows = edited_rows(order.index, edit)
     if len(rows) == count or (edit.filter is not None and not len(rows)):
@@ -183,7 +180,7 @@ def _suggest(order: _Order) -> Scene:
 
 
 _CALLS = {"look_again": ("looking again", "LookAgain"), "observe": ("an observation", "ObserveScene")}
-"""Actions that stand in versions and that nobody sends as edits: what they are, and by which call they are made."""
+"""Actions found in versions but not sent as edits: description and call."""
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),
     "remove": _Kind(_remove, takes=("filter",)),

@@ -1,4 +1,4 @@
-"""The Gaussians that an edit of a scene is about."""
+"""Selection of the Gaussians that an edit changes."""
 
 from __future__ import annotations
 
@@ -26,13 +26,15 @@ _MARGIN = 0.25
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
-    """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or things, and those they enclose:
-    of whose twelve nearest visible neighbors they have half the opacity or more. With a filter those that it takes: of
-    the label or things, where there are any, otherwise of the scene.
+    """Selects the Gaussians that an edit is about, int64 [K], ascending.
+
+    These are those of the label or things and those they enclose: at least half of the opacity of their twelve nearest
+    visible neighbors is selected. With a filter, only what it takes of the label or things (without enclosed ones), or
+    of the scene if neither is given.
 
     Raises:
         NotFoundError: no such label or thing here.
-        InvalidInputError: not exactly one of label and things; a filter that makes no sense.
+        InvalidInputError: not exactly one of label and things, or an invalid filter.
     """
     if edit.filter is not None:
         taken = filtered(index, edit.filter)
@@ -73,7 +75,7 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
 
 
 def edited_label(index: SceneIndex, edit: Edit) -> int:
-    """The id of the label that an edit is about; 0: it is about things, which are all there.
+    """Id of the label that an edit is about; 0 if about existing things.
 
     Raises:
         NotFoundError: no such label or thing here.

@@ -1,8 +1,7 @@
 """Edits of Gaussians: recolor, remove, move, duplicate.
 
-Rows keep their order, so that a mask of the old version tells what became of it: recoloring and moving change no row
-number, removing closes the gaps, duplicates come after all other rows.
-"""
+Rows keep their order, so that masks of the old version can be mapped: recolor and move keep row numbers, remove closes
+the gaps, duplicates are appended."""
 
 from __future__ import annotations
 
@@ -29,20 +28,20 @@ _DIRECTIONS = 64
 
 
 def remove(scene: Scene, rows: Rows) -> Scene:
-    """The scene without the Gaussians `rows`, int64 [K]."""
+    """Removes the Gaussians `rows`, int64 [K]."""
     stays = np.ones(len(scene.gaussians), dtype=np.bool_)
     stays[rows] = False
     return scene_of_rows(scene, np.flatnonzero(stays))
 
 
 def move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    """The scene with the Gaussians `rows`, int64 [K], moved by the edit's transform."""
+    """Moves the Gaussians `rows`, int64 [K], by the edit's transform."""
     moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), motion_of(edit))
     return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
 
 
 def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    """The scene with copies of the Gaussians `rows`, int64 [K], after all others, moved by the edit's transform."""
+    """Appends copies of the Gaussians `rows`, int64 [K], moved by the edit's transform."""
     count = len(scene.gaussians)
     grown = scene_of_rows(scene, np.concatenate([np.arange(count), rows]))
     copies = np.arange(count, count + len(rows))
@@ -53,8 +52,7 @@ def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 
 def _copied(before: Things, grown: Things, rows: Rows) -> Things:
-    """The things after the Gaussians `rows` were added once more at the end: the copy of a thing, or of what there is
-    of it among them, is a thing of its own, with a new id and the same name, and without parts."""
+    """Registers copies of things, without parts, for the appended Gaussians `rows`."""
     membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
     copied = np.unique(thing_rows(before)[rows])
     originals = [thing for thing in before.table if thing.id in copied]
@@ -80,8 +78,9 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
 
 
 def recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
-    """The luminance of each Gaussian, in every direction, relative to the mean one, times the new color: what was in
-    the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
+    """Recolors by the luminance ratio of each Gaussian to the mean, in every direction.
+
+    Shading and highlights persist. Near black, where ratios mean nothing, differences are kept."""
     part = gaussians_of_rows(scene.gaussians, rows)
     if not len(rows):
         return scene
@@ -97,13 +96,13 @@ def recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 
 def motion_of(edit: Edit) -> F64:
-    """float64 [4, 4] of an edit that has a transform."""
+    """Transform of an edit, float64 [4, 4]."""
     assert edit.transform is not None
     return edit.transform.matrix()
 
 
 def moved_gaussians(part: Gaussians, pose: F64) -> Gaussians:
-    """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
+    """Applies a rigid motion, float64 [4, 4], to means, quats and harmonics."""
     turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
     rotation = turn.as_matrix()
     means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
@@ -117,21 +116,19 @@ def moved_gaussians(part: Gaussians, pose: F64) -> Gaussians:
 
 
 def _multiplied(left: tuple[float, float, float, float], right: F32) -> F32:
-    """Hamilton products left ⊗ right [K, 4], w x y z; lengths are those of `right`.
+    """Hamilton products left ⊗ right [K, 4], w x y z, keeping the lengths of `right`.
 
-    scipy's product would lose the lengths, and refuses a length of 0.
-    """
+    scipy's product would lose the lengths, and refuses a length of 0."""
     w, x, y, z = left
     matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return np.asarray(right.astype(np.float64) @ matrix.T, dtype=np.float32)
 
 
 def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
-    """Coefficients [K, B, 3] of the same colors seen by a turned object: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
+    """Rotates SH coefficients [K, B, 3]: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
 
-    Each degree is a space of its own under rotation. Its matrix follows from the basis at more directions than it has
-    functions, which is exact up to rounding and needs no formulas for Wigner's matrices.
-    """
+    Each degree is invariant under rotation. Its matrix is solved from the basis at more directions than it has
+    functions, which is exact up to rounding and avoids formulas for Wigner matrices."""
     import torch
 
     from fastsplat.service.splatting.raster.harmonics import (

@@ -1,4 +1,4 @@
-"""The Gaussians that a filter takes: in a box or outside of it, hardly opaque, far from all others."""
+"""Filters of Gaussians by box, opacity and isolation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 
 def filtered(index: SceneIndex, criteria: GaussianFilter) -> NDArray[np.bool_]:
-    """bool [G]: the Gaussians of a scene that fulfil all that the filter says.
-
-    Raises:
-        InvalidInputError: it says nothing, a number is out of range, or `outside` has no box.
-    """
+    """Selects Gaussians that meet all criteria, bool [G]; invalid ones raise InvalidInputError."""
     _check(criteria)
     gaussians = index.scene.gaussians
     taken = np.ones(len(gaussians), np.bool_)
@@ -36,7 +32,7 @@ def filtered(index: SceneIndex, criteria: GaussianFilter) -> NDArray[np.bool_]:
 
 
 def inside(box: Box, points: F32) -> NDArray[np.bool_]:
-    """bool [K]: which of the points [K, 3] lie in a box or on its surface; none that is not finite."""
+    """Tests which finite points [K, 3] are in a box or on its surface, bool [K]."""
     pose = box.center.matrix()
     finite = np.asarray(np.isfinite(points).all(axis=1))
     points = np.where(finite[:, None], points, np.float32(0))

@@ -1,4 +1,4 @@
-"""Things of one scene put into another."""
+"""Insertion of things from another scene."""
 
 from __future__ import annotations
 
@@ -21,21 +21,19 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 _SURE_PX = 16
-"""Membership of an inserted Gaussian, pixels: it is known which thing it is of."""
+"""Membership of an inserted Gaussian in its thing, pixels: certain."""
 
 
 def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
-    """The scene with things of another one, placed by a rigid motion; its labels are the names of its things from then
-    on.
+    """Inserts things of another scene by a rigid motion; labels become the things' names.
 
-    The Gaussians of the things, and those that they enclose (see `edited_rows`), come after all others; the things get
-    new ids and keep their names, names' sources and suggestions; their parts stay behind. Colors keep as many harmonics
-    as this scene has. A length of the other scene is the same number of this scene's units.
+    The Gaussians of the things and those they enclose (see `edited_rows`) are appended. The things get new ids and keep
+    their names, name sources and suggestions, but not their parts. Colors keep this scene's SH degree. Lengths are
+    copied as numbers, without conversion.
 
     Raises:
         NotFoundError: no such label, object or thing there.
-        InvalidInputError: not exactly one of label and things; a part; lengths of one scene are meters and
-            those of the other have no unit.
+        InvalidInputError: not exactly one of label and things; a part; one scene is metric and the other has no unit.
         LimitExceededError: more things than there are ids.
     """
     here = index.things.scene
@@ -65,7 +63,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     owner = source.things.owner[rows]
     new_ids = np.zeros(max(ids) + 1, np.int64)
     new_ids[list(ids)] = np.arange(first, first + len(ids))
-    # What lies enclosed in a thing and is of none of them goes with the first.
+    # Enclosed Gaussians of no inserted thing go with the first.
     inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
     part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), motion_of(edit))
     assert scene.things is not None
@@ -86,7 +84,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
 
 
 def _longer(evidence: Evidence, count: int) -> Evidence:
-    """The evidence with `count` more Gaussians that no view has seen."""
+    """Appends `count` Gaussians that no view has seen."""
     return replace(evidence, starts=np.append(evidence.starts, np.full(count, evidence.starts[-1])))
 
 

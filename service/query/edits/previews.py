@@ -1,4 +1,4 @@
-"""What edits would remove from a scene, before they are made."""
+"""Previews of removals."""
 
 from __future__ import annotations
 
@@ -16,12 +16,9 @@ from fastsplat_contract.messages.scenes import Edit
 
 
 def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:
-    """Which Gaussians of a version the edits would remove, each applied to what those before it leave.
+    """Computes the Gaussians that edits would remove, each applied after those before it.
 
-    Raises:
-        NotFoundError, InvalidInputError: as `edited_rows`, or an edit that does something else; with the field inside
-            `edits`.
-    """
+    Errors as `edited_rows`, with the field inside `edits`; other actions raise InvalidInputError."""
     left = np.arange(len(index.scene.gaussians))
     gone = np.zeros(len(left), np.bool_)
     counts = []

@@ -1,4 +1,4 @@
-"""Edits that make a thing of what a prompt shows: a piece of another thing, or one that was missing."""
+"""Edits that make a thing from a prompt: split one, or add one."""
 
 from __future__ import annotations
 
@@ -21,21 +21,15 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 _REST = 0.02
-"""A piece leaves nothing of a thing where the largest connected part of the rest weighs less than this share of the
-thing: what is left then is its rim."""
+"""Least share of a thing in the largest component of a split's rest."""
 _SAME = 0.9
-"""A thing that overlaps what was segmented by this share, of both together, is there already."""
+"""An added thing exists already if its IoU with another reaches this."""
 _MOST = 0.5
-"""Who takes this share of a thing takes its name's place."""
+"""Share of a thing from which an added piece takes over its name."""
 
 
 def split_thing(index: SceneIndex, edit: Edit) -> int:
-    """The id of the one thing that an edit splits.
-
-    Raises:
-        NotFoundError: no such thing, label or object here.
-        InvalidInputError: not exactly one thing, or a part of one.
-    """
+    """Id of the one whole thing that an edit splits, else raises InvalidInputError."""
     ids = edited_things(index, edit)
     check_no_parts(index.things.table, ids)
     if len(ids) != 1:
@@ -48,19 +42,16 @@ def split_thing(index: SceneIndex, edit: Edit) -> int:
 def make_prompted_thing(
     index: SceneIndex, edit: Edit, piece: NDArray[np.int64], seen: Things | None, before: Things
 ) -> Scene:
-    """The scene after a `split` or an `add`; its labels are the names of its things from then on.
+    """Applies a `split` or an `add`; labels become the things' names.
 
     Args:
-        index: of the scene as it is.
-        edit: which thing is split, and the new thing's name.
-        piece: int64 [K]: the Gaussians that the edit's prompt shows; of a split, all of the thing.
-        seen: the things that whoever edits has looked at; None: unknown.
-        before: the things as they were before the request that the edit is part of.
+        piece: int64 [K]: the Gaussians that the prompt shows; for a split, all within the thing.
+        seen: the things that the editor has looked at; None: unknown.
+        before: the things before the request that the edit is part of.
 
     Raises:
         NotFoundError: no such thing, label or object here.
-        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases or
-            kinds without a name, or a name that is none.
+        InvalidInputError: the piece is empty or the whole thing; the thing to add exists; an invalid name.
         LimitExceededError, ConflictError: see `edit_things` and `with_new_thing`.
     """
     owner = index.things.owner

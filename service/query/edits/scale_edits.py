@@ -1,4 +1,4 @@
-"""The edit that gives a scene its scale by known lengths."""
+"""Scaling of a scene by known lengths."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from fastsplat_contract.messages.scenes import Edit
 
 _MAX_LENGTHS = 100
 _UNSURE_ENDS = 0.03
-"""Of a thing's length, what its ends are unsure of where it gives the scene its scale."""
+"""Standard deviation of a thing's length due to its ends, relative."""
 
 
 def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
-    """The scene in meters by known lengths, and by those that it was scaled by before; see `combined`.
+    """Scales a scene to meters by all its known lengths, old and new; see `combined`.
 
     Raises:
         NotFoundError: nothing is seen at a pixel; no such view.
-        InvalidInputError: no or too many known lengths, a label or things, or two places that are one.
+        InvalidInputError: no or too many known lengths, a label or things, or two places that coincide.
     """
     if edit.label is not None or edit.things:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
@@ -60,8 +60,10 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
 
 
 def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
-    """A thing's measured side as a known length. A scale lasts, and where a trained thing ends is nowhere surer than a
-    few per cent of its length: that much is added."""
+    """Converts a thing's measured side to a known length.
+
+    Adds `_UNSURE_ENDS`: a scale persists, and the ends of a trained thing are known to a few per cent of its length at
+    best."""
     try:
         index.things.check_all((known.thing,))
         thing = extents_of(index, known.thing)

@@ -1,4 +1,4 @@
-"""The edit by which somebody suggests names: they can be asked for and are shown, and nothing bears them."""
+"""Suggested names: searchable and shown, but not given to things."""
 
 from __future__ import annotations
 
@@ -19,20 +19,15 @@ MAX_SUGGESTED = 1_000
 _MAX_ALIASES = 20
 _MAX_SOURCE = 60
 _OWN = (OWN_SOURCE, TAG_SOURCE, "person")
-"""What the scene's own sources are called in answers."""
+"""Names of the scene's own sources in answers."""
 
 
 def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Scene:
-    """The scene with these names among what is suggested for its things. What a source says of a thing replaces what it
-    said before; names that things bear stay as they are.
-
-    Args:
-        things: of the scene as it is.
-        suggested: at least one, of any sources.
+    """Adds suggested names; a source's new suggestions for a thing replace its earlier ones.
 
     Raises:
         NotFoundError: no such thing or part here.
-        InvalidInputError: a name, alias or source that is none, or a probability out of range; names the field.
+        InvalidInputError: an invalid name, alias, source or probability; names the field.
         LimitExceededError: too many names, or too many of one source for one thing.
     """
     if len(suggested) > MAX_SUGGESTED:

@@ -1,7 +1,6 @@
-"""Edits of what is what: naming things, taking names away, making several things one, discarding one.
+"""Edits of things: name, unname, merge, discard.
 
-No Gaussian changes and nothing is trained: afterwards the labels of the scene are the names of its things.
-"""
+No Gaussian changes and nothing is trained: afterwards the scene's labels are the names of its things."""
 
 from __future__ import annotations
 
@@ -23,26 +22,21 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 MAX_ALIASES = 20
-"""Of a name, in one edit."""
+"""Per name and edit."""
 _NEVER = -1e4
-"""Logit of a label that no code has learnt."""
+"""Logit of a label that no code has learned."""
 
 
 def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Things) -> Scene:
-    """The scene after an edit of its things; its labels are the names of its things from then on.
+    """Applies `name`, `unname`, `merge` or `discard`; arguments as `apply_edit`.
 
-    Args:
-        index: of the scene as it is.
-        edit: `name`, `unname`, `merge` or `discard`.
-        seen: the things that whoever edits has looked at; None: unknown.
-        before: the things as they were before the request that the edit is part of.
+    Afterwards the scene's labels are its things' names.
 
     Raises:
         NotFoundError: no such thing or label here.
-        InvalidInputError: a name or an alias that is none, or is missing or superfluous; too few things to merge.
+        InvalidInputError: an invalid, missing or superfluous name or alias; too few things to merge.
         LimitExceededError: too many aliases.
-        ConflictError: the edit would undo a name that a person gave after the things were looked at, or an alias is the
-            name of another label.
+        ConflictError: as `check_seen`, or an alias is another label's name.
     """
     actions: dict[str, Callable[[SceneIndex, Scene, tuple[int, ...], Edit], Scene]] = {
         "name": _name,
@@ -59,10 +53,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
 
 
 def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
-    """The ids of the things that an edit is about, in its order: those that it names, or those that bear its label.
-
-    Errors as `edited_label`.
-    """
+    """Ids of the things an edit names, or that bear its label; raises as `edited_label`."""
     label_id, things, dictionary = edited_label(index, edit), index.things, index.scene.dictionary
     if not label_id:
         return tuple(dict.fromkeys(edit.things))
@@ -75,17 +66,9 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
 
 
 def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:
-    """Refuse to undo what a person said and whoever edits has not seen.
+    """Raises ConflictError if a name that the editor has not seen would be undone.
 
-    Args:
-        ids: of the things whose names the edit takes away or replaces.
-        name: that the edit gives; None for none.
-        seen: the things that whoever edits has looked at; None: unknown.
-        before: the things as they were before the request that the edit is part of.
-
-    Raises:
-        ConflictError: a person has named one of them otherwise since.
-    """
+    Only names by people since `seen` (None: unknown) count, unless they equal the new `name`."""
     known = {} if seen is None else {thing.id: thing.name for thing in seen.everything}
     now = {thing.id: thing for thing in before.everything}
     for thing_id in ids:
@@ -120,11 +103,7 @@ def _discard(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) 
 
 
 def check_no_parts(things: Things, thing_ids: Sequence[int]) -> None:
-    """Raise if one of these is a part.
-
-    Raises:
-        InvalidInputError: it is.
-    """
+    """Raises InvalidInputError if an id is a part's."""
     parents = {} if things.parts is None else {part.id: part.parent for part in things.parts.table}
     for number, thing_id in enumerate(thing_ids):
         if thing_id in parents:
@@ -148,13 +127,10 @@ def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing])
 def with_label(
     index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
 ) -> tuple[Scene, str]:
-    """The scene with a dictionary entry of this name and these aliases, and the entry's label. Case, plural and
-    spelling variants of a known name are that name. A kind becomes the alias of the name with the kind behind it,
-    "Oskar teddy bear", which is found as any name that ends so; so two names may be of one kind.
+    """Adds a dictionary entry with aliases and returns its label; errors as `edit_things`.
 
-    Raises:
-        InvalidInputError, LimitExceededError, ConflictError: see `edit_things`.
-    """
+    Case, plural and spelling variants of a known name are that name. A kind becomes an alias of the form name + kind
+    ("Oskar teddy bear"), found like any name with that ending; so two names may be of one kind."""
     text = checked_name(name, "name")
     others: list[tuple[str, str]] = []
     for field, words in (("aliases", aliases), ("kinds", kinds)):
@@ -185,7 +161,7 @@ def with_label(
 
 
 def _grown(head: SemanticHead) -> SemanticHead:
-    """W with one more row, which no code reaches."""
+    """Adds a row to W that no code activates."""
     return SemanticHead(
         np.concatenate([head.weight, np.zeros((1, head.weight.shape[1]), np.float32)]),
         np.append(head.bias, np.float32(_NEVER)).astype(np.float32),

@@ -1,4 +1,4 @@
-"""Decides what is said when nothing is called what was asked for; docs/asking.md has the table."""
+"""Decides between "not here" and "cannot say" if no name matches; table in docs/asking.md."""
 
 from __future__ import annotations
 
@@ -33,35 +33,33 @@ _COUNTED: Mapping[str, tuple[int, int]] = {
     **{"mouse": (3, 3), "orange": (15, 17), "potted plant": (4, 7), "scissors": (6, 12), "spoon": (0, 3)},
     **{"sports ball": (1, 2), "teddy bear": (4, 5), "tv": (1, 1), "vase": (3, 4)},
 }
-"""Of the things of each name in the sets of `name_calibration.json`: how many the default detector called so most of
-all names, and how many there are."""
+"""Things of each name in `name_calibration.json`: found by the default detector, and total."""
 _OTHERS, _PRIOR = 0.85, 4.0
-"""The share of all of these but the books that it called so, and as how many things of each name that counts."""
+"""Share found of all but books, and its prior weight in things per name."""
 _LEAST_M, _MOST_M, _LEAST_LARGE_M = 0.02, 2.0, 0.35
-"""Between which lengths a thing may be what is asked for; from which on, if that is large."""
+"""Least and largest length of a candidate, meters; least length of a large one."""
 _USUAL_LARGE_M, _SPREAD = 0.9, 1.0
-"""The usual length of what is large, and the standard deviation of the logarithms of lengths."""
+"""Usual length of large things, and the standard deviation of log lengths."""
 _ROUND = frozenset({"animal", "body", "food", "person", "plant", "substance"})
-"""Lexical classes of what is never a wall, nor lies flat on one."""
+"""Lexical classes of what is never a wall nor lies flat on one."""
 _FAINT = 0.5
-"""What a thing of no color that is asked for counts beside one of it."""
+"""Weight added to the color share, so that things of other colors still count."""
 _NEAR = 0.05
-"""The least probability that a name answers, for what bears it to be offered."""
+"""Least probability of a name for its bearers to be offered."""
 _ON, _OFF = 2.0, 0.3
-"""How much likelier a surface is what lies on, or is one of its kind, and how much less anything else is that."""
+"""Factors for things whose kind of surface fits the question or does not."""
 _NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 8
-"""What a thing without a name that is as large as what is asked for counts beside the name of another; how much of
-that a suggested name takes away at most; how many things are offered."""
+"""Weights of nameless fitting things and of suggestions against them; most things offered."""
 _LIVING = frozenset({"animal", "person"})
 """Lexical classes of which a model calls all kinds by one word."""
 _UPRIGHT = frozenset({"art", "artwork", "opening", "part of a building", "wall decoration", "window covering"})
 _LYING = frozenset({"bedding", "cloth", "floor covering", "soft furnishing", "table", "table linen", "textile"})
-"""Kinds of what is, or hangs on, a wall, and of what is, or lies on, something else; see `common_things`."""
+"""Kinds on walls, and kinds lying on something; see `common_things`."""
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """The words that the models which looked at a scene could say."""
+    """Vocabulary of the models that looked at a scene."""
 
     names: Sequence[str]  # that were looked for
     lexicon: Lexicon | None  # knows kinds of things; None: only names and the list of common things count
@@ -80,10 +78,9 @@ class Vocabulary:
         return {sense.id: name for name, own in senses.items() for sense, _ in own}
 
     def word_for(self, text: str) -> str:
-        """Finds the name that a model would have called such a thing by; "" for none.
+        """Finds the name that a model would use for such a thing; "" for none.
 
-        It is its own, another word for it, or, of animals and people, one that it is a kind of.
-        """
+        Its own name, a synonym, or, for animals and people, a hypernym."""
         exact = self._index.match(text).exact
         if exact:
             return list(self._by_key.values())[exact[0] - 1]
@@ -95,11 +92,11 @@ class Vocabulary:
         return next(filter(None, known), "")
 
     def knows(self, text: str) -> bool:
-        """Tells whether a text as a whole is a name of something."""
+        """True if a text as a whole is a name of something."""
         return common_things(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
 
     def class_of(self, text: str) -> str:
-        """Finds the lexical class of a text's most frequent sense, or of its end's; "" if unknown."""
+        """Lexical class of a text's (or its end's) most frequent sense; "" if unknown."""
         words = text.split(" ")
         ends = (
             solid_senses(self.lexicon.senses(" ".join(words[at:]))) if self.lexicon else () for at in range(len(words))
@@ -107,14 +104,14 @@ class Vocabulary:
         return next((senses[0][0].lexical_class for senses in ends if senses), "")
 
     def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
-        """Lists the surfaces that what is called so is, or lies flat on."""
+        """Kinds of surfaces that such a thing is, or lies flat on."""
         kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
         upright: tuple[SurfaceKind, ...] = ("wall", "surface") if kinds & _UPRIGHT else ()
         return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
 
 
 def found_share(word: str) -> float:
-    """Estimates how often the default detector finds a thing of this name, 0..1."""
+    """Share of things of this name that the default detector finds, 0..1."""
     found, things = _COUNTED.get(label_key(word), (0, 0))
     return (found + _OTHERS * _PRIOR) / (things + _PRIOR)
 
@@ -122,18 +119,12 @@ def found_share(word: str) -> float:
 def with_absence_judged(
     ranked: Ranked, names: ThingNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
 ) -> Ranked:
-    """Decides between "not here" and "cannot say" where nothing is called what was asked for.
+    """Decides between "not here" and "cannot say" if nothing bears the name.
 
-    Before anything is looked at, a thing is as likely here as not. It can be a thing without a name that fits in size.
-    If there is none, it is not here. If the models could have said its name, they missed it with the probability
-    m = 1 - `found_share`, and it is not here with 1 / (1 + m). Else it cannot be said.
-
-    Args:
-        ranked: what is decided of a text.
-        names: of the scene's things.
-        vocabulary: of the models that looked at the scene.
-        color_share: of the thing with an id, 0..1, how much of it is clearly of a color.
-    """
+    The prior for a thing being here is 1/2. It can be a nameless thing of fitting size; if there is none, it is not
+    here. If the models could have said its name, they missed it with probability m = 1 - `found_share`, so it is not
+    here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of a thing
+    clearly of a color."""
     answer, remarks = ranked.answer, ranked.remarks
     asked = remarks.head or noun_phrase(answer.text)
     if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(asked))):
@@ -170,13 +161,13 @@ def with_absence_judged(
 
 
 def _is_absent(ranked: Ranked) -> bool:
-    """Tells whether nothing has the name that was asked for, whatever else a phrase says."""
+    """True if nothing bears the name, apart from a phrase's conditions."""
     of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
     return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
 
 
 def _is_weak(ranked: Ranked, names: ThingNames) -> bool:
-    """Tells whether something else answers that rather is not what was asked for."""
+    """True if the best answer is rather not what was asked for."""
     answer, remarks = ranked.answer, ranked.remarks
     plain = answer.phrase is None and not (remarks.by_shape or remarks.by_looks)
     if not plain or answer.relation != "related" or answer.probability is None or not answer.relevant_ids:
@@ -192,7 +183,7 @@ def _likeliest(
     vocabulary: Vocabulary,
     colored: Mapping[int, float],
 ) -> tuple[int, ...]:
-    """Ranks the things that may be what is asked for: by size, color, surface, suggestions and near names."""
+    """Ranks candidates by size, color, surface, suggestions and near names."""
     near = {match.label_id: match.probability or 0.0 for match in answer.matches}
     usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
     comes_near = [label_id for label_id in near if near[label_id] >= _NEAR]
@@ -209,7 +200,7 @@ def _likeliest(
 
 
 def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
-    """Tells whether a thing so many meters long may be what is asked for."""
+    """True if a thing of this length in meters may be what is asked for."""
     if is_furniture(asked):
         return length >= _LEAST_LARGE_M
     flat = bool(thing.surface) and vocabulary.class_of(asked) in _ROUND

@@ -1,4 +1,4 @@
-"""What the leading entry of an answer is to the question: the same, a kind, a part, or something related."""
+"""Relation of an answer's leading entry to the question: same, kind, part or related."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ _STANDING: tuple[Related, ...] = (("same", None), ("kind_of", "label"))
 
 
 def stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> bool:
-    """Whether what the entry in a row names is what the question asks for: by its name, a synonym, or as a kind of it,
-    and not merely something that may serve in its place."""
+    """True if an entry is the thing asked for, a synonym or a kind."""
     if row + 1 in (*match.exact, *match.heads):
         return True
     if comparison is not None:
@@ -25,16 +24,15 @@ def stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> boo
 
 
 def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Comparison | None) -> Related:
-    """The relation of the entry in a row to the question, and which of the two is the kind or the part of the other.
+    """Relation of an entry to the question, and the one that is kind or part.
 
-    Grammar decides before the lexicon does: "coffee machine" is a kind of machine, and "kitchen chair" a kind of chair,
-    whether a lexicon has them or not.
+    Grammar precedes the lexicon: "coffee machine" is a kind of machine whether a lexicon has it or not.
 
     Args:
         verdict: of the answer.
         row: of the leading entry, label id - 1.
-        match: what the question names.
-        comparison: what the lexicon says of question and entries; None: no lexicon was asked.
+        match: names in the question.
+        comparison: lexicon relations of question and entries; None without a lexicon.
     """
     if verdict == "absent" or verdict == "undecided":
         return verdict, None

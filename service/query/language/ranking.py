@@ -1,4 +1,4 @@
-"""Texts to ranked dictionary entries; no Gaussian is read and nothing is rendered."""
+"""Ranks dictionary entries for texts, without reading Gaussians or rendering."""
 
 from __future__ import annotations
 
@@ -42,19 +42,11 @@ def text_similarity(
     cache: TextCache,
     templates: Sequence[str] | None = None,
 ) -> F64:
-    """float64 [Q, N], cosines of questions and entries.
+    """Cosines of Q questions and N entries (unit rows), float64 [Q, N].
 
-    A shared word lifts a cosine whatever its part in the question: MiniLM has "picture of a dog" nearer to "dog" than
-    to "picture". So an entry that the question only mentions (`NameMatch.mentions`) is no closer than it is to the
-    words that remain without it: "wall" is as close to "wall clock" as to "clock".
-
-    Args:
-        texts: Q questions.
-        matches: what each of them names.
-        labels: float32 [N, E], unit length.
-        cache: embeds texts.
-        templates: sentences that names are put into, in place of the cache's own.
-    """
+    A shared word raises a cosine whatever its role: MiniLM puts "picture of a dog" nearer to "dog" than to "picture".
+    So an entry that is only mentioned (`NameMatch.mentions`) is no closer than to the words without it: "wall" is as
+    close to "wall clock" as to "clock"."""
     similarity = cosines(cache.embed([noun_phrase(text) for text in texts], templates), labels)
     remainders = list(dict.fromkeys(words for match in matches for words in match.mentions.values()))
     if remainders:
@@ -71,18 +63,20 @@ if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.results import TextEncoder
 
 RELATED_PROBABILITY = 0.15
-"""A related entry other than the leading one is relevant from this calibrated probability on. Measured by
-benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
+"""Least calibrated probability of a relevant entry besides the leading one.
+
+Measured by benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is irrelevant.
+"""
 
 _PER_LABEL = 2_048
-"""Bytes: its names, by which it is looked up, count, confidence."""
+"""Estimated bytes of a label: names, lookup, count, confidence."""
 _FARTHEST = -1.0
-"""The score of what a question denies: nothing in common."""
+"""Score of what a question denies."""
 
 
 @dataclass(frozen=True)
 class _Meant:
-    """The model of the meaning, how likely each entry answers by it and that any does, and what it weighed."""
+    """Result of the meaning model for one question."""
 
     likely: F64
     presence: float
@@ -91,21 +85,20 @@ class _Meant:
 
 
 class Ranker:
-    """The names of one scene, one text encoder. Threads may share it.
+    """Ranker of one scene's names with one text encoder; thread-safe.
 
     Args:
         labels: of a scene, with the names of `things.dictionary`.
-        things: what the names belong to: what nothing bears, and what is not even suggested, answers nothing.
+        things: owners of the names; a name neither borne nor suggested answers nothing.
         counts: Gaussians of each label of the scene, 0 first.
-        encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
-        settings: see `QuerySettings`.
-        before: one with the same encoder, settings and lexicon, whose meanings are used again.
-        lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
-        caches: of the encoder and the settings, shared with other scenes; None: those of `before`, or its own.
+        encoder: embeds queries, and labels if the scene's came from another encoder or other templates.
+        before: a ranker with the same encoder, settings and lexicon whose meanings are reused.
+        lexicon: judges meanings beside the encoder where both were calibrated together; None: not used.
+        caches: shared with other scenes; None: those of `before`, or its own.
 
     Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings, or the lexicon's files
-            contradict each other.
+        ModelUnavailableError: the encoder returns something other than embeddings, or the lexicon's files are
+            inconsistent.
     """
 
     def __init__(
@@ -145,46 +138,39 @@ class Ranker:
             self._meanings = known
 
     def suggesting(self, things: ThingNames) -> Ranker:
-        """One of the same scene, for which more names are suggested."""
+        """Returns a ranker of the same scene with more suggested names."""
         labels, counts, encoder, lexicon = self._made_of
         labels = replace(labels, dictionary=things.dictionary)
         return Ranker(labels, things, counts, encoder, self._settings, self, lexicon, self._caches)
 
     @property
     def calibrated(self) -> bool:
-        """Whether there are thresholds for this encoder, so that `related` can be said at all."""
+        """True if thresholds or a lexicon model exist, so that `related` can be judged."""
         return self._meanings is not None or self._contexts.default.related is not None
 
     @property
     def nbytes(self) -> int:
-        """What it weighs in memory, estimated, without what it shares."""
+        """Estimated bytes in memory, without what it shares."""
         meanings = 0 if self._meanings is None else self._meanings.nbytes
         return self._contexts.nbytes + meanings + _PER_LABEL * len(self._labels)
 
     @property
     def lexicon(self) -> Lexicon | None:
-        """That it was made with."""
         return self._made_of[3]
 
     @property
     def names(self) -> NameIndex:
-        """The names of the dictionary."""
         return self._names
 
     def is_name(self, text: str) -> bool:
-        """Whether the dictionary or the lexicon has the whole of a text as the name of something."""
+        """True if the dictionary or the lexicon has the whole text as a name."""
         match = self._names.match(text)
         return bool(match.exact and not match.unchecked) or (
             self._meanings is not None and self._meanings.meaning(text).whole
         )
 
     def rank(self, query: TextQuery) -> tuple[Ranked, ...]:
-        """One answer per text, in order; every answer ranks the whole dictionary.
-
-        Raises:
-            LimitExceededError: more labels times templates than may be embedded for one question.
-            ModelUnavailableError: the encoder answers with something else than embeddings.
-        """
+        """Ranks the whole dictionary for each text, in order; errors as `PromptContexts.get`."""
         context = self._contexts.get(query.negatives, query.templates)
         matches = [self._names.match(text) for text in query.texts]
         similarity = text_similarity(query.texts, matches, context.entries.labels, self._caches.texts, query.templates)
@@ -201,12 +187,12 @@ class Ranker:
         )
 
     def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Ranked:
-        """The answer to one text, of scores [N]."""
+        """Answers one text from scores [N]."""
         by_similarity = self._settings.score == "similarity"
         primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
         excluded = self._mask(match.negated) | ~self._present
         primary = np.where(excluded, _FARTHEST, primary)
-        # a name that nothing here bears (any more) decides nothing
+        # a name that nothing here bears decides nothing
         match = replace(match, exact=tuple(label_id for label_id in match.exact if self._present[label_id - 1]))
         calibration = context.calibration
         meant = self._meant(text, match, context, scores.similarity, excluded)
@@ -279,16 +265,16 @@ class Ranker:
         return Ranked(answer, verdict, judged.named, frozenset(ids.tolist()), remarks)
 
     def _is_other(self, text: str, row: int) -> bool:
-        """Whether an entry that grammar makes no kind of the question is known to be another thing than it names. An
-        encoder alone finds things near that merely stand in one room; the lexicon's model weighs kinds itself."""
+        """True if an entry is known to be another thing than the question names.
+
+        For encoders alone, which find things near that share a room; the lexicon's model weighs kinds itself."""
         entry = self._made_of[0].dictionary.entries[row]
         return are_other_things(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
 
     def _without_suggested(self, judged: Judgement) -> Judgement:
-        """A judgement in which names that are merely suggested stand back behind those that things bear; alone they
-        make an answer possible. What a question means is judged as if all names were right: how sure they are counts
-        once, in the probability, so a name and a word that leads to it never get two kinds of answer.
-        """
+        """Drops suggested names if borne ones remain; else the answer is only possible.
+
+        Meaning is judged as if all names were right: their confidence counts once, in the probability."""
         borne = judged.relevant & ~self._suggested
         if borne.any() or not judged.relevant.any():
             return replace(judged, relevant=borne, leading=judged.leading & borne)
@@ -297,7 +283,7 @@ class Ranker:
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None
     ) -> tuple[Match, ...]:
-        """All entries, best first. Built by columns: a ranking has as many as there are labels."""
+        """All entries, best first; built by columns, as there is one for each label."""
         rows = order.tolist()
         columns = zip(
             (order + 1).tolist(),
@@ -313,10 +299,9 @@ class Ranker:
         return tuple(map(Match._make, columns))
 
     def _judge(self, match: NameMatch, context: PromptContext, scores: F64, likely: F64 | None) -> Judgement:
-        """The verdict and the entries it speaks of.
+        """Judges by names, scores and thresholds.
 
-        What a question names and says more of than a dictionary can tell is shown first, and is never exact.
-        """
+        Entries that the question names with further words are shown first, and are never exact."""
         if match.exact:
             exact = self._mask(match.exact)
             return Judgement("exact", exact, exact, named=True)
@@ -337,7 +322,7 @@ class Ranker:
     def _meant(
         self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
     ) -> _Meant | None:
-        """What question and entries mean by the lexicon; None without one that was measured with these prompts."""
+        """Compares the question by the lexicon's model; None if not measured with these prompts."""
         model = self._model
         if self._meanings is None or model is None or context.templates != model.templates:
             return None
@@ -347,11 +332,10 @@ class Ranker:
         return _Meant(likely, model.presence(logits[~excluded], likely[~excluded]), comparison, model)
 
     def _judge_meaning(self, match: NameMatch, context: PromptContext, scores: F64, meant: _Meant) -> Judgement:
-        """As `_judge`, by the probabilities of the lexicon's model.
+        """Judges as `_judge`, by the probabilities of the lexicon's model.
 
-        Entries are exact that share a sense with the whole question and are likely enough to be listed, or that the
-        encoder finds as near as another name. What a question names and says more of is shown first all the same.
-        """
+        Entries are exact if listed and either share a sense with the whole question or reach the encoder's exact
+        threshold. Entries that the question names with further words are shown first all the same."""
         if match.exact:
             exact = self._mask(match.exact)
             return Judgement("exact", exact, exact, named=True)

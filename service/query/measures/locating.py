@@ -1,4 +1,4 @@
-"""Where in a scene a place is, and how sure that is."""
+"""Places in a scene and their uncertainty."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _LEAST_WEIGHT = 1e-4
 _FLATTEST = 1e-3
 _AROUND = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
 _PICK_PX = 1.0
-"""Standard deviation of where somebody clicks, pixels of the picture that they click in."""
+"""Standard deviation of a click, pixels of the picture clicked in."""
 
 
 @dataclass(frozen=True)
 class Located:
-    """A place in the world."""
+    """A place in world coordinates."""
 
     point: F64  # float64 [3]
     covariance: F64  # float64 [3, 3], scene units squared
@@ -43,12 +43,11 @@ class Located:
 
 
 def locate(index: SceneIndex, place: Place) -> Located:
-    """Where a pixel or a point is. A point of the world is taken as exact.
+    """Locates a pixel or a point; points are exact.
 
     Raises:
-        NotFoundError: nothing is seen at the pixel, or there is no such view.
-        InvalidInputError: not exactly one of pixel and point, not exactly one of camera and view with a pixel, a pixel
-            outside the picture, a point that is not finite.
+        NotFoundError: nothing is seen at the pixel, or no such view.
+        InvalidInputError: see `check_place`; a pixel outside the picture; a point that is not finite.
     """
     check_place(place, ("pixel", "point"))
     if place.point is not None:
@@ -64,11 +63,7 @@ def locate(index: SceneIndex, place: Place) -> Located:
 
 
 def check_place(place: Place, kinds: tuple[str, ...]) -> None:
-    """Raise unless a place is said in exactly one of these ways, and seen from exactly one viewpoint if by a pixel.
-
-    Raises:
-        InvalidInputError: it is not.
-    """
+    """Raises InvalidInputError unless a place has one of `kinds`, and a pixel one viewpoint."""
     said = [name for name in ("pixel", "point", "thing") if getattr(place, name) is not None]
     if len(said) != 1 or said[0] not in kinds:
         raise InvalidInputError(
@@ -86,14 +81,12 @@ def check_place(place: Place, kinds: tuple[str, ...]) -> None:
 
 
 def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
-    """The surface on the ray through a pixel.
+    """Locates the surface on the ray through a pixel.
 
-    Each Gaussian that the pixel is made of (blend weight w) is met where the ray is likeliest in it, at the depth
-    t = dᵀ Σ⁻¹ (μ - o) / dᵀ Σ⁻¹ d; the surface is their median by weight. Across the ray its deviation σ is one
-    pixel's width there; along the ray it is √(q² + s² + g²), q half of what lies between the weights' 16 % and 84 %
-    quantiles, s the mean deviation 1 / √(dᵀ Σ⁻¹ d) of the Gaussians themselves, g how much the surface's depth changes
-    with one pixel, to either side and up and down.
-    """
+    Each Gaussian in the pixel (blend weight w) is met where the ray is likeliest in it, at depth t = dᵀ Σ⁻¹ (μ - o) /
+    dᵀ Σ⁻¹ d; the surface is their weighted median. Across the ray σ is the width of one pixel there; along the ray it
+    is √(q² + s² + g²): q half of the weights' 16 % to 84 % range, s the mean deviation 1 / √(dᵀ Σ⁻¹ d) of the
+    Gaussians, g the depth change per pixel, horizontally and vertically."""
     camera = posed.camera
     if not (0 <= pixel.x < camera.width and 0 <= pixel.y < camera.height):
         raise InvalidInputError(
@@ -128,7 +121,7 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
 
 
 def _surface_depth(depths: F64, thicknesses: F64, weights: F64) -> tuple[float, float] | None:
-    """The weighted median of depths before the camera, and its deviation; None for no weight there."""
+    """Weighted median of positive depths and its deviation; None without weight."""
     before = (depths > 0) & (weights > 0)
     if not before.any():
         return None
@@ -140,8 +133,7 @@ def _surface_depth(depths: F64, thicknesses: F64, weights: F64) -> tuple[float, 
 
 
 def _weights_around(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> tuple[NDArray[np.int64], F64]:
-    """The Gaussians [K] that a place in a picture and the four a pixel beside it are made of, and their blend weights
-    there, float64 [K, 5]: a picture of three by three pixels, whose middle is that place."""
+    """Gaussians [K] in a pixel and four neighbors, and blend weights [K, 5]."""
     camera = posed.camera
     small = Camera(3, 3, camera.fx, camera.fy, camera.cx - pixel.x + 1.5, camera.cy - pixel.y + 1.5)
     backend = index.settings.backend
@@ -159,7 +151,7 @@ def _weights_around(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> tupl
 
 
 def _depths_along(index: SceneIndex, rows: NDArray[np.int64], origin: F64, direction: F64) -> tuple[F64, F64]:
-    """Where a ray is likeliest in each Gaussian, and the standard deviation of each along the ray, in `direction`s."""
+    """Likeliest depth of a ray in each Gaussian, and its deviation, both in `direction`s."""
     axes, deviations = axes_of(index, rows)
     inverse = 1 / np.maximum(deviations, _FLATTEST * deviations.max(axis=1, keepdims=True))
     away = np.einsum("kji,kj->ki", axes, index.scene.gaussians.means[rows].astype(np.float64) - origin) * inverse
@@ -169,7 +161,7 @@ def _depths_along(index: SceneIndex, rows: NDArray[np.int64], origin: F64, direc
 
 
 def axes_of(index: SceneIndex, rows: NDArray[np.int64]) -> tuple[F64, F64]:
-    """Of Gaussians `rows` [K] the axes, columns of float64 [K, 3, 3], and the standard deviations along them [K, 3]."""
+    """Principal axes (columns of [K, 3, 3]) and standard deviations [K, 3] of Gaussians `rows`."""
     w, x, y, z = np.moveaxis(index.scene.gaussians.quats[rows].astype(np.float64), 1, 0)
     norm = np.maximum(np.sqrt(w * w + x * x + y * y + z * z), np.finfo(np.float64).tiny)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm

@@ -22,11 +22,11 @@ F64 = NDArray[np.float64]
 
 
 def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
-    """What is between two places, how large a thing is, or where one place is.
+    """Measures between two places, a thing's size, or a place.
 
     Raises:
         NotFoundError: nothing is seen at a pixel; no such view or thing.
-        InvalidInputError: another number of places, or one that makes no sense, see `locate`.
+        InvalidInputError: another number of places, or an invalid one, see `locate`.
     """
     if len(places) not in (1, 2):
         raise InvalidInputError(
@@ -67,11 +67,7 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
 
 
 def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
-    """Where a thing ends.
-
-    Raises:
-        NotFoundError: it is too faint to have a box.
-    """
+    """Measured extents of a thing; raises NotFoundError if it is too faint."""
     extents = thing_extents(index, thing_id)
     if extents is None or index.things.get(thing_id).box is None:
         raise NotFoundError(
@@ -81,7 +77,7 @@ def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
 
 
 def _middle(thing_id: int, extents: ThingExtents) -> Located:
-    """A thing as a place: the middle of its box, as sure as half of each side."""
+    """The middle of a thing's box, with half of each side's deviation."""
     pose = rigid(extents.box.center.orientation, extents.box.center.position)
     axes, halves = pose[:3, :3], np.array(extents.deviations) / 2
     return Located(pose[:3, 3], axes @ np.diag(halves**2) @ axes.T, thing_id, is_thing=True)
@@ -90,7 +86,7 @@ def _middle(thing_id: int, extents: ThingExtents) -> Located:
 def _nearest(
     index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ThingExtents]
 ) -> tuple[float, float]:
-    """Distance and deviation between two places; of a thing from its surface, the Gaussian nearest to the other."""
+    """Distance and deviation between places; of things from their nearest Gaussian."""
     if not one.is_thing and not other.is_thing:
         return apart(one, other)
     if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
@@ -115,8 +111,9 @@ def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
 
 
 def apart(one: Located, other: Located) -> tuple[float, float]:
-    """Distance of two points, and its standard deviation √(uᵀ (Σ₁ + Σ₂) u), u the direction from one to the other; of
-    points that are one, in the least certain direction."""
+    """Distance of points and its deviation √(uᵀ (Σ₁ + Σ₂) u) along u.
+
+    For coinciding points, the deviation in the least certain direction."""
     offset = other.point - one.point
     value = float(np.linalg.norm(offset))
     covariance = one.covariance + other.covariance
@@ -127,7 +124,7 @@ def apart(one: Located, other: Located) -> tuple[float, float]:
 
 
 def _length(index: SceneIndex, value: float, deviation: float) -> Length:
-    """With what the scale is unsure of added to what the places are."""
+    """Length with the scale's uncertainty added."""
     scaling = index.scene.scaling or capture_scaling(index.scene.quality)
     if scaling is not None:
         deviation = float(np.hypot(deviation, value * scaling.deviation))

@@ -1,5 +1,4 @@
-"""Where to stand for the next photos: before what is hidden, beside gaps in the ring of cameras, at surfaces seen from
-few directions."""
+"""Next-best views: at hidden space, gaps in the ring of cameras, and sparsely seen surfaces."""
 
 from __future__ import annotations
 
@@ -29,37 +28,35 @@ Rows = NDArray[np.intp]
 
 MOST = 3
 _GAP_DEG = 60.0
-"""Between two neighbors in the ring: photos that far apart share too little to be placed by each other."""
+"""Photos further apart than this share too little to be registered to each other."""
 _STEP_DEG = 25.0
-"""From a photo to the next: two thirds of what they show is in both."""
+"""Step between photos: two thirds of the content overlaps."""
 _THIN_DEG = 15.0
 _FEW_VIEWS = 2
 _SAMPLES = 4_000
 _CELLS = 8
 _LEAST_SHARE = 0.02
-"""Of the samples that one cell has at least, for a photo of its own."""
+"""Least share of the samples in a cell that is worth a photo."""
 _APART = 0.25
 _CLEAR = 0.12
 _INSIDE = 12
 _STEP_BACK = 0.15
 _TURNS_DEG = (30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 135.0, -135.0, 180.0)
-"""By which a camera is turned about what is hidden, until it sees it."""
+"""Rotations tried around what is hidden until it is in sight."""
 _AROUND = 0.01 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-"""Points about its middle that are to be in sight, in terms of the scene's longest side."""
+"""Points around a target that must be in sight, relative to the scene's size."""
 _NEARER = (1.0, 0.7, 0.45)
-"""What that does to its distance, where walls are before it."""
+"""Distance factors tried if walls are in the way."""
 
 
 def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
-    """At most three places to stand at for the next photos, the most useful first; none where there are no cameras.
+    """Suggests at most three viewpoints, most useful first; none without cameras.
 
-    First is what may hide things that are asked for: where so much is behind something in all photos that a question
-    is answered by `not_seen`, one goes around it until it is in sight; a thing that is kept shut is to be opened.
-    A gap is where the cameras, as seen from the point that all look at and about the vertical, leave 60° or more; one
-    stands a step of 25° beside its edges, so that the photo overlaps the one next to it. Few directions have surfaces
-    that at most two cameras see, or several from within 15°; occlusion is not looked at. Nobody is sent into a wall:
-    around a place to stand there are hardly any solid Gaussians.
-    """
+    First come hidden places where things may be that a question answers with `not_seen`: the camera goes around the
+    occluder until they are in sight; closed things are to be opened. Then gaps of 60° or more between cameras, seen
+    from their common point about the vertical: viewpoints lie a step of 25° beside the edges, to overlap the next
+    photo. Last, surfaces seen by at most two cameras or from within 15° only, ignoring occlusion. Viewpoints inside
+    walls or things are dropped."""
     cameras = index.scene.cameras
     if not cameras:
         return ()
@@ -89,12 +86,11 @@ def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
 
 
 Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason, str]
-"""world_from_camera, the point to look at, the camera next to it, why, and what to do there: "" for looking at it."""
+"""world_from_camera, target, nearest camera, reason and advice ("": look at the target)."""
 
 
 def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
-    """A place that sees the middle of what is hidden between things, and one before the largest thing that is kept
-    shut: where the nearest photo of it was taken."""
+    """Viewpoints for hidden space, and at the nearest photo of the largest closed thing."""
     unseen, up, cameras = index.things.unseen, _up(index.scene), index.scene.cameras
     called, taken_for = index.things.names.called, index.things.names.taken_for
     if unseen.hides and unseen.middle is not None:
@@ -126,7 +122,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
 
 
 def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
-    """Places beside the edges of each gap around the point that all cameras look at, the largest gap first."""
+    """Viewpoints beside each gap in the ring of cameras, largest gap first."""
     cameras = index.scene.cameras
     up = _up(index.scene)
     offsets = np.stack([posed.world_from_camera[:3, 3] for posed in cameras]) - focus
@@ -150,7 +146,7 @@ def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
 
 
 def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
-    """Places from which what was seen from few directions is seen from another one, the largest patch first."""
+    """Viewpoints at another angle to surfaces seen from few directions, largest patch first."""
     cameras, up = index.scene.cameras, _up(index.scene)
     rows = solid[:: max(1, len(solid) // _SAMPLES)]
     points = index.scene.gaussians.means[rows].astype(np.float64)
@@ -186,13 +182,13 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
 
 
 def _crowded(points: F64, place: F64, target: F64) -> bool:
-    """Whether a place to stand at is in a wall or a thing, by how far it is from what one looks at."""
+    """True if a viewpoint is inside something, relative to its distance from the target."""
     clear = _CLEAR * float(np.linalg.norm(target - place))
     return bool((np.linalg.norm(points - place, axis=1) < clear).sum() >= _INSIDE)
 
 
 def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
-    """Which points [K, 3] lie in a camera's picture, and the directions [K, 3] from them to it."""
+    """Visibility mask [K] of points [K, 3] in a camera, and unit directions [K, 3] to it."""
     pose, camera = posed.world_from_camera, posed.camera
     offsets = points - pose[:3, 3]
     local = offsets @ pose[:3, :3]
@@ -203,7 +199,7 @@ def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
 
 
 def _up(scene: Scene) -> F64:
-    """The unit vector up, however unsure; where nothing tells, the mean of what is up in the pictures."""
+    """Unit up vector of the scene, else the mean up of its pictures."""
     vertical = scene.vertical()
     if vertical is not None:
         return np.array(vertical.up, dtype=np.float64)
@@ -212,7 +208,7 @@ def _up(scene: Scene) -> F64:
 
 
 def _name_at(index: SceneIndex, solid: Rows, points: F64, target: F64) -> str:
-    """The name that most of the named Gaussians around a point bear; "" for none."""
+    """Most frequent name among the Gaussians around a point; "" for none."""
     near = solid[np.argsort(np.linalg.norm(points - target, axis=1))[:200]]
     names = {thing.id: thing.name for thing in index.things.table.table if thing.name}
     counts = Counter(names[owner] for owner in index.things.owner[near].tolist() if owner in names)
@@ -224,7 +220,7 @@ def _called(name: str) -> str:
 
 
 def _sentence(near: PosedCamera, place: F64, target: F64, doing: str) -> str:
-    """Where a place is, in words of the camera next to it, and what to do there."""
+    """Describes a viewpoint relative to the nearest camera, and what to do there."""
     pose = near.world_from_camera
     offset = (place - pose[:3, 3]) @ pose[:3, :3]
     reach, now = float(np.linalg.norm(target - place)), float(np.linalg.norm(target - pose[:3, 3]))

@@ -1,4 +1,4 @@
-"""What a robot is told of each thing of a scene: its pose and how sure that is, what carries it, and who saw it."""
+"""Detections for robots: each thing's pose with covariance, support, and views."""
 
 from __future__ import annotations
 
@@ -28,18 +28,14 @@ from fastsplat_contract.messages.things import SceneThing
 _HOLDS = 1.0
 _FLAT = ("wall", "ceiling")
 _FLAT_SHARE = 0.2
-"""Of its width, what is less high holds nothing: table tops and trays; on a trained table a bowl has 0.4, a plate 0.26,
-the table 0.09."""
+"""Things flatter than this, relative to width, hold nothing (table 0.09, plate 0.26, bowl 0.4)."""
 
 
 def carrier_of(things: SceneThings, thing_id: int) -> Support | None:
-    """What carries a thing: of all that it clearly rests on, or is clearly in, the clearest; else a wall or a ceiling
-    that it clearly hangs on. None where nothing is clear, and for a floor, a wall or a ceiling itself.
+    """The clearest support of a thing: below or around it, else a wall or ceiling.
 
-    Raises:
-        CancelledError: nobody waits for the answer any more.
-        LimitExceededError: too many pairs of things.
-    """
+    None if nothing is clear, and for a floor, a wall or a ceiling itself. Cancellable; LimitExceededError for too many
+    pairs."""
     by_id = {thing.id: thing for thing in things.present}
     one = things.measures.shape(thing_id)
     if one is None or by_id[thing_id].surface in ("floor", *_FLAT):
@@ -60,7 +56,7 @@ def carrier_of(things: SceneThings, thing_id: int) -> Support | None:
 def _carried(stacks: Stacks, one: ThingShape, other: ThingShape) -> Iterator[tuple[int, SupportRelation, Judged]]:
     check_cancelled()
     yield other.id, "on", stacks.direct(one, other)
-    # Nothing is in what is as flat as a table top: in its unsharp surface is on it.
+    # A table top's blurred surface may enclose what lies on it, so flat things carry "on" only.
     flat = other.high - other.low < _FLAT_SHARE * other.width
     yield other.id, "on" if flat else "in", is_in(one, other)
 
@@ -71,14 +67,14 @@ def _clearest(judged: Iterator[tuple[int, SupportRelation, Judged]]) -> tuple[in
 
 
 def _may_carry(one: ThingShape, other: ThingShape) -> bool:
-    """Whether the outlines along the axes overlap, and the other begins below the one's top."""
+    """True if the outlines overlap and the other begins below the top."""
     return other.low < one.high and bool(
         (one.bounds[0] <= other.bounds[1]).all() and (other.bounds[0] <= one.bounds[1]).all()
     )
 
 
 def _overlapping(one: ThingShape, wall: ThingShape) -> bool:
-    """Whether a wall may be within reach: nearer along each axis than the thing is wide."""
+    """True if a wall is nearer along each axis than the thing is wide."""
     reach = one.width
     low, high = wall.bounds[0] - reach, wall.bounds[1] + reach
     return bool((one.bounds[0] <= high).all() and (low <= one.bounds[1]).all())
@@ -88,26 +84,16 @@ F64 = NDArray[np.float64]
 
 _MOST_VIEWS = 256
 _SEES = 0.1
-"""A camera sees a thing that shows at least this share of what the camera shows that shows most of it."""
+"""Least share of the best view's score for a camera to see a thing."""
 _TURNS = np.radians(np.arange(-45.0, 45.0, 3.0))
 _NO_HEADING = np.radians(20.0)
-"""A box of any heading is as good: of angles that are all alike within ±45° the deviation is 26°."""
+"""Most deviation of a known heading; uniform angles within ±45° have 26°."""
 
 
 def detections_of(
     index: SceneIndex, listed: Sequence[SceneThing], version: str, next_page_token: str = ""
 ) -> DetectionList:
-    """Some things of a scene as a robot needs them.
-
-    Args:
-        index: of the scene.
-        listed: those things, no parts, with the names that are suggested for them.
-        version: that the index is of.
-        next_page_token: of the list.
-
-    Raises:
-        CancelledError: nobody waits for the answer any more.
-    """
+    """Describes listed things (no parts) of a scene for a robot; cancellable."""
     scene, table = index.scene, {thing.id: thing for thing in index.things.table.table}
     up = index.things.measures.up
     seen = _views_of(index)
@@ -165,15 +151,13 @@ def _detection(
 def position_covariance(
     index: SceneIndex, thing_id: int, box: Box, deviations: tuple[float, float, float]
 ) -> tuple[F64, tuple[CovarianceTerm, ...]]:
-    """How sure the middle of a thing's box is, float64 [3, 3], scene units squared, and what that is made of.
+    """Covariance of a box's center [3, 3], scene units squared, and its terms.
 
     Σ = R diag((σ_i / 2)² + d_i²) Rᵀ + δ² (c − t)(c − t)ᵀ + ρ² / 3 · I: R the box's axes, σ_i the deviation of side i
-    (both ends together, so that half of it is the middle's), d_i how far the middle of the thing's ends along axis i
-    moves when each Gaussian counts with the probability that it belongs to the thing (the share of the views that say
-    so), c the box's middle, δ the relative deviation of the scale, t where the origin of the trained scene lies (that
-    is where lengths are scaled from), ρ the root mean square of the pairs of points that put the scene into a map.
-    What is not known is left out: the poses of the photos are taken as exact, and so is a motion that was given.
-    """
+    (both ends, so half of it for the middle), d_i the shift of the middle along axis i if each Gaussian is weighted
+    with its membership probability (the share of agreeing views), c the box's center, δ the relative deviation of the
+    scale, t the origin of the trained scene (from which lengths are scaled), ρ the RMS of the map alignment's point
+    pairs. Unknown errors are left out: photo poses and given motions count as exact."""
     scene, things = index.scene, index.things
     pose = rigid(box.center.orientation, box.center.position)
     axes, variances = pose[:3, :3], (np.array(deviations) / 2) ** 2
@@ -203,14 +187,13 @@ def position_covariance(
 def rotation_covariance(
     index: SceneIndex, shape: ThingShape, box: Box, deviations: tuple[float, float, float]
 ) -> F64 | None:
-    """How sure the orientation of an upright box is, float64 [3, 3], radians squared: small rotations about the world's
-    axes. None where nothing tells what is up, or where its heading cannot be said.
+    """Covariance of an upright box's orientation [3, 3], radians squared, about the world axes.
 
-    Σ = σ_h² u uᵀ + σ_t² / 2 (I − u uᵀ): σ_t the deviation of the vertical u (`Scene.vertical`, over both directions
-    across it). σ_h is the root mean square of the turns θ from the box's heading, within ±45° in steps of 3°, at which
-    a rectangle around the thing is no larger than the smallest one by more than its sides are unsure:
-    A(θ) ≤ A_min + √((b σ_a)² + (a σ_b)²), a and b the smallest one's sides; 3° / √12 is added for the steps.
-    """
+    None if up is unknown or the heading is undetermined. Σ = σ_h² u uᵀ + σ_t² / 2 (I − u uᵀ): σ_t the deviation of the
+    vertical u (`Scene.vertical`, over both directions across it); σ_h the RMS of the turns θ from the box's heading,
+    within ±45° in steps of 3°, at which a bounding rectangle is no larger than the smallest by more than its sides'
+    uncertainty: A(θ) ≤ A_min + √((b σ_a)² + (a σ_b)²), a and b the smallest one's sides; 3° / √12 is added for the
+    steps."""
     measures = index.things.measures
     known = index.scene.vertical()
     if known is None or measures.up is None:
@@ -235,8 +218,7 @@ def rotation_covariance(
 
 
 def _views_of(index: SceneIndex) -> Mapping[int, tuple[str, ...]]:
-    """The names of the cameras that see each thing, the one that shows most of it first; of more than 256 cameras, 256
-    that are spread evenly. Kept with what depends on the Gaussians alone."""
+    """Names of the cameras (at most 256) that see each thing, best first; cached."""
     kept = index.things.views_of_things
     if not kept and index.things.present:
         scene = index.scene
@@ -257,7 +239,7 @@ def _named(names: Sequence[str], numbers: Sequence[int]) -> tuple[str, ...]:
 
 
 def _seen_between(scene: Scene, views: Sequence[str]) -> tuple[datetime | None, datetime | None]:
-    """When the first and the last photo of these views were taken, as far as the scene knows that."""
+    """Times of the first and last photo of these views, if known."""
     taken = scene.quality.get(TAKEN_AT)
     times = [float(taken[name]) for name in views if name in taken] if isinstance(taken, Mapping) else []
     if not times:

@@ -1,4 +1,4 @@
-"""Where a thing ends: its box for measuring, without Gaussians that lie off its surfaces, and how sure each side is."""
+"""Measured extents of a thing: its box without stray Gaussians, and each side's deviation."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 _MOST = 20_000
-"""Gaussians of a thing that are looked at, evenly over its rows."""
+"""Most Gaussians of a thing that are used, evenly over its rows."""
 _NEIGHBORS = 12
 _OFF = 4.0
-"""Deviations of its neighbors from their own mean beyond which a Gaussian lies off the surface that they make."""
+"""Mahalanobis distance to its neighbors beyond which a Gaussian is a stray."""
 _THINNEST = 0.5
-"""Of a surface's usual thickness, the least that counts: twelve neighbors may lie in one plane by chance."""
+"""Least surface thickness relative to the usual: neighbors may be coplanar by chance."""
 _LAYER = 2.5
-"""Usual thicknesses that the outermost layer is thick: most of a flat end's noise, and less than a thin wall."""
+"""Usual thicknesses in the outermost layer: more than noise, less than a wall."""
 _STILL_OFF = 0.001
-"""Share of a thing's Gaussians beyond the layer at either end: what is off the surface beside its like is not found."""
+"""Share of Gaussians ignored at either end: strays that lie together are not detected."""
 
 
 @dataclass(frozen=True)
 class ThingExtents:
-    """A thing as it is measured."""
+    """Measured extents of a thing."""
 
     rows: Rows  # int64 [K], K ≥ 1, ascending: its Gaussians without strays, at most 20,000
     box: Box  # upright as that of `oriented_box`, with each face in the middle of the outermost layer of Gaussians
@@ -41,11 +41,10 @@ class ThingExtents:
 
 
 def thing_extents(index: SceneIndex, thing_id: int) -> ThingExtents | None:
-    """A thing or a part as it is measured; None for one that has no solid Gaussians.
+    """Measures a thing or a part; None without solid Gaussians.
 
-    Of an end it is unsure how thick its Gaussians are there (the median over the layer), and by how much the end moves
-    if 1.5 % of the Gaussians are left out beyond it, as for the box that is shown: half of that counts.
-    """
+    The deviation of an end combines the thickness of its Gaussians (median over the layer) and half of the shift if 1.5
+    % of the Gaussians are trimmed, as in the displayed box."""
     gaussians, rows = index.scene.gaussians, _solid_rows(index, thing_id)
     if not len(rows):
         return None
@@ -66,9 +65,7 @@ def thing_extents(index: SceneIndex, thing_id: int) -> ThingExtents | None:
 
 
 def side_deviations(index: SceneIndex, thing_id: int, box: Box) -> tuple[float, float, float] | None:
-    """Standard deviation of each side of a thing's box, both ends together, found as those of `thing_extents`; None for
-    a thing that has no solid Gaussians.
-    """
+    """Deviations of a box's sides, as in `thing_extents`; None without solid Gaussians."""
     rows = _solid_rows(index, thing_id)
     if not len(rows):
         return None
@@ -79,14 +76,10 @@ def side_deviations(index: SceneIndex, thing_id: int, box: Box) -> tuple[float, 
 
 
 def without_strays(gaussians: Gaussians, rows: Rows) -> tuple[Rows, float]:
-    """The Gaussians `rows` [K] that lie on the surface their neighbors make, and how thick that usually is.
+    """Removes Gaussians off their neighbors' surface; returns int64 [M] and its thickness.
 
-    The twelve nearest others of a Gaussian have a mean and a covariance; one that is farther from that mean than four
-    of their deviations in its direction (Mahalanobis' distance) is a stray: above a surface, or beyond its edge.
-
-    Returns:
-        int64 [M], at least half of the rows, in order; the median over them of the least deviation of the neighbors.
-    """
+    A stray is more than four Mahalanobis distances from its twelve nearest neighbors; at least half of the rows stay.
+    The thickness is the median of the neighbors' least deviation."""
     if len(rows) <= 2 * _NEIGHBORS:
         return rows, 0.0
     means = gaussians.means[rows].astype(np.float64)
@@ -111,8 +104,7 @@ def _solid_rows(index: SceneIndex, thing_id: int) -> Rows:
 
 
 def _sides(index: SceneIndex, rows: Rows, thickness: float, middle: F64, axes: F64) -> tuple[F64, F64]:
-    """Where the Gaussians `rows` end along each of `axes` [3, 3] (columns) from `middle` [3], float64 [3, 2]; and the
-    deviations of their extents, float64 [3]."""
+    """Ends along each of `axes` (columns) from `middle`, [3, 2], and side deviations [3]."""
     along = (index.scene.gaussians.means[rows].astype(np.float64) - middle) @ axes
     turns, widths = axes_of(index, rows)
     ends, deviations = np.zeros((3, 2)), np.zeros(3)
@@ -126,7 +118,7 @@ def _sides(index: SceneIndex, rows: Rows, thickness: float, middle: F64, axes: F
 
 
 def _end(along: F64, spread: F64, thickness: float) -> tuple[float, float]:
-    """The lower end of places [K] along a line and its standard deviation, of Gaussians with deviations [K] there."""
+    """Lower end of positions [K] with deviations [K] on a line, and its deviation."""
     ordered = np.sort(along)
     outermost = ordered[int(_STILL_OFF * len(ordered))]
     layer = along <= outermost + _LAYER * thickness

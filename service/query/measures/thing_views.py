@@ -1,4 +1,4 @@
-"""Which of a scene's cameras show some things best, by the pixels that are theirs in small maps of things."""
+"""Best views of things among a scene's cameras, by pixels in small thing maps."""
 
 from __future__ import annotations
 
@@ -15,34 +15,24 @@ from fastsplat.service.query.things.visibility import view_scores
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _CANDIDATES = 5
-"""Cameras that are looked through beyond those that are asked for: which they are is estimated without rendering."""
+"""Extra candidates rendered, since the first selection is only estimated."""
 _SIDE = 256
 _CUT_OFF = 0.4
-"""What a share counts where the things reach the picture's edge; as for what things are known by in other scenes."""
+"""Weight of a view that cuts the things off, as for descriptors."""
 
 
 @dataclass(frozen=True)
 class ThingView:
-    """A camera that shows some things.
-
-    Attributes:
-        mask: bool [H, W]: where they are, in the picture reduced to 256 pixels a side.
-    """
+    """A camera that shows some things."""
 
     name: str  # of the camera
     share: float  # of the picture's pixels that show them, 0..1
     cut_off: bool  # whether they reach the picture's edge
-    mask: NDArray[np.bool_] = field(repr=False)
+    mask: NDArray[np.bool_] = field(repr=False)  # bool [H, W], where they are, at most 256 pixels a side
 
 
 def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) -> tuple[ThingView, ...]:
-    """At most `count` of the scene's cameras, those that show the things best first; none that do not show them.
-
-    Args:
-        index: of the scene.
-        thing_ids: of things or parts that are there, seen together.
-        count: at most so many.
-    """
+    """Returns at most `count` cameras that show the things together, best first."""
     scene, things = index.scene, index.things
     rows = np.flatnonzero(things.rows(thing_ids))
     if not len(rows):
@@ -59,13 +49,7 @@ def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) ->
 
 
 def best_view_of_each(index: SceneIndex, thing_ids: Sequence[int]) -> Mapping[int, ThingView]:
-    """The one of the scene's cameras that shows each of some things best, by the thing's id; nothing of things that no
-    camera shows. Each camera is drawn once: at most five a thing.
-
-    Args:
-        index: of the scene.
-        thing_ids: of things, not of parts, that are there.
-    """
+    """Best camera for each visible thing, by id; draws at most five per thing."""
     cameras = {posed.name: posed for posed in index.scene.cameras}
     seen_by = index.things.best_views(thing_ids)
     seen: dict[int, list[ThingView]] = {}
@@ -88,7 +72,7 @@ def _worth(view: ThingView) -> float:
 
 
 def small_view(posed: PosedCamera, side: int = _SIDE) -> PosedCamera:
-    """The same view in a picture of at most `side` pixels a side."""
+    """Scales a view to at most `side` pixels a side."""
     scale = min(1.0, side / max(posed.camera.width, posed.camera.height))
     width, height = (max(1, round(side * scale)) for side in (posed.camera.width, posed.camera.height))
     return PosedCamera(posed.camera.scaled_to(width, height), posed.world_from_camera)

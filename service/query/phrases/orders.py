@@ -1,4 +1,4 @@
-"""Which of several things is the largest, the nearest, the second from the left; and which of them are large."""
+"""Orders and comparisons: the largest, the nearest, the second from the left; large things."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from fastsplat.service.query.phrases.relations import Asker, Judged, Measured, c
 from fastsplat.service.query.things.thing_measures import ThingShape
 
 _RATIO = float(np.log(1.1))
-"""Things whose sizes or distances differ by less than a tenth are not told apart."""
+"""Least log ratio at which sizes or distances differ."""
 _LARGE, _NOT_LARGE = float(np.log(1.3)), float(np.log(1.1))
 _CLOSEST = 0.5
-"""Clearness by which the color of one thing leads those of others that are not shown beside it."""
+"""Clearness by which the closest color must lead."""
 _APART = 0.5
-"""Of the sum of two things' half widths in the picture: what is less apart stands one behind the other."""
+"""Share of two things' half widths below which they overlap in the picture."""
 
 NEED_LEVEL: frozenset[str] = frozenset({"height", "width", "elevation"})
 
@@ -26,13 +26,13 @@ _SIZES: Mapping[str, Callable[[ThingShape], tuple[float, ...]]] = {
     "length": lambda shape: (max(shape.size),),
     "width": lambda shape: (shape.size[0],),
 }
-"""What a size is measured by. Without a kind of size it is the diagonal and the cube root of the volume: what is the
-largest by one and not by the other is not said to be the largest. What is the largest by both is, if it is so clearly
-enough on the average."""
+"""Measures by size; "size" has two, and the largest must be so by both.
+
+The two are the diagonal and the cube root of the volume; their average must be clear enough."""
 
 
 def is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingShape]) -> Judged:
-    """Whether a thing is large, or small, among the others of its kind: by the median of these."""
+    """Judges if a thing is large (or small) compared with the median of the others."""
     if not others:
         return Judged(0.0, (), "nothing_to_compare")
     own, rest = np.array(_SIZES[by](one)), np.array([_SIZES[by](other) for other in others])
@@ -46,14 +46,9 @@ def is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingSh
 
 
 def closest_in_color(clear: Mapping[int, float], among: int, anything: bool) -> tuple[int, ...]:
-    """The things that come closest to a color that none of them clearly has, the closest first; () where that is not
-    told apart.
+    """Ids of things closest to a color none clearly has, closest first; else empty.
 
-    Args:
-        clear: by id, of those of `among` things that are not denied the color.
-        among: how many things were compared.
-        anything: whether things of any kind are asked for.
-    """
+    `clear` has the clearness of those of `among` things that are not denied the color; `anything`: of any kind."""
     most = max(clear.values(), default=1.0)
     near = sorted(clear, key=lambda each: -clear[each])
     if 0 < most < 1:
@@ -70,16 +65,9 @@ def ranked(
     anchors: Sequence[ThingShape],
     asker: Asker | None,
 ) -> tuple[int | None, Judged]:
-    """The place in `shapes` of the one that is asked for, None where there are not so many, and how clear that is.
+    """Index in `shapes` of the requested one (None if too few), and its clearness.
 
-    Args:
-        by: what orders them.
-        descending: whether the most is first.
-        number: 1 is the first.
-        shapes: that may be meant.
-        anchors: of a distance, from the nearest of them; none: from the asker.
-        asker: for an order as seen.
-    """
+    `number` 1 is the first. A distance is to the nearest of `anchors`, without them to the asker."""
     if number > len(shapes):
         return None, Judged(10.0)
     if by == "from_left":
@@ -109,7 +97,7 @@ def ranked(
 
 
 def _heights(one: ThingShape, other: ThingShape) -> float:
-    """The mean height of two things; half of that apart one is higher than the other."""
+    """Mean height of two things; the scale of differences in elevation."""
     return max((one.high - one.low + other.high - other.low) / 2, 1e-12)
 
 
@@ -136,7 +124,7 @@ def _values(by: OrderKind, shape: ThingShape, anchors: Sequence[ThingShape], ask
 
 
 def _from_left(descending: bool, number: int, shapes: Sequence[ThingShape], asker: Asker) -> tuple[int | None, Judged]:
-    """In the order in which the asker's picture shows them."""
+    """Orders things as in the asker's picture."""
     ends = []
     for shape in shapes:
         offsets = shape.points - asker.position

@@ -1,4 +1,4 @@
-"""Answers to questions that say more than a name: "the red mug left of the lamp", "how many cups are on the table?"."""
+"""Answers to phrases: "the red mug left of the lamp", "how many cups?"."""
 
 from __future__ import annotations
 
@@ -34,19 +34,18 @@ _WORDS: Mapping[SurfaceKind, str] = {
 }
 _KINDS: Mapping[str, SurfaceKind] = {word: kind for kind, words in _WORDS.items() for word in words.split(", ")}
 _SIDES: tuple[SurfaceKind, ...] = ("floor", "wall", "ceiling")
-"""What bounds a room, and is no thing in it."""
+"""Boundaries of a room, which are no things in it."""
 _LARGE = 0.5
-"""What is smaller than this share of the largest of its kind is a picture on a wall, or a book on a table."""
+"""Size share of the largest surface below which one is a detail."""
 
 
 def surface_kind(noun: str) -> SurfaceKind:
-    """What a noun calls a surface by; "" for none."""
+    """Kind of surface that a noun names; "" for none."""
     return _KINDS.get(label_key(noun), "")
 
 
 def unnamed_surfaces(kind: SurfaceKind, things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
-    """The ids of the surfaces of a kind that bear no name, without those that are small beside the largest of them; of
-    horizontal ones the largest alone, as a table may be in any of them."""
+    """Ids of a kind's nameless surfaces, without small ones; only the largest horizontal one."""
     sizes = {}
     for thing in things:
         shape = measures.shape(thing.id) if thing.surface == kind and not thing.name else None
@@ -58,39 +57,35 @@ def unnamed_surfaces(kind: SurfaceKind, things: Sequence[Thing], measures: Thing
 
 
 def things_in_room(things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
-    """The ids of all things but floors, walls and ceilings without a name."""
+    """Ids of all things but nameless floors, walls and ceilings."""
     sides = {thing_id for kind in _SIDES for thing_id in unnamed_surfaces(kind, things, measures)}
     return tuple(thing.id for thing in things if thing.id not in sides)
 
 
 _NOT_MEANT = ("referent_absent", "not_read")
-"""Of a question with several readings, one that is refused so was not meant."""
+"""Refusals after which a reading is discarded if there are others."""
 _NOTHING, _CLOSE = ("absent", "undecided"), ("related", "possible")
-"""Verdicts."""
 Rank = Callable[[Sequence[str]], Sequence[Ranked]]
-"""The answers to some texts, each as if it were a name."""
+"""Ranks texts as if each were a name."""
 
 
 @dataclass(frozen=True)
 class AskedScene:
-    """What phrases ask of a scene.
-
-    Attributes:
-        open_measures: gives the measures of the things; called only where something must be measured.
-    """
+    """A scene as phrases use it."""
 
     things: ThingNames  # by their names
     names: NameIndex  # of the dictionary
     rank: Rank  # answers noun groups
-    open_measures: Callable[[], ThingMeasures]
+    open_measures: Callable[[], ThingMeasures]  # loads measures; called only if something must be measured
     unit: str  # of lengths: "m" or "unit"
     written: WrittenWords  # what is written on the things
     looks: ThingLooks  # what they look like
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
-    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
-    is merely related to it ("plate" to "wall")."""
+    """Falls back to nameless surfaces for "wall", "floor" or "table".
+
+    They precede merely related things ("plate" for "wall")."""
     answer = plain.answer
     kind = surface_kind(noun_phrase(answer.text)) if _is_unnamed(plain) else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
@@ -102,8 +97,10 @@ def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
 
 
 def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
-    """The answer to a name, or, where nothing bears it, the things on which it is written: before what is merely
-    related to several words ("oat milk" to "glass"). What says so may be it, or be about it."""
+    """Falls back to things with these words written on them.
+
+    They precede things merely related to several words ("glass" for "oat milk"). Such things may be it, or be about it.
+    """
     words = noun_phrase(plain.answer.text)
     nowhere = plain.verdict in _NOTHING or (_is_unnamed(plain) and " " in words)
     if not nowhere or not scene.written.bearing(words):
@@ -116,12 +113,10 @@ def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
 
 
 def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: AskedScene) -> Ranked:
-    """The answer to a text, or, where nothing bears its name, the things that look like it: what its names and the
-    meaning of their words say of each thing, and its looks, are one likelihood.
+    """Falls back to things that look like the text.
 
-    A thing without a name is as likely before as any other of the scene's. No look tells where a thing is, what it has,
-    what is written on it, which one it is in an order, or how many there are.
-    """
+    Meanings of names and looks are combined in one likelihood per thing, with a uniform prior for nameless things.
+    Looks decide no places, possessions, writing, orders or counts."""
     answer, things = plain.answer, scene.things
     if not scene.looks or not _is_unnamed(plain) or not _is_of_looks(question, plain):
         return plain
@@ -139,7 +134,7 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
 
 
 def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
-    """Whether a text, whose answer found nothing of that name, says only what something is and looks like."""
+    """True if a text without a match only names and describes a thing."""
     phrase = plain.answer.phrase
     if question is None or phrase is None:
         return True
@@ -149,12 +144,12 @@ def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
 
 
 def _is_unnamed(plain: Ranked) -> bool:
-    """Whether nothing bears the name that was asked for, nor a kind of it."""
+    """True if nothing bears the requested name or a kind of it."""
     return plain.verdict in _NOTHING or (plain.verdict in _CLOSE and plain.answer.relation == "related")
 
 
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
-    """The answer to one such text."""
+    """Answers a parsed question."""
     text = plain.answer.text
     things = scene.things
     spoken = {name for reading in question.readings for name in _names_in(reading)}
@@ -209,7 +204,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
 
 
 def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
-    """Answers a name that nothing bears by its last words, or by a toy of it: "black bear" by a teddy bear."""
+    """Falls back to a name's last words or a toy: "black bear" to teddy."""
     asked = noun_phrase(plain.answer.text)
     _, head = split_modifiers(asked)
     if plain.verdict != "absent":
@@ -227,8 +222,9 @@ def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
 
 
 def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
-    """Why nothing is decided; None where something is. A number is decided only where each of the things is, and bears
-    its name."""
+    """Reason why nothing is decided; None if something is.
+
+    A count requires that each thing is decided and bears the name."""
     if question.not_understood:
         return Refusal("not_understood", question.not_understood)
     if solved.refusal is not None:
@@ -242,19 +238,19 @@ def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
 
 
 def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked, named: Named) -> bool:
-    """Whether a text was no question of places, and what it means as a whole answers it: "light with a match"."""
+    """True if the meaning of the whole text answers instead: "light with a match"."""
     answered = plain.verdict in _CLOSE and not plain.named and not named.by_name
     unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
     return answered and unmeasured and question.asks != "count"
 
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
-    """The things that a decided answer speaks of: those that it shows, and what they were compared with."""
+    """Ids of the things shown, and of those they were compared with."""
     return {*phrase.things, *(other for witness in phrase.witnesses for other in witness.others)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
-    """The noun groups of a phrase and of all that it speaks of; "" for anything at all."""
+    """Noun groups of a phrase, nested ones included; "" for anything."""
     inner = [] if phrase.rank is None else [*phrase.rank.anchors]
     for condition in phrase.conditions:
         inner += [condition.phrase] if isinstance(condition, Possession) else []
@@ -264,8 +260,7 @@ def _names_in(phrase: Phrase) -> set[str]:
 
 
 def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
-    """What a noun group names: things of that name, or of a kind of it; else surfaces without a name that may be called
-    so. What may merely serve in its place is none."""
+    """Things that a noun group names, by name or kind, else fitting nameless surfaces."""
     answer, match = ranked.answer, scene.names.match(name)
     below = answer.relation_subject == "question" and answer.relation == "kind_of"
     labels = [
@@ -288,8 +283,9 @@ def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
 
 
 def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
-    """The one that all readings come to. A reading that speaks of something that is not here, or for which nothing is
-    left while another has something, is not what was meant."""
+    """The common result of all readings, else "ambiguous".
+
+    Readings about absent things, and empty ones if another has results, are discarded."""
     first = readings[0]
     sensible = [each for each in readings if each.refusal is None or each.refusal.reason not in _NOT_MEANT]
     some = [each for each in sensible if each.things or each.refusal is not None or question.asks == "count"]
@@ -302,8 +298,7 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 
 
 def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
-    """An undecided answer for the things that may be meant, with the entries of their names first, in their order, and
-    without what the ranking says of the whole, which says nothing of what was asked."""
+    """Undecided answer about some things: their names first, without the ranking's probabilities."""
     order = {
         things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
     }
@@ -327,7 +322,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
 
 
 def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
-    """The answer for the things that were decided on."""
+    """Final answer for the decided things."""
     assert answer.phrase is not None
     ids = answer.phrase.things
     decided = replace(

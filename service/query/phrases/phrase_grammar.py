@@ -1,9 +1,7 @@
-"""Questions taken apart: head, colors, sizes, relations, order and number. English, by closed-class words alone.
+"""Parser of questions: head, colors, sizes, relations, order and number (English closed-class words).
 
-A noun group ends at the first preposition; what follows is said of the head or of a thing named before it, and both are
-readings. What describes a purpose ("something to drink from") is not taken apart: that is a question of meaning, which
-the text encoder answers.
-"""
+A noun group ends at the first preposition; what follows modifies the head or a thing named before it, and both are
+readings. Purposes ("something to drink from") are not parsed: they are questions of meaning for the text encoder."""
 
 from __future__ import annotations
 
@@ -45,16 +43,16 @@ from fastsplat.service.query.things.color_names import NAMES, SHADES
 from fastsplat_contract.messages.phrases import Asks
 
 MAX_WORDS = 64
-"""A longer text is taken for a description."""
+"""Longer texts are taken for descriptions."""
 MAX_CONDITIONS = 4
-"""Of one question; what comes after is not understood."""
+"""Further conditions of a question are not understood."""
 
 _COUNTING = re.compile(r"^\W*how\s+many\s+", re.IGNORECASE)
 _ARE_THERE = re.compile(r"\s+(?:(?:are|is)\s+(?:there|here)|(?:do|can)\s+(?:you|i|we)\s+see)\b", re.IGNORECASE)
 _OF_WHICH = re.compile(r"^(?:which|one|any|all|some)(?:\s+one)?\s+of\s+(?=(?:the|my|our|your)\s)", re.IGNORECASE)
 _WHAT_IS = re.compile(r"^\W*(?:what|which)(?:'s|\s+is|\s+are)\s+", re.IGNORECASE)
 IsName = Callable[[str], bool]
-"""Whether some words are the name of something."""
+"""Tells if some words are the name of something."""
 _NOTHING_WRITTEN = WrittenWords(())
 _EDGE = "?!.,;:\"'`“”‘’«»¿¡()[]"
 _JOINTS = frozenset({"and", "but", "or", ","})
@@ -62,7 +60,7 @@ _JOINTS = frozenset({"and", "but", "or", ","})
 
 @dataclass
 class _Part:
-    """A marker with the words after it, up to the next one."""
+    """A marker with the words up to the next one."""
 
     marker: Marker | None  # None for what the text begins with
     said: str = ""  # the words of the marker, as asked
@@ -78,7 +76,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Group:
-    """A noun group on its own; its rank, and the number before a rank that comes later ("the second mug from ...")."""
+    """A noun group, and an ordinal whose rank comes later ("the second mug from ...")."""
 
     phrase: Phrase
     number: int | None
@@ -86,7 +84,7 @@ class _Group:
 
 @dataclass(frozen=True)
 class _Item:
-    """A condition or a rank, before it is known of what it is said; `anchors` end in what the next may be said of."""
+    """A condition or rank without a target; the next may modify its last anchor."""
 
     part: _Part
     anchors: tuple[Phrase, ...]
@@ -95,11 +93,10 @@ class _Item:
 def parse_question(
     text: str, is_name: IsName = lambda _: False, written: WrittenWords = _NOTHING_WRITTEN
 ) -> ParsedQuestion | None:
-    """What a question says beside a name; None where it says nothing beside one, or is a description. A color in a name
-    ("red wine", "orange juice") is a part of it.
+    """Parses what a question says beyond a name; None for plain names and descriptions.
 
-    The cost is linear in the words, of which there are at most 64, with at most 14 readings of four conditions.
-    """
+    A color in a name ("red wine", "orange juice") belongs to it. The cost is linear in the words (at most 64), with at
+    most fourteen readings of four conditions."""
     text = without_address(text)
     asks: Asks = "count" if _COUNTING.match(text) else "things"
     asked = asked_of_writing(_COUNTING.sub("", text))
@@ -132,8 +129,7 @@ def parsed_questions(
     is_name: IsName = lambda _: False,
     written: WrittenWords = _NOTHING_WRITTEN,
 ) -> tuple[ParsedQuestion | None, ...]:
-    """What each text says beside a name; None for those that say nothing, and for names of the dictionary themselves:
-    a "can of paint" may be one."""
+    """Parses each text; None for plain ones and names like "can of paint"."""
     parsed = []
     for text in texts:
         question = None if names.has(text) else parse_question(text, is_name, written)
@@ -145,7 +141,7 @@ def parsed_questions(
 
 
 def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _Part | None]:
-    """The parts of a text, and the one from which on nothing is parsed."""
+    """Splits a text at markers; the second result is the unparsed rest."""
     keys = [word.strip(_EDGE).casefold().replace("’", "'") for word in words]
     parts = [_Part(None)]
     at = 0
@@ -178,7 +174,7 @@ def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _P
 
 
 def _marker_at(keys: Sequence[str], at: int, before: Sequence[str]) -> tuple[Marker | None, int]:
-    """The longest marker that begins here, and how many words it has."""
+    """The longest marker at a position, and its number of words."""
     for length in range(min(LONGEST_MARKER, len(keys) - at), 0, -1):
         marker = MARKERS.get(tuple(keys[at : at + length]))
         if marker is None:
@@ -201,7 +197,7 @@ def _distance_before(words: Sequence[str]) -> bool:
 
 
 def _without_joint(part: _Part) -> bool:
-    """Take "and" off the end of a part; whether there was one."""
+    """Strips "and" off the end of a part; returns True if there was one."""
     joined = False
     while part.words and part.words[-1].strip(_EDGE).casefold() in _JOINTS | {""}:
         part.words.pop()
@@ -212,7 +208,7 @@ def _without_joint(part: _Part) -> bool:
 
 
 def _items(group: _Group, parts: Sequence[_Part], is_name: IsName) -> tuple[Phrase, list[_Item], list[str]]:
-    """The head with the adjectives after "is", its conditions in order, and what was not understood."""
+    """Head with predicates ("is red"), conditions in order, and leftover words."""
     head, number = group.phrase, group.number
     items: list[_Item] = []
     leftover: list[str] = []
@@ -258,7 +254,7 @@ def _items(group: _Group, parts: Sequence[_Part], is_name: IsName) -> tuple[Phra
 
 
 def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | None:
-    """The head with the adjectives that are said of it after "is"; None if they are none."""
+    """Adds adjectives after "is" to the head; None if they are none."""
     group = _noun_group(words, lambda _: False, asking=True)
     said = group.phrase
     if said.head or (said.rank and (head.rank or negated)) or (said.sizes and negated):
@@ -269,7 +265,7 @@ def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | No
 
 
 def _anchors(part: _Part, is_name: IsName) -> tuple[Phrase, ...]:
-    """What a relation is to; nothing for the asker."""
+    """Anchors of a relation; empty for the asker."""
     words = [word for word in part.words if word]
     if not words or (len(words) == 1 and words[0].casefold() in ASKER):
         return ()
@@ -281,14 +277,10 @@ def _anchors(part: _Part, is_name: IsName) -> tuple[Phrase, ...]:
 
 
 def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, described: bool = False) -> _Group:
-    """A noun group by its words: determiners, then modifiers in any order, then the head, which comes last.
+    """Parses determiners, modifiers in any order, and the final head.
 
-    Args:
-        words: of the group.
-        is_name: whether words are a name, so that a color that leads them is a part of it.
-        asking: whether adjectives may stand without a noun: "what is red?".
-        described: whether a description follows, so that "thing" is a part of it and does not mean anything at all.
-    """
+    A leading color may belong to a name (`is_name`). `asking`: adjectives may stand alone ("what is red?");
+    `described`: a description follows, so that "thing" belongs to it and is no wildcard."""
     left = [word.rstrip(",") if number == len(words) - 1 else word for number, word in enumerate(words)]
     definite = False
     while left and (key := left[0].casefold()) in DETERMINERS:
@@ -335,14 +327,15 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
 
 
 def _readings(head: Phrase, items: Sequence[_Item]) -> Iterator[Phrase]:
-    """Every way to say the conditions of the head and of things that were named before them, each only of the head or
-    of one on the right edge of the phrase so far; the first reading says all of the head."""
+    """Yields all readings: each condition modifies the head or a phrase on the right edge.
+
+    The first reading attaches all to the head."""
     for parents in _attachments(items):
         yield _assembled(head, items, parents)
 
 
 def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:
-    """For each item the number of what it is said of: 0 the head, n the last anchor of item n - 1."""
+    """Yields each item's target: 0 the head, n the last anchor of item n-1."""
 
     def extend(parents: tuple[int, ...], edge: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
         at = len(parents)
@@ -360,7 +353,7 @@ def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:
 
 
 def _assembled(head: Phrase, items: Sequence[_Item], parents: Sequence[int]) -> Phrase:
-    """The head with all that is said of it; from the last item to the first, as later ones are said of earlier ones."""
+    """Assembles a phrase from last item to first: later ones modify earlier ones."""
     phrases = [head, *(item.anchors[-1] if item.anchors else Phrase("", "") for item in items)]
     for at in range(len(items) - 1, -1, -1):
         part, parent = items[at].part, parents[at]
@@ -378,7 +371,7 @@ def _assembled(head: Phrase, items: Sequence[_Item], parents: Sequence[int]) -> 
 
 
 def _condition(part: _Part, anchors: tuple[Phrase, ...]) -> Condition | None:
-    """The condition that a part says; None for a rank."""
+    """The condition of a part; None for a rank."""
     assert part.marker is not None
     negated = part.negated != part.marker.negated
     if part.marker.relation is not None:

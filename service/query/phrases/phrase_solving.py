@@ -1,4 +1,4 @@
-"""Which things of a scene a parsed question means, by measurements, with what could not be decided."""
+"""Resolves parsed questions to things by measurements, keeping undecided ones."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ from fastsplat_contract.messages.phrases import Refusal, RefusalReason, Witness
 _MAX_PAIRS = 64
 _MAX_WITNESSES = 200
 READ = "read"
-"""The measure of a witness: how probable it is that words are written on a thing."""
+"""Witness measure: probability that words are written on a thing."""
 
 _Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
-"""Whether a thing fulfils a condition, and which others that was measured to."""
+"""Judges a condition of a thing, and names the things it was measured to."""
 
 
 @dataclass(frozen=True)
 class Solved:
-    """What one reading of a question means."""
+    """Result of one reading of a question."""
 
     things: tuple[int, ...]  # ids of those that fulfil everything; in their order, if it asks for one
     undecided: Mapping[int, Refusal]  # by id, what could not be decided of it
@@ -66,17 +66,16 @@ class _UndecidableError(Exception):
 
 @dataclass
 class _State:
-    """The candidates of a phrase: how clearly each fulfils what was looked at so far."""
+    """Candidates of a phrase, with their least clearness so far."""
 
     clear: dict[int, float]
     why: dict[int, Refusal] = field(default_factory=dict)
 
     def left(self) -> list[int]:
-        """Those that may be meant."""
         return [thing_id for thing_id, clear in self.clear.items() if clear > -1]
 
     def take(self, thing_id: int, judged: Judged, part: str) -> None:
-        """Count a condition in."""
+        """Applies a condition."""
         if -1 < judged.clearness < 1 and thing_id not in self.why:
             self.why[thing_id] = Refusal(judged.reason, part)
         self.clear[thing_id] = min(self.clear[thing_id], judged.clearness)
@@ -84,13 +83,9 @@ class _State:
 
 @dataclass
 class PhraseSolver:
-    """The things of one scene, for one question and asker.
+    """Solver for the things of one scene, one question and one asker."""
 
-    Attributes:
-        open_measures: gives those of the things; called only where something must be measured.
-    """
-
-    open_measures: Callable[[], ThingMeasures]
+    open_measures: Callable[[], ThingMeasures]  # loads measures; called only if something must be measured
     things: Mapping[int, Thing]  # of the scene that are there, by id; parts, too
     names: Mapping[str, Named]  # what noun groups name, by group and by head; "" is anything
     asker: Asker | None  # where the asker stands; None if that was not said
@@ -105,7 +100,6 @@ class PhraseSolver:
 
     @cached_property
     def measures(self) -> ThingMeasures:
-        """Of the things."""
         return self.open_measures()
 
     @cached_property
@@ -113,7 +107,7 @@ class PhraseSolver:
         return Stacks(self.measures, self.things, self._budget)
 
     def solve(self, phrase: Phrase) -> Solved:
-        """What one reading means."""
+        """Solves one reading."""
         self._witnesses, self._doubt = [], ""
         named = self._named(phrase)
         try:
@@ -124,7 +118,7 @@ class PhraseSolver:
         return Solved(things, undecided, self._kept((*things, *undecided)), refusal, named, self._doubt)
 
     def _kept(self, thing_ids: Iterable[int]) -> tuple[Witness, ...]:
-        """The witnesses of these things first."""
+        """Keeps a limited number of witnesses, those of these things first."""
         first = set(thing_ids)
         ordered = sorted(self._witnesses, key=lambda witness: witness.thing not in first)
         return tuple(ordered[:_MAX_WITNESSES])
@@ -183,7 +177,7 @@ class PhraseSolver:
         return negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
 
     def _take_closest(self, state: _State, phrase: Phrase) -> None:
-        """Where nothing clearly is of a color, what comes closest to it may be meant."""
+        """If nothing clearly has a color, takes the closest, with a doubt."""
         left = (
             {} if any(color.negated for color in phrase.colors) else {each: state.clear[each] for each in state.left()}
         )
@@ -214,11 +208,7 @@ class PhraseSolver:
         self._each(state, part, lambda thing_id: self._related(thing_id, relation, ids, one))
 
     def _anchors(self, phrase: Phrase) -> tuple[int, ...]:
-        """The things that a relation is to.
-
-        Raises:
-            _UndecidableError: nothing here is that, or it cannot be decided what is.
-        """
+        """Resolves the things that a relation refers to, or raises _UndecidableError."""
         try:
             things, undecided = self._resolve(phrase)
         except _UndecidableError as error:
@@ -233,7 +223,7 @@ class PhraseSolver:
     def _related(
         self, thing_id: int, relation: Relation, anchors: Sequence[int], only_one: bool
     ) -> tuple[Judged, tuple[int, ...]]:
-        """To any of the anchors; where the phrase speaks of one that is known, as to all of them."""
+        """Judges a relation to any anchor; for a definite anchor all must agree."""
         judged = {anchor: self._pair(thing_id, anchor, relation) for anchor in anchors if anchor != thing_id}
         if not judged:
             return Judged(-10.0), ()
@@ -294,7 +284,7 @@ class PhraseSolver:
         return negated(is_seen(relation.kind, one, None, self.asker), relation.negated)
 
     def _says(self, state: _State, says: Says) -> None:
-        """What photos show written on a thing. That it is on none of them is not said: they may not show it."""
+        """Judges writing; photos may not show it, so its absence everywhere is undecided."""
         bearing = self.written.bearing(says.words)
         if bearing.keys().isdisjoint(state.clear):
             raise _UndecidableError("not_read", says.text)
@@ -307,8 +297,10 @@ class PhraseSolver:
         self._each(state, says.text, judge)
 
     def _possession(self, state: _State, possession: Possession) -> None:
-        """A part, or another thing in or on it. What is not there is denied only of things "with" something, where it
-        is elsewhere, or where all parts have other names; of contents and pictures nothing is denied."""
+        """Judges parts, and things in or on a thing.
+
+        Absence is decided only for "with", if the thing is elsewhere or all parts have other names; never for contents.
+        """
         owned = [thing_id for thing_id in self._named(possession.phrase).ids if self.measures.shape(thing_id)]
 
         def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
@@ -328,7 +320,7 @@ class PhraseSolver:
         self._each(state, possession.text, judge)
 
     def _with_other(self, thing_id: int, owned: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
-        """Whether one of these things is in or on it."""
+        """Judges if one of these things is in or on it."""
         one = self.measures.shape(thing_id)
         assert one is not None
         judged = {}
@@ -348,7 +340,7 @@ class PhraseSolver:
     def _ranked(
         self, rank: Rank, state: _State, shapes: Mapping[int, ThingShape]
     ) -> tuple[tuple[int, ...], dict[int, Refusal]]:
-        """The one that the order asks for, if it is the same with and without those that are undecided."""
+        """The one of the order, if it is the same with and without undecided candidates."""
         self._check_vertical(rank.by, rank.text)
         if (rank.by == "from_left" or (rank.by == "distance" and not rank.anchors)) and self.asker is None:
             raise _UndecidableError("pose_needed", rank.text)

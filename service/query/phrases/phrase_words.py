@@ -1,4 +1,4 @@
-"""The closed-class words of questions: prepositions, sizes, ordinals. English."""
+"""English closed-class words of questions: prepositions, sizes, ordinals."""
 
 from __future__ import annotations
 
@@ -16,18 +16,15 @@ class Marker:
     """Words that end a noun group.
 
     Attributes:
-        kind: "side": "on the left", without anything to the left of which, or "from the left"; "distance": "nearest
-            to"; "is": "that are"; "says": "labeled", before what is written on it; "by": the same, if that is
-            written on something; "rest": words after which nothing is parsed.
-        descriptive: of "rest": whether it describes what is asked for ("to drink from", "for tea"), so that the text
-            as a whole is a question of meaning; False for prepositions that nothing measures.
+        kind: "side": "on the left" (of nothing), "from the left"; "distance": "nearest to"; "is": "that are"; "says":
+            "labeled", before its text; "by": the same, if the words are written on something; "rest": ends parsing.
     """
 
     kind: MarkerKind
     relation: RelationKind | None = None  # of a relation
     negated: bool = False  # "without"; "is not"
     most: bool = False  # of a side, the right one; of a distance, the farthest
-    descriptive: bool = False
+    descriptive: bool = False  # of "rest": a question of meaning ("to drink from"), not an unmeasured preposition
 
 
 _RELATIONS: Mapping[RelationKind, str] = {
@@ -87,7 +84,7 @@ def _markers() -> dict[tuple[str, ...], Marker]:
 
 
 MARKERS = _markers()
-"""By their words; the longest that fits counts."""
+"""Markers by their words; the longest match counts."""
 LONGEST_MARKER = max(map(len, MARKERS))
 
 DETERMINERS = frozenset(
@@ -95,18 +92,18 @@ DETERMINERS = frozenset(
 )
 DEFINITE = frozenset("the my your our their his her its this that".split())
 ASKER = frozenset("me us myself here".split())
-"""Whom a relation may be to instead of a thing."""
+"""Words for the asker as an anchor."""
 ANYTHING = frozenset(
     "thing things object objects item items something anything everything what whatever one ones stuff".split()
 )
 COUNTED = frozenset("pair pairs piece pieces bunch set sets couple kind sort type stack pile".split())
-"""Before "of": "a pair of scissors" are scissors, as far as names go."""
+"""Words before "of" that belong to the name: "a pair of scissors"."""
 UNMEASURED_MODIFIERS = frozenset(
     "old new empty full open closed broken clean dirty two three four five six seven eight nine ten several many both "
     "other another thick thin bright".split()
 )
 POSTPOSED = frozenset("something anything everything what whatever".split())
-"""Before their modifiers: "something red"."""
+"""Words before their modifiers: "something red"."""
 
 SIZES: Mapping[str, tuple[SizeKind, bool]] = {
     **dict.fromkeys(("big", "large", "huge", "bigger", "larger"), ("size", True)),
@@ -117,7 +114,7 @@ SIZES: Mapping[str, tuple[SizeKind, bool]] = {
     **dict.fromkeys(("wide", "wider"), ("width", True)),
     "narrow": ("width", False),
 }
-"""Sizes in comparison with others of the kind: what is compared, and whether more of it is asked for."""
+"""Comparative sizes: kind, and True for the larger ones."""
 
 SUPERLATIVES: Mapping[str, tuple[OrderKind, bool]] = {
     **dict.fromkeys(("largest", "biggest"), ("size", True)),
@@ -134,7 +131,7 @@ SUPERLATIVES: Mapping[str, tuple[OrderKind, bool]] = {
     **dict.fromkeys(("leftmost", "left-most"), ("from_left", False)),
     **dict.fromkeys(("rightmost", "right-most"), ("from_left", True)),
 }
-"""Orders: what by, and whether the most is first."""
+"""Orders: kind, and True for the largest first."""
 
 _ORDINALS = "first/1st second/2nd third/3rd fourth/4th fifth/5th sixth/6th seventh/7th eighth/8th ninth/9th tenth/10th"
 ORDINALS: Mapping[str, int] = {

@@ -1,4 +1,4 @@
-"""What a question says beside the name of a thing: colors, sizes, relations to other things, an order, a number."""
+"""Parsed questions: colors, sizes, relations, order and number beside a name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEEN_FROM: frozenset[RelationKind] = frozenset({"left_of", "right_of", "in_front
 
 @dataclass(frozen=True)
 class ColorWord:
-    """A color: "light blue", or one that is denied: "not red"."""
+    """A color, "light blue", or a denied one, "not red"."""
 
     name: str  # of the color, as in `color_names`
     shade: str = ""  # "", "light" or "dark"
@@ -27,13 +27,12 @@ class ColorWord:
 
     @property
     def text(self) -> str:
-        """In words."""
         return " ".join(word for word in ("not" if self.negated else "", self.shade, self.name) if word)
 
 
 @dataclass(frozen=True)
 class SizeWord:
-    """A size in comparison with others of the kind: "big" in "the big mug"."""
+    """A size relative to others of the kind: "big" in "the big mug"."""
 
     word: str  # as asked
     by: SizeKind  # what is compared
@@ -42,7 +41,7 @@ class SizeWord:
 
 @dataclass(frozen=True)
 class Relation:
-    """Where a thing is: "on the table", "between the lamp and the mug"."""
+    """A relation to other things: "on the table", "between the lamp and the mug"."""
 
     kind: RelationKind  # of the relation
     anchors: tuple[Phrase, ...]  # what it is related to; none: the asker
@@ -52,7 +51,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Possession:
-    """What a thing has: a part or another thing with it ("with a handle"), or a content ("of water")."""
+    """A part or another thing ("with a handle"), or a content ("of water")."""
 
     kind: Literal["with", "of"]  # "with" or "of"
     phrase: Phrase  # what it has
@@ -62,7 +61,7 @@ class Possession:
 
 @dataclass(frozen=True)
 class Says:
-    """What is written on a thing: "that says oat milk", "by Woolf"."""
+    """Writing on a thing: "that says oat milk", "by Woolf"."""
 
     words: str  # that are written there
     negated: bool  # whether the phrase denies it
@@ -71,7 +70,7 @@ class Says:
 
 @dataclass(frozen=True)
 class Rank:
-    """One of several in an order: "the second largest", "second from the left", "nearest to the lamp"."""
+    """One of an order: "the second largest", "second from the left", "nearest to the lamp"."""
 
     by: OrderKind  # what they are ordered by
     descending: bool  # whether the most is first; from the right, for "from_left"
@@ -85,11 +84,7 @@ Condition = Relation | Possession | Says
 
 @dataclass(frozen=True)
 class Phrase:
-    """A noun phrase.
-
-    Attributes:
-        colors, sizes, conditions: what is said of it, in order.
-    """
+    """A noun phrase."""
 
     head: str  # the noun group, without the modifiers below: "coffee machine"; "" for anything at all
     group: str  # the noun group with its colors and sizes, as asked: "big red mug", which may be a name
@@ -101,12 +96,12 @@ class Phrase:
 
     @property
     def is_plain(self) -> bool:
-        """Whether it is a name or a description, and nothing beside it."""
+        """True if it is only a name or a description."""
         return not (self.colors or self.sizes or self.conditions or self.rank)
 
     @property
     def said(self) -> tuple[str, ...]:
-        """What is said of the head, in words."""
+        """The modifiers in words."""
         words = [color.text for color in self.colors] + [size.word for size in self.sizes]
         words += [condition.text for condition in self.conditions]
         return tuple(words if self.rank is None else [*words, self.rank.text])
@@ -114,20 +109,15 @@ class Phrase:
 
 @dataclass(frozen=True)
 class ParsedQuestion:
-    """A question that says more than a name.
-
-    Attributes:
-        readings: what it may mean, at least one reading: "the mug on the table next to the lamp" has two, by what is
-            next to the lamp. All have the same head.
-    """
+    """A question that says more than a name."""
 
     asks: Asks  # whether it asks which things, or how many
-    readings: tuple[Phrase, ...]
+    readings: tuple[Phrase, ...]  # with one head; "the mug on the table next to the lamp" has two
     not_understood: str  # the words that were left over; "" without
 
     @property
     def of_writing(self) -> bool:
-        """Whether it may be about what is written on the things that it asks for."""
+        """True if it may ask for writing on things."""
         return any(isinstance(each, Says) for reading in self.readings for each in reading.conditions)
 
 

@@ -1,8 +1,7 @@
-"""Whether one thing is on, in, beside, left of another: by their Gaussians, with how clear that is.
+"""Spatial relations between things from their Gaussians, with clearness.
 
-Every bound has a range beside it in which nothing is decided. Lengths are compared with the sizes of the things, so
-that they mean the same in a scene without a known scale.
-"""
+Every bound has an undecided range beside it. Lengths are relative to the sizes of the things, so that they work without
+a known scale."""
 
 from __future__ import annotations
 
@@ -25,11 +24,11 @@ _SECTORS = 16
 _SPACINGS = 3.0
 _SURFACES = (0.5, 0.75, 0.95)
 _STRAYS = 0.2
-"""Fewer of a thing's points than this share are no surface of it."""
+"""Least share of a thing's points that makes a surface."""
 _LEVEL = 0.17
 """Sine of the angle to the vertical below which a direction has no side."""
 _REST = 0.12
-"""How far a thing's lowest place may be from what it rests on, as a share of its height or width."""
+"""Tolerance of contact, as a share of a thing's height or width."""
 _REST_DEVIATIONS = 2.0
 
 
@@ -45,7 +44,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Judged:
-    """Whether a condition holds."""
+    """Judgement of a condition."""
 
     clearness: float  # from 1 on it holds, from -1 on it does not, between nothing is decided
     measured: tuple[Measured, ...] = ()  # by what
@@ -54,7 +53,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Asker:
-    """Where the asker stands, in the axes of the shapes."""
+    """Pose of the asker, in the axes of the shapes."""
 
     position: F64  # float64 [3]
     forward: F64  # float64 [3], where the asker looks, unit length
@@ -63,13 +62,9 @@ class Asker:
 
 
 def asker_at(world_from_camera: F64, axes: F64, vertical: bool) -> Asker:
-    """An asker who stands and looks as a camera does.
+    """Makes an asker from a camera pose [4, 4], OpenCV axes, world from camera.
 
-    Args:
-        world_from_camera: float64 [4, 4], OpenCV axes.
-        axes: float64 [3, 3], rows are the axes of shapes in the world.
-        vertical: whether the last of them is up.
-    """
+    `axes`, float64 [3, 3], has the axes of shapes in rows; `vertical`: the last one is up."""
     pose = axes @ world_from_camera[:3]
     up = np.array([0.0, 0.0, 1.0]) if vertical else -pose[:, 1]
     right = np.cross(pose[:, 2], up)
@@ -79,24 +74,23 @@ def asker_at(world_from_camera: F64, axes: F64, vertical: bool) -> Asker:
 
 
 def clearness(value: float, holds: float, fails: float) -> float:
-    """1 at the bound from which on something holds, -1 at the one from which on it does not, linear; within ±10."""
+    """Linear clearness: 1 at the bound `holds`, -1 at `fails`, clipped to ±10."""
     return float(np.clip((value - (holds + fails) / 2) / ((holds - fails) / 2), -_MOST, _MOST))
 
 
 def all_of(*measured: Measured) -> Judged:
-    """A condition that holds if everything holds: as clear as the least clear."""
+    """Conjunction: as clear as the least clear measurement."""
     return Judged(min(each.clearness for each in measured), measured)
 
 
 def gap_between(one: ThingShape, other: ThingShape) -> float:
-    """The distance between the surfaces of two things."""
+    """Distance between the surfaces of two things."""
     small, large = sorted((one, other), key=lambda shape: len(shape.points))
     return float(large.tree.query(small.points)[0].min())
 
 
 def is_on(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether one thing rests on another: it is over it, and its lowest place is at the other's surface below it. What
-    is in a container is not on it."""
+    """Judges if one thing rests on another's surface, but not in it."""
     overlap = _overlap(one, other)
     surface = _surface_below(one, other)
     if surface is None:
@@ -111,7 +105,7 @@ def is_on(one: ThingShape, other: ThingShape) -> Judged:
 
 
 def is_in(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether one thing is in another: within its outline, lower than its rim, and with walls of it around."""
+    """Judges if one thing is within another's outline, below its rim and walled in."""
     overlap = float((other.outside(one.points[:, :2]) <= 0).mean())
     depth = (other.high - one.low) / max(one.high - one.low, np.finfo(np.float64).tiny)
     middle = np.median(one.points[:, :2], axis=0)
@@ -127,7 +121,7 @@ def is_in(one: ThingShape, other: ThingShape) -> Judged:
 
 
 def is_under(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether one thing is below another: their outlines overlap, and the other begins where it ends, or higher."""
+    """Judges if one thing is below another, with overlapping outlines."""
     overlap = _overlap(one, other)
     over = _around(other, one)
     above = over[over > (one.low + one.high) / 2]
@@ -142,13 +136,12 @@ def is_under(one: ThingShape, other: ThingShape) -> Judged:
 
 
 def is_above(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether one thing is over another: the other is below it."""
+    """Judges if the other thing is below."""
     return is_under(other, one)
 
 
 def is_next_to(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether two things stand side by side: near each other for their sizes, at the same height, neither over the
-    other."""
+    """Judges if two things are near for their sizes, level, and not stacked."""
     gap = gap_between(one, other)
     ratio = gap / _common_size(one, other)
     heights = min(one.high - one.low, other.high - other.low)
@@ -162,19 +155,13 @@ def is_next_to(one: ThingShape, other: ThingShape) -> Judged:
 
 
 def is_near(one: ThingShape, other: ThingShape) -> Judged:
-    """Whether two things are near each other for their sizes."""
+    """Judges if two things are near each other for their sizes."""
     gap = gap_between(one, other)
     return all_of(Measured("gap", gap, "length", clearness(gap / _common_size(one, other), 1.0, 2.0)))
 
 
 def is_between(one: ThingShape, first: ThingShape, second: ThingShape, level: bool) -> Judged:
-    """Whether a thing is between two others: the angle at it between their nearest places is nearly straight.
-
-    Args:
-        one: the thing.
-        first, second: the others.
-        level: whether z is up, so that heights do not count.
-    """
+    """Judges if a thing is between others: a nearly straight angle between their nearest places."""
     count = 2 if level else 3
     middle = one.points[:, :count].mean(axis=0)
     towards = []
@@ -187,12 +174,11 @@ def is_between(one: ThingShape, first: ThingShape, second: ThingShape, level: bo
 
 
 def is_seen(kind: RelationKind, one: ThingShape, other: ThingShape | None, asker: Asker) -> Judged:
-    """Whether one thing is left of, right of, in front of or behind another, as the asker sees them.
+    """Judges left, right, in front and behind as the asker sees them.
 
-    Directions are level, and along the line from the asker to the other thing: left and right are as in a picture that
-    the asker takes, in front is nearer. Offsets are compared with the sizes of the things in that direction. Where
-    `other` is None it is the asker: in front is where the asker looks.
-    """
+    Directions are level and relative to the line from the asker to the other thing: left and right as in the asker's
+    picture, in front is nearer. Offsets are relative to the sizes of the things in that direction. If `other` is None
+    it is the asker: in front is where the asker looks."""
     start = asker.position if other is None else other.points.mean(axis=0)
     line = asker.forward if other is None else start - asker.position
     line = line - (line @ asker.up) * asker.up
@@ -223,13 +209,13 @@ PAIRS: Mapping[RelationKind, Callable[[ThingShape, ThingShape], Judged]] = {
 
 
 def _in_front(asker: Asker, one: ThingShape, other: ThingShape, length: float) -> bool:
-    """Whether both are before the asker, who is not in or over the other one."""
+    """True if both are ahead of an asker outside of the other one."""
     ahead = [float((shape.points.mean(axis=0) - asker.position) @ asker.forward) for shape in (one, other)]
     return min(ahead) > 0 and length > other.width / 2
 
 
 def _offset(one: ThingShape, other: ThingShape | None, start: F64, axis: F64) -> float:
-    """How far one thing is from another along an axis, from middle to middle, in sums of their half extents."""
+    """Offset of centers along an axis, in sums of half extents."""
     ends = [np.quantile(shape.points @ axis, [0.02, 0.98]) for shape in (one, other) if shape is not None]
     middles = [float(low + high) / 2 for low, high in ends]
     half = sum(float(high - low) / 2 for low, high in ends)
@@ -238,13 +224,13 @@ def _offset(one: ThingShape, other: ThingShape | None, start: F64, axis: F64) ->
 
 
 def _common_size(one: ThingShape, other: ThingShape) -> float:
-    """The geometric mean of the boxes' diagonals: near a wall does not mean as near as the wall is long."""
+    """Geometric mean of the boxes' diagonals, so that long walls do not dominate."""
     sizes = float(np.linalg.norm(one.size)) * float(np.linalg.norm(other.size))
     return max(float(np.sqrt(sizes)), np.finfo(np.float64).tiny)
 
 
 def _overlap(one: ThingShape, other: ThingShape) -> float:
-    """The share of one thing's points within the other's outline, whichever is larger."""
+    """Larger share of one thing's points within the other's outline."""
     return max(
         float((other.outside(one.points[:, :2]) <= 0).mean()), float((one.outside(other.points[:, :2]) <= 0).mean())
     )
@@ -260,15 +246,17 @@ def _tolerance(one: ThingShape, other: ThingShape) -> float:
 
 
 def _around(one: ThingShape, other: ThingShape) -> F64:
-    """The heights of one thing's points within the other's outline, or as near to it as half of that is wide: what is
-    right below a thing, nobody has seen."""
+    """Heights of a thing's points in the other's outline, or half its width around.
+
+    The surface right below a thing is unseen."""
     reach = max(other.width / 2, _SPACINGS * one.spacing)
     return np.asarray(one.points[other.outside(one.points[:, :2]) <= reach, 2])
 
 
 def _surface_below(one: ThingShape, other: ThingShape) -> float | None:
-    """The height of the other thing's surface around and below one thing; None where it has none. Of the heights that
-    many of its points are at or below, the nearest: the highest ones may be strays."""
+    """Height of the other's surface around and below one thing; None for none.
+
+    The nearest of several quantiles, as the highest points may be strays."""
     heights = _around(other, one)
     below = heights[heights < (one.low + one.high) / 2]
     if len(below) > _STRAYS * len(heights):
@@ -278,7 +266,7 @@ def _surface_below(one: ThingShape, other: ThingShape) -> float | None:
 
 
 def negated(judged: Judged, denied: bool) -> Judged:
-    """The same, or the contrary of it if a phrase denies the condition."""
+    """Negates a judgement if the phrase denies it."""
     if not denied:
         return judged
     measured = tuple(Measured(each.measure, each.value, each.unit, -each.clearness) for each in judged.measured)

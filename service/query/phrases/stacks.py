@@ -1,4 +1,4 @@
-"""What rests on what: directly, through other things, or on a wall."""
+"""Support relations: directly, through other things, or on a wall."""
 
 from __future__ import annotations
 
@@ -14,22 +14,17 @@ from fastsplat_contract.errors import LimitExceededError
 _MOST_BETWEEN = 3
 _MAX_PAIRS = 4_000
 _TOUCHING, _DEVIATIONS = 0.05, 3.0
-"""How near a thing is to a wall that it hangs on: a share of its width, and deviations of the surfaces."""
+"""Contact tolerance to a wall: share of the thing's width, and deviations of the surfaces."""
 
 
 class PairBudget:
-    """How many pairs of things may still be measured for one question: "what is near anything?" has all of them."""
+    """Limit of measured pairs per question: "what is near anything?" has all of them."""
 
     def __init__(self) -> None:
         self._left = _MAX_PAIRS
 
     def spend(self, count: int = 1) -> None:
-        """Count some pairs.
-
-        Raises:
-            LimitExceededError: there were too many.
-            CancelledError: nobody waits for the answer any more.
-        """
+        """Counts pairs; raises LimitExceededError beyond the limit. Cancellable."""
         check_cancelled()
         self._left -= count
         if self._left < 0:
@@ -43,7 +38,7 @@ class PairBudget:
 
 @dataclass
 class Stacks:
-    """The things of one scene."""
+    """Support relations among the things of one scene."""
 
     measures: ThingMeasures  # of the things
     things: Mapping[int, Thing]  # that are there, by id; parts, too
@@ -51,7 +46,7 @@ class Stacks:
     _direct: dict[tuple[int, int], Judged] = field(default_factory=dict)
 
     def direct(self, one: ThingShape, other: ThingShape) -> Judged:
-        """Whether one thing rests on another, see `is_on`."""
+        """Judges if one thing rests on another, see `is_on`; cached."""
         key = (one.id, other.id)
         if key not in self._direct:
             self.budget.spend()
@@ -59,8 +54,9 @@ class Stacks:
         return self._direct[key]
 
     def rests_on(self, one: ThingShape, other: ThingShape) -> Judged:
-        """Whether one thing is on another: it rests on it, or hangs on a wall or ceiling that it touches while nothing
-        else carries it. Undecided where it rests on something else that rests on the other."""
+        """Judges if one thing is on another, or hangs on a wall or ceiling.
+
+        A hanging thing touches it while nothing else carries it. Undecided if something between rests on the other."""
         surface = self.things[other.id].surface if other.id in self.things else ""
         if surface in ("wall", "ceiling"):
             return self._hangs_on(one, other)
@@ -81,7 +77,7 @@ class Stacks:
         return Judged(min(touches.clearness, -1.0) if carried else touches.clearness, (touches,))
 
     def _carried(self, one: ThingShape, other: ThingShape, most: int) -> bool:
-        """Whether a thing may rest on, or be in, something else that rests on the other; at most so many between."""
+        """True if a thing may rest on the other through at most `most` things."""
         if most == 0 or one.low <= other.low or not _may_touch(one, other):
             return False
         for carrier in self._carriers():
@@ -93,12 +89,12 @@ class Stacks:
         return False
 
     def _carriers(self) -> list[ThingShape]:
-        """Whole things that others may stand on: all but walls and ceilings."""
+        """Whole things that may carry others: all but walls and ceilings."""
         sides = ("wall", "ceiling")
         ids = (thing.id for thing in self.things.values() if not thing.parent and thing.surface not in sides)
         return [shape for thing_id in ids if (shape := self.measures.shape(thing_id)) is not None]
 
 
 def _may_touch(one: ThingShape, other: ThingShape) -> bool:
-    """Whether one thing is over, under or in the other as far as their outlines along the axes tell."""
+    """True if the outlines along the axes overlap."""
     return bool((one.bounds[0] <= other.bounds[1]).all() and (other.bounds[0] <= one.bounds[1]).all())

@@ -1,7 +1,6 @@
-"""What things look like, compared with a text by an image-text model: evidence beside names, where no name answers.
+"""Compares texts with the appearance of things by a calibrated image-text model.
 
-A model answers only where it was calibrated, as its cosines alone mean nothing.
-"""
+Used if no name answers. Uncalibrated cosines mean nothing."""
 
 from __future__ import annotations
 
@@ -21,26 +20,21 @@ if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.results import TextEncoder
 
 _CLEAREST = 6.0
-"""A log-likelihood ratio is clipped to this: a look makes nothing certain."""
+"""Clip of log-likelihood ratios, so that looks make nothing certain."""
 _LIKELIEST = 0.999
 
 
 @dataclass(frozen=True)
 class LooksModel:
-    """A calibrated image-text model.
-
-    Attributes:
-        ratio: the logarithm of how much likelier a thing's score is if the text is true of it; its lead is over the
-            median of the scene's things.
-    """
+    """A calibrated image-text model."""
 
     encoder: TextEncoder  # its network of texts
-    ratio: Logistic
+    ratio: Logistic  # of a score's log-likelihood ratio; the lead is over the median of the scene's things
 
 
 @dataclass(frozen=True)
 class ThingLooks:
-    """The looks of the things of one scene. Threads may share it."""
+    """Looks of one scene's things; thread-safe."""
 
     things: tuple[Thing, ...] = field(repr=False)  # of the scene; only those count that this very model looked at
     model: LooksModel | None  # compares; None: nothing does
@@ -59,21 +53,13 @@ class ThingLooks:
 
     @cached_property
     def _rows(self) -> NDArray[np.float64]:
-        """float64 [K, E]."""
         looks = [thing.looks.embedding for thing in self._looked_at if thing.looks is not None]
         return np.stack([np.frombuffer(each, np.float16) for each in looks]).astype(np.float64)
 
     def likely(self, text: str, before: Mapping[int, float]) -> Mapping[int, float]:
-        """0..1 for each thing that the model looked at: that a text is true of it, by its looks and what was known
-        before.
+        """Posterior probability, 0..1, that a noun phrase is true of each thing with looks.
 
-        Args:
-            text: a noun phrase.
-            before: 0..1 of each of these things, without its looks.
-
-        Raises:
-            ModelUnavailableError: the network of texts embeds in another size.
-        """
+        `before` has the priors. Raises ModelUnavailableError if the text network embeds in another size."""
         if self.model is None or not self:
             return {}
         ratio = ratios_of(self._rows @ self.model.encoder.encode([text])[0], self.model.ratio)
@@ -83,8 +69,9 @@ class ThingLooks:
 
 
 def ratios_of(cosines: NDArray[np.floating], ratio: Logistic) -> NDArray[np.float64]:
-    """float64 [K]: log-likelihood ratios of the cosines [K] of a scene's things with one text, and of how far each
-    leads over their median: what texts and pictures have in common is in all of them."""
+    """Log-likelihood ratios of the cosines [K] of a scene's things with one text, float64 [K].
+
+    The lead over their median removes what all texts and pictures have in common."""
     rows = np.asarray(cosines, np.float64)
     weighed = ratio.score * rows + ratio.lead * (rows - np.median(rows)) + ratio.offset
     return np.asarray(np.clip(weighed, -_CLEAREST, _CLEAREST))

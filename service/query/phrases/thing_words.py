@@ -1,4 +1,4 @@
-"""What sentences call things: by their names, else by what they are beside."""
+"""Descriptions of things in sentences: by name, else by a neighbor."""
 
 from __future__ import annotations
 
@@ -15,25 +15,22 @@ if TYPE_CHECKING:  # scipy loads with the first measurement
     from fastsplat.service.query.things.thing_measures import ThingMeasures
 
 _NEIGHBORS = 8
-"""Named things that an unnamed one may be beside: the nearest by their middles."""
+"""Nearest named things considered as neighbors of an unnamed one."""
 
 OpenMeasures: TypeAlias = "Callable[[], ThingMeasures]"
 
 
 @dataclass(frozen=True)
 class ThingWords:
-    """The things of one scene in words. Threads may share it."""
+    """Descriptions of one scene's things; thread-safe."""
 
     names: ThingNames  # of the things
     _beside: dict[int, str] = field(default_factory=dict)
 
     def listed(self, thing_ids: Sequence[int], open_measures: OpenMeasures) -> str:
-        """'"mug", 2 of "apple" and the unnamed thing beside the "lamp"': at most three, then how many more.
+        """Lists at most three: '"mug", 2 of "apple" and the unnamed thing beside the "lamp"'.
 
-        Args:
-            thing_ids: of things and parts, at least one.
-            open_measures: gives the measures of the things; called only where one of the first has no name.
-        """
+        `open_measures` is called only if one of the first has no name."""
         counts: dict[tuple[str, str], int] = {}
         more = 0
         for thing_id in self.names.counted_once(thing_ids):
@@ -46,7 +43,7 @@ class ThingWords:
         return enumerated([_counted(*key, count) for key, count in counts.items()], more)
 
     def _place(self, thing_id: int, open_measures: OpenMeasures) -> str:
-        """What a thing without a name is called: "wall", or 'thing beside the "mug"'."""
+        """Describes a nameless thing: "wall", or 'thing beside the "mug"'."""
         if thing_id not in self._beside:
             by_id = {thing.id: thing for thing in (*self.names.present, *self.names.parts)}
             thing = by_id.get(thing_id)
@@ -55,7 +52,7 @@ class ThingWords:
         return self._beside[thing_id]
 
     def _neighbor(self, thing_id: int, measures: ThingMeasures) -> str:
-        """' beside the "mug"', of the named thing that clearly stands nearest beside it; "" where none does."""
+        """' beside the "mug"' for the clearly nearest named thing; "" for none."""
         from fastsplat.service.query.phrases.relations import is_near, is_next_to
 
         shape = measures.shape(thing_id)

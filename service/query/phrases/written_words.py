@@ -1,4 +1,4 @@
-"""Words that are asked for as what is written on things, found among what photos show there, misread letters aside."""
+"""Search for words in what photos show written on things, tolerating misread letters."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastsplat.service.scene.artefact.scene import Thing
 from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 
 _ALIKE = 0.2
-"""Words that differ by at most this share of their letters are one word, read differently: one letter of five."""
+"""Largest share of differing letters of the same word: one of five."""
 _WORD = re.compile(r"\w+")
 _KINDS: Mapping[ReadKind, tuple[str, ...]] = {
     "text": (),
@@ -20,7 +20,7 @@ _KINDS: Mapping[ReadKind, tuple[str, ...]] = {
     "barcode": ("barcode", "bar", "code"),
     "tag": ("tag", "apriltag"),
 }
-"""What codes are called, so that "tag 12" is the one with the number 12."""
+"""Names of codes, so that "tag 12" is the one with the number 12."""
 
 _WHERE_IT_SAYS = re.compile(r"^\W*(?:where|on what|on which \w+) does it (?:say|read)\s+(?=\S)", re.IGNORECASE)
 _WHERE_WRITTEN = re.compile(
@@ -29,28 +29,29 @@ _WHERE_WRITTEN = re.compile(
 
 
 def asked_of_writing(text: str) -> str:
-    """ "where does it say oat milk?" as a noun phrase: "something that says oat milk"; other texts as they are."""
+    """Rewrites "where does it say oat milk?" as "something that says oat milk"."""
     return _WHERE_WRITTEN.sub(r"something that says \1", _WHERE_IT_SAYS.sub("something that says ", text))
 
 
 @dataclass(frozen=True)
 class WrittenWords:
-    """What is written on the things of one scene. Threads may share it."""
+    """Writing on one scene's things; thread-safe."""
 
     things: tuple[Thing, ...] = field(repr=False)  # of the scene; only those with reads count
 
     @cached_property
     def _lines(self) -> tuple[tuple[int, tuple[tuple[float, tuple[str, ...]], ...]], ...]:
-        """By thing, the probability and the words of each of its reads."""
+        """Probability and words of each read, by thing."""
         with_reads = [thing for thing in self.things if thing.reads]
         return tuple(
             (thing.id, tuple((read.probability, _words(read)) for read in thing.reads)) for thing in with_reads
         )
 
     def bearing(self, text: str) -> Mapping[int, float]:
-        """The things on which all words of a text are written, in whatever lines and order, the likeliest first, and
-        how probable that is, 0..1: of the least probable word. Figures must be the same; of other words one letter in
-        five may differ, which makes it less probable by that share."""
+        """Things with all words of a text, likeliest first, with probabilities 0..1.
+
+        Lines and order do not matter; the least probable word counts. Numbers must be equal; other words may differ in
+        one letter of five, which lowers the probability by that share."""
         asked = tuple(_WORD.findall(text.casefold()))
         if not asked:
             return {}
@@ -61,7 +62,7 @@ class WrittenWords:
         return dict(sorted(((each, own) for each, own in likely.items() if own), key=lambda each: -each[1]))
 
     def leading(self, words: Sequence[str]) -> int:
-        """How many of the first words are written on one thing, at most; 0 where the first is on none."""
+        """Largest number of leading words that are written on one thing."""
         most = 0
         for count in range(1, len(words) + 1):
             if not self.bearing(" ".join(words[:count])):
@@ -76,7 +77,7 @@ def _words(read: ThingRead) -> tuple[str, ...]:
 
 
 def _likeness(word: str, others: Sequence[str]) -> float:
-    """0..1: how much a word is like the likest of others; 0 where none may be it."""
+    """Likeness of a word to the closest of others, 0..1."""
     if word in others:
         return 1.0
     if any(letter.isdigit() for letter in word):

@@ -1,4 +1,4 @@
-"""Where a robot stands to see a thing: the free place nearest to it, by the map of the floor."""
+"""Navigation goals: the nearest free place from which a robot sees a thing."""
 
 from __future__ import annotations
 
@@ -17,27 +17,21 @@ from fastsplat_contract.messages.things import SceneThing
 F64 = NDArray[np.float64]
 
 MARGIN = 0.05
-"""Meters that stay free around a robot, beside its radius."""
+"""Clearance around a robot beyond its radius, meters."""
 FARTHEST = 3.0
-"""Meters from a thing's box within which a robot stands to see it."""
+"""Largest distance from a thing's box to a goal, meters."""
 
 
 def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, version: str = "") -> Goal:
-    """The free place nearest to a thing from which a robot sees it.
+    """Finds the free place nearest to a thing from which a robot sees it.
 
-    All cells within `robot_radius` and `MARGIN` of it are free, so is the thing's box, unless it is all above the band
-    of the map; it is at most `FARTHEST` from the box, and the line
-    from the top of the band over it to the top of the box passes over all that stands between, but the thing itself.
-    What reaches the top of the band hides everything behind it.
-
-    Args:
-        known: the map.
-        thing: its box is in the frame of the map.
-        robot_radius: meters.
-        version: of the scene, to be named in the answer.
+    All cells within `robot_radius` (meters) + `MARGIN` are free and clear of the thing's box, unless the box is
+    entirely above the map's height band. The place is at most `FARTHEST` from the box. The line from the top of the
+    band above the place to the top of the box passes over everything in between except the thing itself; whatever
+    reaches the top of the band hides everything behind it.
 
     Raises:
-        InvalidInputError: a radius that is none, a thing without a box, or what was taken for the floor may be none.
+        InvalidInputError: an invalid radius, a thing without a box, or a doubtful floor.
         NotFoundError: there is no such place.
     """
     if not (math.isfinite(robot_radius) and robot_radius > 0):
@@ -58,7 +52,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
     places = np.stack([columns + 0.5, rows + 0.5], axis=1) * known.resolution + known.origin
     distances = _distances(places, box)
     order = np.lexsort((columns, rows, distances.round(9)))
-    # What is lower than the map's surfaces begin, or was not seen well, still takes up the room of its box.
+    # Parts of the thing below the band, or poorly seen, still take up the room of its box.
     overhead = box.center.position.z - box.size.z / 2 > known.floor + known.height
     nearest = 0.0 if overhead else robot_radius + MARGIN
     near_enough = (distances[order] >= nearest) & (distances[order] <= FARTHEST)
@@ -78,14 +72,14 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
 
 
 def _clearance(known: OccupancyMap) -> F64:
-    """float64 [H, W]: meters from the middle of a free cell to the nearest edge of one that is not; 0 for others."""
+    """Clearance of cell centers, meters to the nearest non-free edge, float64 [H, W]."""
     free = np.pad(known.cells == FREE, 1)
     apart = np.asarray(distance_transform_edt(free), np.float64)[1:-1, 1:-1]
     return np.asarray(np.maximum(apart - math.sqrt(0.5), 0.0) * known.resolution)
 
 
 def _distances(places: F64, box: Box, margin: float = 0.0) -> F64:
-    """float64 [K]: of places [K, 2] from the rectangle of an upright box that is wider by `margin` on each side."""
+    """Distances of places [K, 2] from an upright box widened by `margin`, float64 [K]."""
     pose = rigid(box.center.orientation, box.center.position)
     local = (places - pose[:2, 3]) @ pose[:2, :2]
     outside = np.abs(local) - (np.array(box.size[:2]) / 2 + margin)
@@ -93,7 +87,7 @@ def _distances(places: F64, box: Box, margin: float = 0.0) -> F64:
 
 
 def _sees(known: OccupancyMap, place: F64, box: Box) -> bool:
-    """Whether nothing stands between the top of the band over a place and the top of a box."""
+    """True if nothing blocks the line from above a place to a box's top."""
     center = np.array(box.center.position)
     eye = np.array([*place, known.floor + known.height])
     target = center + np.array([0, 0, box.size[2] / 2])
@@ -103,8 +97,8 @@ def _sees(known: OccupancyMap, place: F64, box: Box) -> bool:
     depth, width = known.cells.shape
     inside = ((cells >= 0) & (cells < [width, depth])).all(axis=1)
     line, tops = line[inside], known.tops[cells[inside, 1], cells[inside, 0]].astype(np.float64)
-    # The thing does not hide itself: what is at its place, no higher than it.
+    # The thing does not hide itself: ignore cells inside its box that are no higher than it.
     own = (_distances(line[:, :2], box, 2 * known.resolution) == 0) & (tops <= target[2] + known.resolution)
-    # Cells are as high as their points are apart: one that nearly reaches the top of the band goes on above it.
+    # Heights are sampled a cell apart, so a cell that nearly reaches the top of the band counts as going above it.
     tops[tops > known.floor + known.height - 2 * known.resolution] = np.inf
     return bool((own | (line[:, 2] > tops)).all())

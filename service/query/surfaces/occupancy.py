@@ -1,4 +1,4 @@
-"""A 2D map of where a robot can drive: free, occupied and unknown cells of the floor, from what the cameras see."""
+"""2D occupancy map of the floor from the cameras' depth: free, occupied, unknown."""
 
 from __future__ import annotations
 
@@ -17,39 +17,35 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.goals import FloorSource
 
 MAX_MAP_CELLS = 4_000_000
-"""Cells of the map of a scene's floor."""
+"""Most cells of a map."""
 
 F64 = NDArray[np.float64]
 Keys = NDArray[np.int64]
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
-"""Values of cells, as in nav_msgs/OccupancyGrid."""
+"""Cell values, as in nav_msgs/OccupancyGrid."""
 
 RESOLUTION = 0.05
-"""Width of a cell in meters, where none is asked for."""
+"""Default cell width, meters."""
 CLEARANCE = 0.1
-"""Meters above the floor up to which surfaces count as the floor: more than the depth of a trained scene is off by."""
+"""Height of surfaces that count as floor, meters; exceeds a trained scene's depth error."""
 LOW = 0.25
-"""Meters above the floor: a ray that passes lower frees the cells below it, as whatever stands there would stop it."""
+"""Height of rays that free the cells below, meters: any obstacle would stop them."""
 
 _MOST_TILT = 3.0
-"""Degrees between +z and the vertical, and of its deviation: 0.16 m of height over 3 m."""
+"""Most tilt and deviation of the vertical, degrees: 0.16 m of height over 3 m."""
 _LEVEL_BIN = 0.05
 _LEVEL_SHARE = 0.25
-"""Of the points of the densest level that a level has at least, to be the floor."""
+"""Least density of the floor level, relative to the densest level."""
 _FACING_UP = 0.8
 _SAMPLES_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
 class OccupancyMap:
-    """Cells of the floor, in the scene's frame, whose z axis is up.
+    """Occupancy grid of the floor in the scene's frame, z up."""
 
-    Attributes:
-        cells: int8 [H, W], row 0 at the least y, column 0 at the least x: `FREE`, `OCCUPIED` or `UNKNOWN`.
-    """
-
-    cells: NDArray[np.int8]
+    cells: NDArray[np.int8]  # int8 [H, W], `FREE`, `OCCUPIED` or `UNKNOWN`; least y in row 0, least x in column 0
     tops: F32  # float32 [H, W], z of the highest surface in the robot's band, −inf where there is none
     resolution: float  # width of a cell, meters
     origin: tuple[float, float]  # x and y of the outer corner of cell [0, 0], meters; multiples of `resolution`
@@ -60,13 +56,7 @@ class OccupancyMap:
 
 
 def check_map_frame(scene: Scene) -> None:
-    """Refuses a scene of which no map in meters with z up can be made.
-
-    The vertical is that of `Scene.vertical`.
-
-    Raises:
-        InvalidInputError: the scene is not in meters, the vertical is unknown, or not +z to within 3 degrees.
-    """
+    """Raises InvalidInputError unless a scene is metric with `vertical` within 3° of +z."""
     if scene.scale != "METRIC":
         raise InvalidInputError(
             "a map needs meters, and this scene's unit is arbitrary",
@@ -93,34 +83,24 @@ def check_map_frame(scene: Scene) -> None:
 
 def occupancy_map(
     views: Sequence[SurfaceView],
-    floors: Collection[int],
-    others: Mapping[int, str],
+    floors: Collection[int],  # ids of floor things; the one with the most points counts
+    others: Mapping[int, str],  # names of things that are no floors, by id
     *,
-    resolution: float,
-    height: float,
+    resolution: float,  # width of a cell, meters
+    height: float,  # of the robot, meters above the floor
     most_points: int = MAX_SURFACE_POINTS,
     most_cells: int = MAX_MAP_CELLS,
 ) -> OccupancyMap:
-    """The map of what stands above the floor.
+    """Builds the occupancy map of a scene that passes `check_map_frame`; cancellable.
 
-    Occupied are cells with a surface that several views agree on (see `surface_points`) between `CLEARANCE` and
-    `height` above the floor. Of the others those are free over which a ray from a camera to the surface that it sees
-    passes lower than `LOW`. All others are unknown: nothing was seen there, or something there or in a cell beside it
-    lies lower than the floor, as steps down do, and mirror images.
-
-    Args:
-        views: of a scene for which `check_map_frame` passes.
-        floors: ids of the things that are floors; of several the one with the most points counts.
-        others: names of things that are no floors, by their ids.
-        resolution: width of a cell, meters.
-        height: of the robot, meters above the floor.
-        most_points: see `surface_points`.
-        most_cells: of the map.
+    A cell is occupied if several views agree on a surface (see `surface_points`) between `CLEARANCE` and `height` above
+    the floor. Other cells are free if a ray from a camera to the surface it sees passes over them below `LOW`. The rest
+    is unknown: nothing was seen there, or a surface in it or in a neighboring cell lies below the floor, as steps down
+    and mirror images do.
 
     Raises:
-        InvalidInputError: a resolution or height that is none, or no floor is seen.
+        InvalidInputError: an invalid resolution or height, or no floor is seen.
         LimitExceededError: more points or cells than allowed.
-        CancelledError: see `service.common.cancellation`.
     """
     if not (np.isfinite(resolution) and resolution > 0):
         raise InvalidInputError(f"a cell of {resolution} m", field="cell", hint="Meters, above 0.")
@@ -161,7 +141,7 @@ def occupancy_map(
 
 
 def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, FloorSource]:
-    """The z of the floor, and what says so."""
+    """Estimates the floor's z and names its source."""
     counts = {thing: int((samples.things == thing).sum()) for thing in floors}
     if counts and max(counts.values()):
         largest = max(counts, key=lambda thing: counts[thing])
@@ -180,7 +160,7 @@ def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, Flo
 
 
 def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, others: Mapping[int, str]) -> str:
-    """What says that the lowest level is no floor: the name of what most of it belongs to, or how near it is."""
+    """Reason to doubt the floor: another thing's surface, or too near the cameras."""
     level = samples.things[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
     ids, counts = np.unique(level, return_counts=True)
     most = int(ids[counts.argmax()]) if len(ids) else 0
@@ -191,7 +171,7 @@ def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, 
 
 
 def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:
-    """int64 [K]: keys of the cells over which the rays of one view pass lower than `LOW`."""
+    """Keys of the cells over which a view's rays pass below `LOW`, int64 [K]."""
     check_cancelled()
     eye = np.asarray(view.posed.world_from_camera[:3, 3], np.float64)
     if eye[2] <= floor:
@@ -204,7 +184,7 @@ def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:
     lengths = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-9)
     with np.errstate(divide="ignore", invalid="ignore"):
         enters = np.where(eye[2] > floor + LOW, (floor + LOW - eye[2]) / rays[:, 2], 0.0)
-    # A ray that ends on what stands there frees nothing in the last cell before it.
+    # A ray that ends on an obstacle does not free the last cell before it.
     leaves = np.where(above <= CLEARANCE, 1.0, 1.0 - resolution / lengths)
     counts = np.ceil(np.maximum(leaves - enters, 0) * lengths / (resolution / 2)).astype(np.int64) + 1
     counts[leaves < enters] = 0
@@ -219,24 +199,24 @@ def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:
 
 
 def _chunks(counts: Keys) -> Iterator[NDArray[np.intp]]:
-    """Rows of `counts` in turn, in pieces of about a million samples."""
+    """Splits the rows of `counts` into chunks of about a million samples."""
     if len(counts):
         pieces = np.cumsum(counts) // _SAMPLES_AT_ONCE
         yield from np.split(np.arange(len(counts)), np.flatnonzero(np.diff(pieces)) + 1)
 
 
 def _keys(places: F64, resolution: float) -> Keys:
-    """int64 [K]: a number for the cell of each of the places [P, 2] within reach."""
+    """Integer keys of the cells of places [P, 2], int64 [K]; unreachable places are dropped."""
     steps = np.floor(places / resolution)
     steps = steps[(np.abs(steps) < REACH - 8).all(axis=1)].astype(np.int64) + REACH
     return np.asarray(steps[:, 0] << 21 | steps[:, 1])
 
 
 def _widened(keys: Keys) -> Keys:
-    """The cells and the eight around each."""
+    """Adds the eight neighbors of each cell."""
     return np.asarray((keys[:, None] + [(x << 21) + y for x in (-1, 0, 1) for y in (-1, 0, 1)]).ravel())
 
 
 def _steps(keys: Keys) -> tuple[Keys, Keys]:
-    """Columns and rows of the cells, counted from the frame's origin."""
+    """Decodes keys into columns and rows, counted from the frame's origin."""
     return (keys >> 21) - REACH, (keys & ((1 << 21) - 1)) - REACH

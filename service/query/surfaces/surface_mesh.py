@@ -1,8 +1,7 @@
-"""A scene's surfaces as a mesh: depth of its own cameras fused into a signed distance, and the surface where that is 0.
+"""TSDF fusion of a scene's depth maps, and its surface net.
 
-The distance is Curless and Levoy's (1996), truncated and averaged over views, in voxels near the surface only; the mesh
-is that of surface nets (Gibson 1998): one vertex in each cube of voxels that the surface crosses.
-"""
+The signed distance follows Curless and Levoy (1996), truncated and averaged over views, in voxels near the surface
+only. Meshing follows Gibson's surface nets (1998): one vertex in each voxel cube that the surface crosses."""
 
 from __future__ import annotations
 
@@ -24,24 +23,24 @@ from fastsplat_contract.errors import LimitExceededError
 I64 = NDArray[np.int64]
 
 VOXELS_PER_POINT = 7
-"""Voxels near a surface for each cell of points on it; on a table-top scene, rounded up."""
+"""Voxels near a surface per cell of points; measured on a table-top scene."""
 
 _TRUNCATION = 4.0
-"""Voxels at which a distance is cut off."""
+"""Truncation distance, voxels."""
 _AROUND = 2
-"""Voxels on either side of a point of the surface in which distances are kept."""
+"""Voxels kept on either side of a surface point."""
 _CHUNK = 1 << 20
 _LEAST_FACES = 64
-"""Smaller pieces of surface that touch no other are left out."""
+"""Connected components with fewer faces are removed."""
 _STEPS = np.array([1 << 42, 1 << 21, 1], np.int64)
-"""What a key grows by from one voxel to the next along x, y and z, see `cell_keys`."""
+"""Key increments of one voxel along x, y and z, see `cell_keys`."""
 _CORNERS = np.array(list(product((0, 1), repeat=3)), np.int64)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
 
 
 @dataclass(frozen=True)
 class LabelledMesh:
-    """A mesh whose vertices know what the views say of them."""
+    """A mesh with labels, things, colors and confidence at its vertices."""
 
     vertices: SurfaceSamples  # see `SurfaceSamples`; normals are those of the mesh
     faces: I64  # int64 [F, 3], counter-clockwise seen from outside
@@ -52,19 +51,10 @@ class LabelledMesh:
 def surface_mesh(
     views: Sequence[SurfaceView], *, cell: float, most_voxels: int, limit: str, most_points: int = MAX_SURFACE_POINTS
 ) -> LabelledMesh:
-    """The mesh of a scene's surfaces.
+    """Builds the mesh of a scene's surfaces; cancellable.
 
-    Args:
-        views: of the scene.
-        cell: width of a voxel; 0: as `surface_points` has it, or wider, so that `most_voxels` is enough.
-        most_voxels: bound of the memory.
-        limit: how an error names `most_voxels`.
-        most_points: another bound of the memory.
-
-    Raises:
-        LimitExceededError: more voxels, with a cell that was asked for.
-        CancelledError: see `service.common.cancellation`.
-    """
+    `cell` is the voxel width; 0: as in `surface_points`, or wider so that `most_voxels` suffices. An explicit one that
+    needs more raises LimitExceededError, in which `limit` names the bound."""
     most = min(most_points, max(1, most_voxels // VOXELS_PER_POINT))
     samples, voxel = surface_points(views, cell=cell, most=most, limit=limit)
     keys = _around(samples.points, voxel)
@@ -81,13 +71,10 @@ def surface_mesh(
 
 
 def fused(points: F32, views: Sequence[SurfaceView], truncation: float) -> F32:
-    """float32 [P]: signed distance to the surface along the views' rays, positive in front of it, in units of
-    `truncation`, −1 to 1, the mean over the views that do not see the point far behind their surface, weighted by
-    confidence; NaN where there is none.
+    """Fuses the views' truncated signed distances at points [P, 3], float32 [P]; cancellable.
 
-    Raises:
-        CancelledError: see `service.common.cancellation`.
-    """
+    In units of `truncation`, −1 to 1, positive in front of the surface: the confidence-weighted mean over views in
+    which the point is not far behind their surface; NaN where there is none."""
     parts = [points[start : start + _CHUNK] for start in range(0, max(len(points), 1), _CHUNK)]
     return np.concatenate([_fused(part, views, np.float32(truncation)) for part in parts])
 
@@ -107,13 +94,9 @@ def _fused(points: F32, views: Sequence[SurfaceView], truncation: np.float32) ->
 
 
 def surface_net(keys: I64, distances: F32, voxel: float) -> tuple[F32, I64]:
-    """Vertices, float32 [V, 3], and triangles, int64 [F, 3], of the surface where a distance is 0.
+    """Extracts vertices, float32 [V, 3], and triangles, int64 [F, 3], of the zero level.
 
-    Args:
-        keys: int64 [K], ascending, of voxels, see `cell_keys`.
-        distances: float32 [K], at their centers, positive outside.
-        voxel: its width, scene units.
-    """
+    `keys` are ascending voxel keys, int64 [K] (see `cell_keys`), with distances at their centers, positive outside."""
     inside = distances < 0
     rows = np.stack([_places(keys, keys + corner @ _STEPS).astype(np.int32) for corner in _CORNERS], axis=1)
     whole = (rows >= 0).all(axis=1)
@@ -136,7 +119,7 @@ def surface_net(keys: I64, distances: F32, voxel: float) -> tuple[F32, I64]:
 
 
 def _quads(keys: I64, inside: NDArray[np.bool_], vertex: I64, axis: int) -> I64:
-    """Two triangles for each edge along an axis that the surface crosses and that has its four cubes."""
+    """Two triangles per crossed edge along an axis that has all four cubes."""
     ahead = _places(keys, keys + _STEPS[axis])
     edges = np.flatnonzero((ahead >= 0) & (inside != inside[ahead]))
     u, v = _STEPS[(axis + 1) % 3], _STEPS[(axis + 2) % 3]
@@ -149,13 +132,13 @@ def _quads(keys: I64, inside: NDArray[np.bool_], vertex: I64, axis: int) -> I64:
 
 
 def _places(keys: I64, others: I64) -> I64:
-    """int64: where each of `others` is in the ascending `keys`, −1 where it is not."""
+    """Index of each of `others` in the ascending `keys`, int64; −1 if missing."""
     places = np.minimum(np.searchsorted(keys, others), max(len(keys) - 1, 0))
     return np.where(keys[places] == others, places, -1) if len(keys) else np.full(len(others), -1, np.int64)
 
 
 def _around(points: F32, voxel: float) -> I64:
-    """Ascending keys of the voxels within `_AROUND` of those of the points."""
+    """Ascending keys of the voxels within `_AROUND` of the points' voxels."""
     keys = np.unique(cell_keys(points, voxel)[0])
     for step in _STEPS:
         check_cancelled()
@@ -169,7 +152,7 @@ def _centers(keys: I64, voxel: float) -> F32:
 
 
 def _without_specks(points: F32, faces: I64) -> tuple[F32, I64]:
-    """The mesh without small pieces, and without vertices of no face."""
+    """Removes small components and unused vertices."""
     if not len(faces):
         return points[:0], faces
     ends = faces[:, :2].T.ravel(), faces[:, 1:].T.ravel()
@@ -182,7 +165,7 @@ def _without_specks(points: F32, faces: I64) -> tuple[F32, I64]:
 
 
 def _vertex_normals(points: F32, faces: I64) -> F32:
-    """float32 [V, 3]: unit normals, the mean of the faces' around a vertex, weighted by area."""
+    """Area-weighted unit vertex normals, float32 [V, 3]."""
     a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
     normals = np.cross(b - a, c - a)
     corners = faces.T.ravel()
@@ -192,6 +175,6 @@ def _vertex_normals(points: F32, faces: I64) -> F32:
 
 
 def _face_things(things: NDArray[np.uint16], faces: I64) -> NDArray[np.uint16]:
-    """uint16 [F]: the thing of two vertices or more of each face, else that of its first."""
+    """Majority thing of each face's vertices, else its first vertex's, uint16 [F]."""
     first, second, third = (things[faces[:, corner]] for corner in range(3))
     return np.where(second == third, second, first)

@@ -1,4 +1,4 @@
-"""A scene's surfaces as points: the depth of its cameras, back-projected, thinned, checked by the other views."""
+"""Surface points of a scene: back-projected depth, thinned and cross-checked between views."""
 
 from __future__ import annotations
 
@@ -19,34 +19,26 @@ from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import LimitExceededError
 
 MAX_SURFACE_POINTS = 1_000_000
-"""Points of a point cloud; without a cell that was asked for, cells are as wide as that needs."""
+"""Most points of a point cloud; default cells widen until they suffice."""
 
 BAND = 3.0
-"""Cells within which two views show the same surface."""
+"""Depth difference in cells within which two views show the same surface."""
 
 _FINEST = 2.0
-"""Pixels of the views that one cell is as wide as, by default."""
+"""Default cell width in pixels of the views."""
 _COARSER = 1.4
 REACH = 1 << 20
-"""Cells on either side of the origin that a key holds."""
+"""Cells on either side of the origin that a key can hold."""
 
 
 def surface_points(
     views: Sequence[SurfaceView], *, cell: float, most: int = MAX_SURFACE_POINTS, limit: str = ""
 ) -> tuple[SurfaceSamples, float]:
-    """Points on surfaces, at most one a cell, and the width of a cell in scene units. Points that only one view sees,
-    or that more views see through than see, are left out.
+    """Samples surfaces at most once per cell; returns the points and the cell width.
 
-    Args:
-        views: of the scene.
-        cell: its width; 0: two pixels of the views at the median depth, or wider, so that `most` is enough.
-        most: points.
-        limit: how an error names the limit, if not by `most`.
-
-    Raises:
-        LimitExceededError: more than `most` points, with a cell that was asked for.
-        CancelledError: see `service.common.cancellation`.
-    """
+    Points that only one view sees, or that more views see through than see, are left out. The default width (`cell` 0)
+    is two pixels at the median depth, or wider so that `most` points suffice; with an explicit one LimitExceededError
+    is raised for more, with `limit` as the bound's name. Cancellable."""
     width = cell or pixel_width(views) * _FINEST
     means = thinned([_thinned_view(view, width) for view in views], width)
     while len(means) > most:
@@ -65,15 +57,14 @@ def surface_points(
 
 
 def pixel_width(views: Sequence[SurfaceView]) -> float:
-    """The median width of a pixel on the surfaces, scene units; 1 where there is none."""
+    """Median width of a pixel on the surfaces, scene units; 1 if there is none."""
     widths = [view.depth[view.depth > 0] / view.posed.camera.fx for view in views]
     every = np.concatenate(widths) if widths else np.zeros(0)
     return float(np.median(every)) if len(every) else 1.0
 
 
 def thinned(points: Sequence[F32], cell: float) -> F32:
-    """float32 [K, 3]: the mean of the points in each cell, in the order of the cells. Points more than 2²⁰ cells from
-    the origin are left out."""
+    """Averages the points in each cell, float32 [K, 3]; drops those beyond 2²⁰ cells."""
     every = np.concatenate(points) if points else np.zeros((0, 3), np.float32)
     keys, inside = cell_keys(every, cell)
     every = every[inside]
@@ -83,8 +74,7 @@ def thinned(points: Sequence[F32], cell: float) -> F32:
 
 
 def cell_keys(points: F32, cell: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """int64 [K]: a number for the cell of each point within reach, x slowest; and which of the [P, 3] points these are,
-    bool [P]."""
+    """Cell keys [K] (x slowest) of points within reach, and their mask [P]."""
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.floor(points.astype(np.float64) / cell)
     inside = np.asarray((np.abs(steps) < REACH - 8).all(axis=1))

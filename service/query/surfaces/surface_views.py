@@ -1,4 +1,4 @@
-"""A scene's surfaces as its own cameras show them, and what several views together say of points on them."""
+"""Surfaces seen by a scene's own cameras, and their consensus at points."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 LEAST_CONFIDENCE = 0.1
-"""Pixels below this show no surface. On a table-top scene with true depth, 7 % of the pixels; their depth is off by ten
-times as much as that of the others."""
+"""Pixels below this confidence show no surface.
+
+On a table-top scene with true depth these are 7 % of the pixels, with ten times the depth error of the others."""
 
 BYTES_PER_PIXEL = 19
-"""Of a view."""
+"""Memory of a `SurfaceView`."""
 
 _AGREEING_VIEWS = 2
 _CHUNK = 1 << 17
@@ -31,7 +32,7 @@ _CHUNK = 1 << 17
 
 @dataclass(frozen=True)
 class SurfaceView:
-    """One camera's picture of the surfaces."""
+    """Surface maps of one camera."""
 
     posed: PosedCamera  # the camera, scaled to the size of the pictures
     depth: F32  # float32 [H, W], camera z, scene units, 0 where no surface can be relied on
@@ -44,36 +45,28 @@ class SurfaceView:
 
 @dataclass(frozen=True)
 class SurfaceSamples:
-    """P points with what the views say of them.
-
-    Attributes:
-        confidence: float32 [P], 0..1: mean confidence of the views that see the point, times their share among those
-            that see it or see through it.
-    """
+    """P surface points with the views' consensus."""
 
     points: F32  # float32 [P, 3], world frame, scene units
     normals: F32  # float32 [P, 3], unit length, or zero where no view sees the point
     colors: NDArray[np.uint8]  # uint8 [P, 3], sRGB
     things: NDArray[np.uint16]  # uint16 [P], ids of things, 0 for none
     labels: NDArray[np.uint16]  # uint16 [P], dictionary ids, 0 for undetected
-    confidence: F32
+    confidence: F32  # float32 [P], 0..1: mean of the views that see it × their share of those that see (through) it
     views: NDArray[np.int32]  # int32 [P], how many views see the point
 
     def __len__(self) -> int:
         return len(self.points)
 
     def where(self, rows: NDArray[np.bool_]) -> SurfaceSamples:
-        """Those of `rows`, bool [P]."""
+        """Selects `rows`, bool [P]."""
         return SurfaceSamples(**{name: array[rows] for name, array in vars(self).items()})
 
 
 def surface_cameras(cameras: Sequence[PosedCamera], settings: QuerySettings) -> tuple[PosedCamera, ...]:
-    """At most `surface_views` of a scene's cameras, evenly through their order, with images of at most `surface_side`
-    pixels a side.
+    """Samples at most `surface_views` cameras evenly, with at most `surface_side` pixels.
 
-    Raises:
-        InvalidInputError: the scene has no cameras.
-    """
+    Raises InvalidInputError for a scene without cameras."""
     if not cameras:
         raise InvalidInputError(
             "a scene without cameras has no views to take its surfaces from",
@@ -86,12 +79,7 @@ def surface_cameras(cameras: Sequence[PosedCamera], settings: QuerySettings) -> 
 
 
 def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
-    """What the cameras of `surface_cameras` show.
-
-    Raises:
-        InvalidInputError: the scene has no cameras.
-        CancelledError: see `service.common.cancellation`.
-    """
+    """Renders the surface maps of `surface_cameras`; cancellable."""
     views = []
     for posed in surface_cameras(index.scene.cameras, index.settings):
         check_cancelled()
@@ -111,7 +99,7 @@ def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
 
 
 def back_projected(view: SurfaceView) -> F32:
-    """float32 [K, 3]: the world points of the pixels that have a depth."""
+    """World points of the pixels that have a depth, float32 [K, 3]."""
     rows, columns = np.nonzero(view.depth)
     local = view.posed.camera.rays(columns + 0.5, rows + 0.5) * view.depth[rows, columns, None].astype(np.float64)
     pose = view.posed.world_from_camera
@@ -119,8 +107,7 @@ def back_projected(view: SurfaceView) -> F32:
 
 
 def projected(view: SurfaceView, points: F32) -> tuple[NDArray[np.intp], NDArray[np.intp], F32]:
-    """Positions [K] of the points [P, 3] that fall into the picture where it has a depth, their pixels as positions
-    [K] in the flat picture, and their camera z, float32 [K]."""
+    """Projects points [P, 3] to pixels with depth: rows, flat pixels, camera z, [K]."""
     camera = view.posed.camera
     viewmat = view.posed.camera_from_world().astype(np.float32)
     local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
@@ -134,12 +121,10 @@ def projected(view: SurfaceView, points: F32) -> tuple[NDArray[np.intp], NDArray
 
 
 def observed(points: F32, views: Sequence[SurfaceView], band: float) -> SurfaceSamples:
-    """What the views say of the points [P, 3]. A view sees a point whose depth in it differs from the picture's by at
-    most `band` scene units, and sees through one that is nearer than that.
+    """Gathers the views' consensus at points [P, 3]; cancellable.
 
-    Raises:
-        CancelledError: see `service.common.cancellation`.
-    """
+    A view sees a point whose depth differs from the view's by at most `band` scene units, and sees through a nearer
+    one."""
     parts = [_observed(points[start : start + _CHUNK], views, band) for start in range(0, len(points), _CHUNK)]
     if not parts:
         parts = [_observed(points, views, band)]
@@ -147,8 +132,7 @@ def observed(points: F32, views: Sequence[SurfaceView], band: float) -> SurfaceS
 
 
 def reliable(samples: SurfaceSamples, views: int) -> NDArray[np.bool_]:
-    """bool [P]: points that two views or more see (one, where there is only one), and at least as many as see through
-    them."""
+    """Selects points seen by two views (or the only one), and not mostly seen through."""
     return (samples.views >= min(_AGREEING_VIEWS, views)) & (samples.confidence > 0)
 
 
@@ -189,7 +173,7 @@ def _observed(points: F32, views: Sequence[SurfaceView], band: float) -> Surface
 def _most_voted(
     votes: Sequence[tuple[NDArray[np.intp], NDArray[np.uint32], NDArray[np.float32]]], count: int
 ) -> NDArray[np.uint32]:
-    """uint32 [count]: the value with the most weight of each row, the smaller one of two with the same; 0 without."""
+    """Value with the most weight per row, uint32 [count]; smaller on ties, else 0."""
     winners = np.zeros(count, np.uint32)
     rows = np.concatenate([row for row, _, _ in votes])
     if not len(rows):

@@ -1,4 +1,4 @@
-"""Names of colors by their centers in CIELAB, and whether a measured color is one of a name."""
+"""Color names by their centers in CIELAB, and the match of measured colors."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ _CENTERS: Mapping[str, str] = {
     "turquoise": "06c2ac 045c5a 7ef4cc",
     "violet": "9a0eea 7e1e9c bf77f6",
 }
-"""sRGB values that people gave these names, their dark, light and dull ones: the color survey of xkcd (Munroe 2010,
-CC0). Black and white have a second center and gray a darker light one, because nothing in a photo is as black or white
-as a screen."""
+"""sRGB centers by name, dark, light and dull (xkcd survey, Munroe 2010, CC0).
+
+Black and white have a second center and gray a darker light one: nothing in a photo is as black or white as a screen.
+"""
 _OVERLAPS: Mapping[str, tuple[str, ...]] = {
     "beige": ("brown", "white", "yellow"),
     "turquoise": ("green", "blue"),
     "violet": ("purple",),
 }
-"""Names beside the eleven basic color terms (Berlin and Kay 1969), and the basic ones that share their colors."""
+"""Names beyond the eleven basic terms (Berlin and Kay 1969) and their overlaps."""
 _SPELLINGS: Mapping[str, str] = {"grey": "gray", "teal": "turquoise"}
 
 UNMEASURED = frozenset({"golden", "gold", "silver"})
-"""Names of sheens, of which a mean color says nothing."""
+"""Sheens, which a mean color does not show."""
 SHADES: Mapping[str, str] = {"light": "light", "pale": "light", "dark": "dark"}
 NAMES = frozenset({*_CENTERS, *_SPELLINGS, *UNMEASURED} - {"gold"})
 
 _MARGIN = 5.0
-"""CIE94 units by which a color is nearer to one name than to all others, or it is between them."""
+"""CIE94 margin by which a color must be nearest to a name."""
 _NOT_DENIED = 0.25
-"""A color that is clear on this share of a thing is not denied of it, whatever its middle color is."""
+"""Clear share of a thing from which its color is never denied."""
 _FARTHEST = 30.0
 _MOST_SPREAD = 25.0
 _LIGHT, _DARK, _SHADE_MARGIN = 62.0, 42.0, 6.0
@@ -56,7 +57,7 @@ _TO_XYZ = np.array(
 
 
 def lab_of(rgb: F64) -> F64:
-    """CIELAB (D65, 2°) [..., 3] of sRGB [..., 3] in 0..1 (IEC 61966-2-1)."""
+    """Converts sRGB [..., 3] in 0..1 (IEC 61966-2-1) to CIELAB (D65, 2°)."""
     linear = np.where(rgb <= 0.04045, rgb / 12.92, ((np.maximum(rgb, 0.04045) + 0.055) / 1.055) ** 2.4)
     ratio = linear @ _TO_XYZ.T / _WHITE
     f = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
@@ -65,8 +66,9 @@ def lab_of(rgb: F64) -> F64:
 
 
 def color_distance(one: F64, other: F64) -> F64:
-    """CIE94 color difference [...] of CIELAB [..., 3] (CIE 116-1995), symmetric by the geometric mean of the chromas.
-    Lightness counts half (k_L = 2), because light and shadow change it more than the color of a thing does."""
+    """CIE94 (CIE 116-1995), symmetric by the chromas' geometric mean; lightness counts half.
+
+    k_L = 2, because light and shadow change lightness more than a thing's color does."""
     chroma_1, chroma_2 = np.hypot(one[..., 1], one[..., 2]), np.hypot(other[..., 1], other[..., 2])
     mean = np.sqrt(chroma_1 * chroma_2)
     chroma = chroma_1 - chroma_2
@@ -76,25 +78,21 @@ def color_distance(one: F64, other: F64) -> F64:
 
 
 def color_shares(lab: F64, weights: F64) -> Mapping[str, float]:
-    """0..1: on how much of a thing each name is clearly its color.
-
-    Args:
-        lab: float64 [N, 3], CIELAB.
-        weights: float64 [N], how much of the thing has each color.
-    """
+    """Share of a thing, 0..1, clearly in each color, from CIELAB [N, 3] and weights."""
     distances = _distances(lab)
     total = max(float(weights.sum()), np.finfo(np.float64).tiny)
     return {name: float(weights[_nearer(distances, name) >= 1].sum()) / total for name in _LAB}
 
 
 def color_clearness(lab: F64, spread: float, share: float, name: str, shade: str = "") -> tuple[float, float]:
-    """How far a measured color is from a name (CIE94), and how clearly it is of that name: from 1 on it is, from -1 on
-    it is not, between nothing is decided.
+    """CIE94 distance of a color from a name, and how clearly it has that name.
+
+    Clearness: from 1 on yes, from -1 down no, undecided in between.
 
     Args:
         lab: float64 [3], CIELAB.
-        spread: how far the thing's colors are from that one, CIE94; those of many colors have none.
-        share: 0..1, of the thing that is clearly of that name, see `color_shares`.
+        spread: median CIE94 deviation of the thing's colors; if large, nothing is decided.
+        share: 0..1 of the thing clearly of that name, see `color_shares`.
         name: of `NAMES`, but not of `UNMEASURED`.
         shade: "", "light" or "dark".
     """
@@ -114,17 +112,17 @@ def color_clearness(lab: F64, spread: float, share: float, name: str, shade: str
 
 
 def basic_name(name: str) -> str:
-    """A name of `NAMES` as it is spelled here: "grey" is gray."""
+    """Normalizes the spelling of a name of `NAMES`: "grey" is gray."""
     return _SPELLINGS.get(name, name)
 
 
 def _distances(lab: F64) -> Mapping[str, F64]:
-    """CIE94 [...] of CIELAB [..., 3] to the nearest center of each name."""
+    """CIE94 of CIELAB [..., 3] to the nearest center of each name."""
     return {name: color_distance(lab[..., None, :], centers).min(axis=-1) for name, centers in _LAB.items()}
 
 
 def _nearer(distances: Mapping[str, F64], name: str) -> F64:
-    """By how many margins a color is nearer to a name than to all others that do not share its colors."""
+    """Margins by which a color is nearer to a name than to non-overlapping names."""
     rivals = [
         distance
         for other, distance in distances.items()

@@ -1,4 +1,4 @@
-"""Cubes inside the hull of a place or of a thing, and the pieces that some of them make."""
+"""Voxel grids inside convex hulls, and their connected components."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _FINEST = 1 / 40
-"""Width of a cube, as a share of the longest side, at least."""
+"""Least width of a cube, as a share of the longest side."""
 _MAX_HULL_POINTS = 2_000
 TRIM = 0.01
-"""Share of the points beyond either end of each axis that do not make anything larger."""
+"""Share of points trimmed at either end of each axis."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class CubeGrid:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Cubes of a grid that touch each other."""
+    """Connected components of a grid's cubes."""
 
     numbers: NDArray[np.int64]  # int64 [K], of which piece each cube inside the hull is, from 1; 0 for none
     widths: F64  # float64 [P + 1], of the largest ball that fits into each piece, scene units; 0 first
@@ -40,14 +40,9 @@ class Pieces:
 
 
 def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
-    """The cubes inside the convex hull of points; None where these have no volume.
+    """Voxelizes the convex hull of points [K, 3]; None without volume.
 
-    Args:
-        points: float64 [K, 3].
-        thing: see `CubeGrid`.
-        across: how many cubes are wanted along the shortest side; 40 along the longest side are the most, and what 0
-            stands for.
-    """
+    `across`: cubes along the shortest side; at most 40 along the longest side, as for 0."""
     if len(points) < 4:
         return None
     low, high = np.quantile(points, [TRIM, 1 - TRIM], axis=0)
@@ -70,7 +65,7 @@ def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
 
 
 def most_around(grid: CubeGrid, marked: Mask) -> Mask:
-    """bool [K]: those cubes inside a grid's hull of which, and of the 26 around, more than half inside are marked."""
+    """Majority filter over the 3×3×3 neighborhoods inside the hull, bool [K]."""
     from scipy import ndimage
 
     whole = np.zeros((2, *grid.inside.shape))
@@ -80,7 +75,7 @@ def most_around(grid: CubeGrid, marked: Mask) -> Mask:
 
 
 def pieces_of(grid: CubeGrid, marked: Mask) -> Pieces:
-    """The pieces that the marked ones make, bool [K], of the cubes inside a grid's hull."""
+    """Connected components of the marked cubes, bool [K], inside a grid's hull."""
     from scipy import ndimage  # no other question needs it
 
     whole = np.zeros(grid.inside.shape, np.bool_)

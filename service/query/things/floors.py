@@ -1,4 +1,4 @@
-"""Which things are floors: by their names, and by how far below the cameras they lie. A table top is none."""
+"""Floor detection by names and by height below the cameras, to exclude table tops."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _FLOORS = frozenset(
     "floor flooring floorboard floorboards ground carpet carpeting rug parquet linoleum laminate pavement paving "
     "sidewalk driveway patio lawn grass road street asphalt".split()
 )
-"""Last words of names of what people and robots stand on."""
+"""Last words of names of floors."""
 _COVERINGS = frozenset("tile tiles tiling board boards covering mat".split())
-"""Of a floor, where that word comes before."""
+"""Words that name a floor after "floor" or "ground"."""
 _TRUSTED = ("given", "person")
-"""Who says that something is a floor is believed of whatever height and shape."""
+"""Sources of names that are trusted at any height."""
 
 LEAST_BELOW = 0.6
-"""Meters from a floor up to three of four cameras: people hold them higher, and over a table lower."""
+"""Least meters from a floor up to three of four cameras."""
 
 
 def names_a_floor(names: Sequence[str]) -> bool:
-    """Whether one of a thing's names, or of their aliases, is a floor's."""
+    """True if one of these names (or aliases) is a floor's."""
     for name in names:
         words = name.casefold().replace("-", " ").split()
         covering = len(words) > 1 and words[-1] in _COVERINGS and words[-2] in ("floor", "ground")
@@ -37,19 +37,17 @@ def names_a_floor(names: Sequence[str]) -> bool:
 
 
 def meters_below(cameras: Sequence[PosedCamera], up: NDArray[np.float64], height: float) -> float:
-    """How far below the cameras a height lies: three of four are at least so much higher."""
+    """Distance that three of four cameras are above a height, at least."""
     heights = np.array([posed.world_from_camera[:3, 3] @ up for posed in cameras])
     return float(np.quantile(heights, 0.25)) - height
 
 
 def with_floors_judged(scene: Scene, things: Sequence[Thing], owner: NDArray[np.int32]) -> tuple[Thing, ...]:
-    """The things, in which a level surface is a floor by what is known of it now.
+    """Re-judges level surfaces as floors by current names and scale.
 
-    Discovery takes the lowest level surface below the cameras for the floor, before anything has a name, and often
-    before the scene is in meters. One with another name is none; nor is one in a scene in meters that lies less than
-    `LEAST_BELOW` below the cameras, unless a person or the upload calls it a floor. A level surface that is named as a
-    floor is one.
-    """
+    Discovery takes the lowest level surface below the cameras for the floor, before names and often before scale are
+    known. A surface with another name is no floor; nor, in a metric scene, one less than `LEAST_BELOW` below the
+    cameras, unless a person or the upload calls it a floor. A level surface named as a floor is one."""
     return tuple(_judged(scene, thing, owner) for thing in things)
 
 
@@ -72,8 +70,7 @@ def _near_the_cameras(scene: Scene, rows: NDArray[np.intp]) -> bool:
 
 
 def floor_ids(things: Sequence[Thing], dictionary: Dictionary) -> list[int]:
-    """The ids of the things that are floors: level surfaces (see `with_floors_judged`), and things without a kind of
-    surface, as scenes of label maps have them, that a person or the upload calls a floor."""
+    """Ids of floors: judged level surfaces, or unclassified things with trusted floor names."""
     return [
         thing.id
         for thing in things
@@ -83,12 +80,12 @@ def floor_ids(things: Sequence[Thing], dictionary: Dictionary) -> list[int]:
 
 
 def names_of_others(things: Sequence[Thing], dictionary: Dictionary) -> dict[int, str]:
-    """By id the names of the things that bear a name which is no floor's."""
+    """Names that are no floor's, by thing id."""
     return {thing.id: thing.name for thing in things if thing.name and not names_a_floor(all_names(thing, dictionary))}
 
 
 def all_names(thing: Thing, dictionary: Dictionary) -> tuple[str, ...]:
-    """A thing's name, and the aliases of its label; none for a thing without a name."""
+    """A thing's name and its label's aliases; empty without a name."""
     if not thing.name:
         return ()
     label_id = dictionary.id_of(thing.name)

@@ -1,4 +1,4 @@
-"""The label of each Gaussian and its probability, whatever the scene's labels are made from."""
+"""Label and probability of each Gaussian, for all kinds of semantics."""
 
 from __future__ import annotations
 
@@ -21,8 +21,7 @@ class GaussianLabels:
 
 
 def label_gaussians(scene: Scene) -> GaussianLabels:
-    """The most probable class of each Gaussian: by its code (softmax of W·code + b), by its evidence (Dirichlet
-    posterior), or the name of its most probable thing, see `semantics_of`."""
+    """Labels Gaussians by codes (softmax of W·code + b), evidence (Dirichlet posterior) or things."""
     semantics = semantics_of(scene)
     if isinstance(semantics, ThingSemantics):
         return label_by_things(semantics, posterior(semantics.things.membership, len(semantics.label_ids)))
@@ -33,5 +32,5 @@ def label_gaussians(scene: Scene) -> GaussianLabels:
 
 
 def label_by_things(semantics: ThingSemantics, belief: Posterior) -> GaussianLabels:
-    """The name of the most probable thing of each Gaussian, of the posterior of its membership."""
+    """Labels each Gaussian with the name of its most probable thing."""
     return GaussianLabels(semantics.label_ids[belief.classes], belief.confidence)

@@ -1,4 +1,4 @@
-"""Maps of things as they were drawn last, bounded by their bytes."""
+"""LRU cache of thing maps, bounded by bytes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 ThingMap = NDArray[np.uint16]
 
 KEPT_MAP_BYTES = 32 << 20
-"""Of the maps of one open scene: 8 of 1920×1080 pixels, or one of 4096×4096."""
+"""Limit per open scene: 8 maps of 1920×1080 pixels, or one of 4096×4096."""
 
 
 class KeptMaps:
-    """uint16 [H, W] maps of `KEPT_MAP_BYTES` together, the least recently used leave first; a larger one is not kept.
-    Threads may share it."""
+    """LRU cache of uint16 [H, W] maps, up to `KEPT_MAP_BYTES` together; thread-safe."""
 
     def __init__(self) -> None:
         self._maps: OrderedDict[Hashable, ThingMap] = OrderedDict()
@@ -26,11 +25,10 @@ class KeptMaps:
 
     @property
     def nbytes(self) -> int:
-        """What the maps here weigh."""
         return self._bytes
 
     def get(self, key: Hashable, draw: Callable[[], ThingMap]) -> ThingMap:
-        """The map of `key`, drawn now if it is not here; two threads may draw the same one."""
+        """Returns the map of `key`, drawn on a miss; two threads may draw it twice."""
         with self._lock:
             if key in self._maps:
                 self._maps.move_to_end(key)

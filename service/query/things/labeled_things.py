@@ -1,4 +1,4 @@
-"""Things of a scene that stores none: the connected Gaussians of each of its labels."""
+"""Instances of a scene without stored things: connected Gaussians of each label."""
 
 from __future__ import annotations
 
@@ -20,29 +20,25 @@ from fastsplat.service.scene.objects.things import MAX_THING_ID
 F64 = NDArray[np.float64]
 
 _SURE_PX = 16
-"""Membership of a Gaussian whose label is certain, pixels."""
+"""Weight in pixels of a membership with a certain label."""
 _REACH = 4.0
-"""A Gaussian of the same label this many standard deviations from a thing's nearest one belongs to the thing."""
+"""Standard deviations within which a free Gaussian joins the nearest thing of its label."""
 _MIN_SHARE = 0.05
 _MAX_THINGS_A_LABEL = 1_000
 
 
 def things_of(scene: Scene) -> Things:
-    """The things that a scene stores, else those of its labels."""
+    """Returns a scene's stored things, else those of its labels."""
     return labeled_things(scene, label_gaussians(scene)) if scene.things is None else scene.things
 
 
 def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
-    """The connected Gaussians of each label as things, numbered by label id, then from the largest, so that the same
-    scene always has the same ids.
+    """Makes things of each label's connected Gaussians, with deterministic ids.
 
-    Gaussians of a label that touch (see `components`) are one thing; those less opaque than 0.05 join nothing. A
-    component with less than a twentieth of what its label's largest has, by opacity and confidence, is a speck, and no
-    thing: labels that leak onto what stands behind look like that. A thing bears the name of its label, and the codes
-    that were trained on the labels, if any, decide whose a pixel is. Gaussians of the label that are too faint, or too
-    few, to be a thing belong to the thing of that label that they lie in or beside; those with none so near are strays,
-    and belong to no thing.
-    """
+    Ids follow the label id, then decreasing size. Gaussians below an opacity of 0.05 connect nothing (see
+    `components`). Components below a twentieth of their label's largest, by opacity and confidence, are specks (leaked
+    labels) and no things. Things are named after their labels; trained codes, if any, decide their pixels. Faint or
+    speck Gaussians join the nearest thing of their label within reach; other strays belong to none."""
     owner = np.zeros(len(scene.gaussians), np.int32)
     table = []
     source: NameSource = "given" if scene.quality.get("label_source") == "given" else "detected"
@@ -61,7 +57,7 @@ def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
             owner[rest] = np.where(distance <= reach[nearest], owner[own[nearest]], 0)
     counts = np.maximum(np.rint(_SURE_PX * UNIT * labels.confidence.astype(np.float64)), 1).astype(np.int64)
     rows = np.arange(len(owner))
-    # What has no label says so in the masks, as long as anybody has seen it.
+    # Gaussians without a label count as none in masks, if any view has seen them.
     seen = (owner > 0) | (labels.confidence > 0)
     members = evidence_of(rows[seen], owner[seen], counts[seen], len(owner))
     coded = isinstance(semantics_of(scene), CodeSemantics) and scene.gaussians.codes.shape[1] > 0
@@ -69,7 +65,7 @@ def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
 
 
 def _pieces(scene: Scene, labels: GaussianLabels) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """The pieces of each label that are no specks, each with its Gaussians; by label id, then the largest first."""
+    """Yields each label's components without specks, by label id, largest first."""
     sizes = logistic(scene.gaussians.logit_opacities) * labels.confidence
     for label_id, members in grouped_rows(labels.classes, solid_rows(scene.gaussians)):
         for rows in _large(components(scene.gaussians, members), members, sizes):
@@ -77,7 +73,7 @@ def _pieces(scene: Scene, labels: GaussianLabels) -> Iterator[tuple[int, NDArray
 
 
 def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64) -> list[NDArray[np.int64]]:
-    """The components that are no specks, largest first."""
+    """Components that are no specks, largest first."""
     sums = np.bincount(component, weights=sizes[members])
     order = (-sums).argsort(kind="stable")
     chosen = order[sums[order] >= _MIN_SHARE * sums.max()][:_MAX_THINGS_A_LABEL]

@@ -1,12 +1,10 @@
-"""What is at a place: a thing, the part of it there, the group that it is in; and which of these levels is meant.
+"""Picking of a thing, its part or its group at a place, with probabilities.
 
-The probability that a level is meant is p(l) = w(l) c(l) a(l) / Σ over the levels that are there, where
-
-- c(l) is the share of the views that see it in which the level's part, thing or group was proposed (`consensus`),
-- a(l) is how far it agrees with the place: at a pixel, the share of the 7×7 pixels around it that are of it; in a box,
-  the intersection over union of its mask and the box; at a point, the share of the Gaussians there that are of it,
-- w(l) is how often people mean a level, whatever is there, see `_MEANT`.
-"""
+The probability of a level is p(l) = w(l) c(l) a(l) / Σ over the existing levels:
+- c(l): `consensus`, the share of views that proposed it among those that see it,
+- a(l): agreement with the place: at a pixel, the share of the 7×7 pixels around it; in a box, the IoU of mask and box;
+  at a point, the share of the Gaussians there,
+- w(l): prior of the level, see `_MEANT`."""
 
 from __future__ import annotations
 
@@ -21,19 +19,21 @@ from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.messages.things import AskedLevel, PickedLevel, PickLevel, Pixel, PixelBox
 
 _MEANT: dict[PickLevel, float] = {"part": 0.25, "thing": 1.0, "group": 0.25}
-"""How often a level is meant beside a thing. Discovery has chosen what is a thing by more evidence than one place has;
-so another level is likelier only where the place speaks against the thing."""
+"""Prior of each level relative to a thing.
+
+Discovery chose things by more evidence than one place has, so another level wins only if the place contradicts the
+thing."""
 _LEAST = 1e-3
 """Consensus of what hardly any view proposed."""
 _AROUND_PX = 3
-"""Pixels on each side of one within which a click may have been meant."""
+"""Pixels around a click that may have been meant."""
 
 Agreement = Callable[[int], float]
-"""How far a part, thing or group agrees with a place, 0..1, by its id."""
+"""Agreement of a part, thing or group with a place, 0..1, by its id."""
 
 
 def pick_pixel(things: SceneThings, posed: PosedCamera, pixel: Pixel) -> tuple[PickedLevel, ...]:
-    """The levels of what a view shows at a pixel: the part, if there is one, the thing, the group, if there is one.
+    """Picks part, thing and group at a pixel.
 
     Raises:
         InvalidInputError: the pixel is outside the picture.
@@ -63,13 +63,7 @@ def pick_pixel(things: SceneThings, posed: PosedCamera, pixel: Pixel) -> tuple[P
 
 
 def pick_box(things: SceneThings, posed: PosedCamera, box: PixelBox) -> tuple[PickedLevel, ...]:
-    """The levels of the thing whose mask overlaps a box of a view best, by intersection over union, as `pick_pixel`;
-    the part is the one of the thing that overlaps the box best.
-
-    Raises:
-        InvalidInputError: the box is outside the picture, or has no area.
-        NotFoundError: no thing is there.
-    """
+    """Picks the thing and part with the largest IoU with a box; errors as `pick_pixel`."""
     width, height = posed.camera.width, posed.camera.height
     if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
         raise InvalidInputError(
@@ -96,13 +90,7 @@ def pick_box(things: SceneThings, posed: PosedCamera, box: PixelBox) -> tuple[Pi
 
 
 def pick_point(things: SceneThings, point: Vector3) -> tuple[PickedLevel, ...]:
-    """The levels of what is at a point of the world, as `pick_pixel`: of the nearest visible Gaussian there, see
-    `SceneThings.rows_at`.
-
-    Raises:
-        InvalidInputError: the point is not finite.
-        NotFoundError: no thing is there.
-    """
+    """Picks at the nearest visible Gaussian, see `rows_at`; errors as `pick_pixel`."""
     near = things.rows_at(point)
     thing_id = int(things.owner[near[0]]) if len(near) else 0
     if not thing_id:
@@ -117,11 +105,7 @@ def pick_point(things: SceneThings, point: Vector3) -> tuple[PickedLevel, ...]:
 
 
 def chosen_level(levels: Sequence[PickedLevel], asked: AskedLevel) -> PickedLevel:
-    """The level that is asked for, or the likeliest; of levels as likely the thing.
-
-    Raises:
-        NotFoundError: there is no such level.
-    """
+    """Selects the requested level (or raises NotFoundError), or the likeliest; things win ties."""
     if asked == "likeliest":
         return max(levels, key=lambda each: (each.probability, each.level == "thing"))
     for each in levels:
@@ -140,7 +124,7 @@ def _part_ids(things: SceneThings, thing_id: int) -> tuple[int, ...]:
 
 def _levels(things: SceneThings, thing_id: int, part_id: int, agreement: Agreement) -> tuple[PickedLevel, ...]:
     consensus = {thing.id: thing.consensus for thing in (*things.present, *things.present_parts)}
-    # Of several groups the one that most views took for one, of these the smallest.
+    # Of several groups, take the one with the highest consensus, then the smallest.
     group = max(
         (group for group in things.groups.values() if thing_id in group.members),
         key=lambda one: (one.consensus, -len(one.members)),

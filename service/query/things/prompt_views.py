@@ -1,4 +1,4 @@
-"""The views in which a thing that was segmented in one view is segmented again."""
+"""Further views for segmenting a thing that was prompted in one view."""
 
 from __future__ import annotations
 
@@ -11,22 +11,14 @@ from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _NEAR = 0.35
-"""Radians: views that see a thing from nearly the same side say little that is new."""
+"""Radians within which a view adds little."""
 _FAR, _OPPOSITE = 1.2, 2.2
-"""Radians: from there on a view shows less of what was segmented, and from here on hardly any."""
+"""Radians from which the segmented side fades, and is hardly visible."""
 _LEAST = 0.05
 
 
 def further_views(scene: Scene, rows: NDArray[np.int64], first: PosedCamera, count: int) -> tuple[PosedCamera, ...]:
-    """At most `count` of the scene's cameras that see Gaussians well, from other sides than `first` and each other,
-    best first.
-
-    Args:
-        scene: with its cameras.
-        rows: int64 [K], ids of the Gaussians, at least one.
-        first: where they were seen already.
-        count: of views.
-    """
+    """Selects at most `count` cameras that see Gaussians `rows` [K] from new sides, best first."""
     gaussians = scene.gaussians
     views, scores = view_scores(scene, [rows], masses(gaussians.log_scales, gaussians.logit_opacities))
     if not views:
@@ -34,7 +26,7 @@ def further_views(scene: Scene, rows: NDArray[np.int64], first: PosedCamera, cou
     middle = np.median(gaussians.means[rows].astype(np.float64), axis=0)
     sides = np.stack([_side(posed, middle) for posed in views])
     seen = scores[0]
-    # Large enough is large enough: between those the side decides.
+    # Scores above the median count the same: among large views the direction decides.
     seen = np.minimum(seen, np.median(seen[seen > 0])) if (seen > 0).any() else seen
     used, result = [_side(first, middle)], []
     for _ in range(count):

@@ -1,4 +1,4 @@
-"""Where things were seen, and from when they are missing: what a scene's photos and its observations say."""
+"""Sightings of things in the capture and in later observations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat_contract.photos.observations import Observation
 
 @dataclass(frozen=True)
 class Sighting:
-    """What one observation says of a thing, or the capture, which shows it where it is."""
+    """A thing's state in one observation, or in the capture."""
 
     at: datetime  # when its photos were taken
     observation_id: str  # of the observation; "" of the capture
@@ -24,56 +24,47 @@ class Sighting:
 
     @property
     def missing(self) -> bool:
-        """Whether the thing was looked for and not found anywhere."""
+        """True if the thing was looked for and not found."""
         return self.change is not None and self.change.kind in ("gone", "changed")
 
 
 @dataclass(frozen=True)
 class SceneHistory:
-    """What is known of the things of a scene over time.
+    """History of a scene's things."""
 
-    Attributes:
-        made_at: when the newest photo of the scene's capture was taken; None where the photos do not say it.
-        observations: the oldest photos first, in the frame of the scene's version; its sentences are of the day on
-            which they came.
-        looked_at_again: what was seen of each thing that was, by its id, the oldest first, the capture's own among it.
-    """
-
-    made_at: datetime | None
-    observations: tuple[Observation, ...]
-    looked_at_again: Mapping[int, tuple[Sighting, ...]]
+    made_at: datetime | None  # time of the capture's newest photo; None if unknown
+    observations: tuple[Observation, ...]  # oldest photos first, in the version's frame; sentences as stored
+    looked_at_again: Mapping[int, tuple[Sighting, ...]]  # by thing id, oldest first, with the capture's
 
     @property
     def later(self) -> tuple[Observation, ...]:
-        """The observations of photos taken after those of the capture: only they tell what it does not."""
+        """Observations of photos taken after the capture's."""
         return tuple(each for each in self.observations if self.made_at is None or each.seen_at > self.made_at)
 
     def sightings(self, thing_id: int) -> tuple[Sighting, ...]:
-        """What was seen of a thing, the oldest first; nothing where the capture's photos do not say when they were
-        taken and nobody looked again."""
+        """Sightings of a thing, oldest first; empty if undated and never looked at again."""
         return self.looked_at_again.get(thing_id, _by_capture(self.made_at))
 
     def last_seen(self, thing_id: int) -> datetime | None:
-        """When a photo last showed a thing; None where that is unknown."""
+        """Time of the last photo of a thing; None if unknown."""
         seen = [each.at for each in self.sightings(thing_id) if not each.missing]
         return seen[-1] if seen else None
 
     def missing_since(self, thing_id: int) -> datetime | None:
-        """When a thing was first looked for in vain, of the last times that it was looked for; None for one that was
-        not, or that was found again."""
+        """Start of the current run of failed searches; None if not missing."""
         since: datetime | None = None
         for each in self.sightings(thing_id):
             since = (since or each.at) if each.missing else None
         return since
 
     def seen_in(self, thing_id: int) -> str:
-        """The id of the last observation that says something of a thing; "" where that is the capture."""
+        """Id of a thing's last observation; "" for the capture."""
         own = self.sightings(thing_id)
         return own[-1].observation_id if own else ""
 
 
 def scene_history(scene: Scene) -> SceneHistory:
-    """The history of a version's things."""
+    """Builds the history of a version's things."""
     frame = frame_of(scene)
     placed = [replace(in_frame(each, frame), meters=scene.scale == "METRIC") for each in scene.observations]
     observations = tuple(sorted(placed, key=lambda each: each.seen_at))

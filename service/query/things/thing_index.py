@@ -1,4 +1,4 @@
-"""The things of one scene: listed, and drawn in views; see `picking` for which one is at a place."""
+"""Things of one scene: listing, masks and lookup; see `picking` for selection at a place."""
 
 from __future__ import annotations
 
@@ -45,24 +45,21 @@ _OF_MEMBERSHIP = (
     "views_of_things",
     "measures",
 )
-"""What depends on the Gaussians and on which thing they belong to, and on no name."""
+"""Attributes that do not depend on names, so that they survive a renaming."""
 
 
 class SceneThings:
-    """The things of a scene, ready to be asked. Threads may share it.
+    """Things of a scene, ready for queries; thread-safe.
 
     Args:
-        scene: with things.
-        stored: whether the scene's file has them.
-        draw: the thing of each pixel of a view, 0 for none; of its parts, the part.
-        history: what is known of the things over time.
-        before: those of the scene that this one was edited from; what names alone do not change is taken from it.
+        draw: renders the thing or part of each pixel of a view, 0 for none.
+        before: those of the scene before an edit; reused where only names changed.
     """
 
     def __init__(
         self,
         scene: Scene,
-        stored: bool,
+        stored: bool,  # the scene's file has them
         draw: Callable[[PosedCamera, Things | Parts], ThingMap],
         history: SceneHistory,
         before: SceneThings | None = None,
@@ -85,59 +82,59 @@ class SceneThings:
 
     @cached_property
     def owner(self) -> NDArray[np.int32]:
-        """int32 [G]: the thing of each Gaussian, 0 for none."""
+        """Thing of each Gaussian, int32 [G], 0 for none."""
         return self.belief.classes
 
     @cached_property
     def counts(self) -> NDArray[np.int64]:
-        """int64 [I + 1]: the number of Gaussians of each thing, by its id; [0] those of none."""
+        """Number of Gaussians by thing id, int64 [I + 1]; [0]: those of none."""
         size = max((thing.id for thing in self.table.table), default=0) + 1
         return np.bincount(self.owner, minlength=size)
 
     @cached_property
     def part_owner(self) -> NDArray[np.int32]:
-        """int32 [G]: the part of each Gaussian, 0 for none."""
+        """Part of each Gaussian, int32 [G], 0 for none."""
         return part_rows(self.table)
 
     @cached_property
     def part_counts(self) -> NDArray[np.int64]:
-        """int64: the number of Gaussians of each part, by its id; [0] those of none."""
+        """Number of Gaussians by part id, int64; [0]: those of none."""
         size = max((thing.id for thing in self.table.everything), default=0) + 1
         return np.bincount(self.part_owner, minlength=size)
 
     @cached_property
     def present_parts(self) -> tuple[Thing, ...]:
-        """The parts of things that have Gaussians, by the ids of the things, then by their own."""
+        """Parts that have Gaussians, by parent, then by id."""
         parts = () if self.table.parts is None else self.table.parts.table
         return tuple(sorted((part for part in parts if self.part_counts[part.id]), key=lambda part: part.parent))
 
     @cached_property
     def present(self) -> tuple[Thing, ...]:
-        """The things that have Gaussians, by id; which of them are floors is judged anew in every version."""
+        """Things that have Gaussians, by id; floors are re-judged in every version."""
         here = [thing for thing in self.table.table if self.counts[thing.id]]
         return with_floors_judged(self.scene, here, self.owner)
 
     @cached_property
     def unseen(self) -> UnseenSpace:
-        """How much of the place no photo shows."""
+        """Unseen space of the place."""
         surfaces = {thing.id: surface_kind(thing.name, thing.surface) for thing in self.present}
         return unseen_space(self.scene, self.owner, surfaces)
 
     @cached_property
     def groups(self) -> Mapping[int, ThingGroup]:
-        """The groups of things of which two members have Gaussians, by id, with these members."""
+        """Groups with at least two present members, by id, with these members."""
         here = {thing.id for thing in self.present}
         own = {group.id: tuple(each for each in group.members if each in here) for group in self.table.groups}
         return {each.id: replace(each, members=own[each.id]) for each in self.table.groups if len(own[each.id]) > 1}
 
     @cached_property
     def measures(self) -> ThingMeasures:
-        """Places, sizes and colors of things and parts, each measured when it is first asked for."""
+        """Measurements of things and parts, made on first use."""
         return ThingMeasures(self.scene, (self.owner, self.part_owner))
 
     @cached_property
     def names(self) -> ThingNames:
-        """Their names, without anything that has a row for each Gaussian, and without pictures."""
+        """Their names, without per-Gaussian data and pictures."""
         present, parts = (
             tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
@@ -156,12 +153,11 @@ class SceneThings:
 
     @property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:
-        """See `ThingNames`."""
         return self.names.by_label
 
     @cached_property
     def listed(self) -> tuple[SceneThing, ...]:
-        """Every thing that has Gaussians, by id."""
+        """All things that have Gaussians, by id."""
         parts: dict[int, list[int]] = {}
         for part in self.present_parts:
             parts.setdefault(part.parent, []).append(part.id)
@@ -169,32 +165,24 @@ class SceneThings:
 
     @cached_property
     def listed_parts(self) -> tuple[SceneThing, ...]:
-        """Every part of a thing that has Gaussians, in the order of `present_parts`."""
+        """All parts that have Gaussians, ordered as `present_parts`."""
         return tuple(self._described(part, self.part_counts, ()) for part in self.present_parts)
 
     @cached_property
     def listed_with_parts(self) -> tuple[SceneThing, ...]:
-        """Every thing that has Gaussians, by id, each followed by its parts."""
+        """All things that have Gaussians, by id, each followed by its parts."""
         by_id = {part.id: part for part in self.listed_parts}
         return tuple(
             listed for thing in self.listed for listed in (thing, *(by_id[part_id] for part_id in thing.parts))
         )
 
     def get(self, thing_id: int) -> SceneThing:
-        """The thing or part with this id, as listed.
-
-        Raises:
-            NotFoundError: there is none here.
-        """
+        """Returns a listed thing or part, or raises NotFoundError."""
         self.check_all((thing_id,))
         return next(thing for thing in (*self.listed, *self.listed_parts) if thing.id == thing_id)
 
     def check_all(self, thing_ids: Sequence[int], field: str = "things") -> None:
-        """Raise unless there is a thing or a part with each of these ids, and something left of it.
-
-        Raises:
-            NotFoundError: there is none here.
-        """
+        """Raises NotFoundError unless each id is a present thing or part."""
         here = {thing.id for thing in (*self.present, *self.present_parts)}
         for number, thing_id in enumerate(thing_ids):
             if thing_id not in here:
@@ -205,11 +193,7 @@ class SceneThings:
                 )
 
     def with_members(self, ids: Sequence[int], field: str = "things") -> tuple[int, ...]:
-        """Ids of things and parts, in which a group's id stands for its members.
-
-        Raises:
-            NotFoundError: there is no thing, part or group of one of these ids here.
-        """
+        """Expands group ids to members; raises NotFoundError for unknown ids."""
         self.check_all([each for each in ids if each not in self.groups], field)
         return self._members(ids)
 
@@ -218,17 +202,17 @@ class SceneThings:
         return tuple(dict.fromkeys(member for members in own for member in members))
 
     def map(self, posed: PosedCamera) -> ThingMap:
-        """uint16 [H, W]: the thing of each pixel, 0 for none; the maps of the last views are kept."""
+        """Thing of each pixel, uint16 [H, W], 0 for none; cached."""
         return self._map(posed, self.table)
 
     def part_map(self, posed: PosedCamera) -> ThingMap:
-        """uint16 [H, W]: the part of each pixel, 0 for none; the maps of the last views are kept."""
+        """Part of each pixel, uint16 [H, W], 0 for none; cached."""
         if self.table.parts is None:
             return np.zeros((posed.camera.height, posed.camera.width), np.uint16)
         return self._map(posed, self.table.parts)
 
     def mask(self, posed: PosedCamera, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
-        """bool [H, W]: where a view shows one of these things, parts or groups."""
+        """Mask of things, parts or groups in a view, bool [H, W]."""
         ids = self._members(thing_ids)
         inside = np.isin(self.map(posed), ids)
         if any(part.id in ids for part in self.present_parts):
@@ -236,15 +220,14 @@ class SceneThings:
         return np.asarray(inside)
 
     def rows(self, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
-        """bool [G]: Gaussians of one of these things, parts or groups."""
+        """Selects Gaussians of things, parts or groups, bool [G]."""
         ids = self._members(thing_ids)
         inside = np.isin(self.owner, ids)
         return np.asarray(inside | np.isin(self.part_owner, ids) if self.present_parts else inside)
 
     @cached_property
     def views_of_things(self) -> dict[int, tuple[str, ...]]:
-        """Cameras that see each thing, by its id, that `thing_detections` has looked for; shared by versions that
-        differ in names alone."""
+        """Cache of `thing_detections`: cameras that see each thing; survives renaming."""
         return {}
 
     @cached_property
@@ -256,12 +239,9 @@ class SceneThings:
         return self._maps.get(key, lambda: self._draw(posed, of))
 
     def rows_at(self, point: Vector3) -> NDArray[np.int64]:
-        """int64, at most eight: the nearest visible Gaussians within three of whose largest standard deviations a point
-        is, the nearest first.
+        """Nearest visible Gaussians (at most eight) at a finite point, nearest first, int64.
 
-        Raises:
-            InvalidInputError: the point is not finite.
-        """
+        A Gaussian is at the point within three of its largest standard deviations."""
         place = np.array(point, dtype=np.float64)
         if not np.isfinite(place).all():
             raise InvalidInputError(f"a point at {tuple(point)}", field="point", hint="Send finite numbers.")
@@ -280,12 +260,12 @@ class SceneThings:
 
     @cached_property
     def extents(self) -> Mapping[int, Extent]:
-        """Where each thing and part that can be seen is, by its id."""
+        """Extents of each visible thing and part, by id."""
         parts = extents_of(self.scene, self.part_owner) if self.present_parts else {}
         return {**extents_of(self.scene, self.owner), **parts}
 
     def best_views(self, thing_ids: Sequence[int]) -> Mapping[int, tuple[str, ...]]:
-        """The names of at most five cameras that see each of these things and parts best, see `best_views`."""
+        """Names of at most five best cameras for each thing or part, see `visibility`."""
         missing = {each for each in thing_ids if each not in self._best_views}
         if missing:
             gaussians, solid = self.scene.gaussians, solid_rows(self.scene.gaussians)
@@ -327,7 +307,7 @@ class SceneThings:
 
 
 def listed_suggestions(thing: Thing, trust: Trust) -> tuple[NameSuggestion, ...]:
-    """The names that are suggested for a thing, the most probable first, as answers list them."""
+    """Suggested names of a thing as listed in answers, most probable first."""
     return tuple(_told(each) for each in merged_suggestions(thing, trust))
 
 

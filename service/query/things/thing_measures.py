@@ -1,4 +1,4 @@
-"""What is measured of things: where they are, how large, and of what color. Once for each version of a scene."""
+"""Position, size and color of things, measured once per scene version."""
 
 from __future__ import annotations
 
@@ -27,18 +27,17 @@ _NEIGHBORS = 4
 _APART = 6.0
 _WIDEST = 4.0
 _TRIM = 0.015
-"""Share of a thing's points beyond its lowest and its highest place, as for its box."""
+"""Share of points trimmed at either end of each axis."""
 
 
 @dataclass(frozen=True)
 class ThingShape:
-    """One thing, in axes of which z is up where the scene tells that (see `ThingMeasures`), else in the world's.
+    """Shape of one thing, z up if known (see `ThingMeasures`), else in world axes.
 
     Attributes:
-        size: edge lengths of its box: the longer and the shorter one across, and the one up; where nothing tells what
-            is up, of the box along its principal axes. Strays count less than for `oriented_box`, so that sizes can be
-            compared: each edge leaves out 1.5 % of the points at either end.
-        low, high: the z of its lowest and its highest place.
+        size: edges of its box: longer and shorter horizontal, vertical; if up is unknown, along the principal axes.
+            Unlike `oriented_box`, 1.5 % of the points are trimmed at either end, so that sizes are comparable.
+        low, high: z of its lowest and highest place.
     """
 
     id: int  # of the thing
@@ -51,25 +50,25 @@ class ThingShape:
 
     @cached_property
     def tree(self) -> cKDTree:
-        """Of the points."""
         return cKDTree(self.points)
 
     @cached_property
     def spacing(self) -> float:
-        """How far its points are apart: the median distance to the nearest other one."""
+        """Median distance between neighboring points."""
         if len(self.points) < 2:
             return 0.0
         return float(np.median(self.tree.query(self.points, k=[2])[0]))
 
     @cached_property
     def bounds(self) -> F64:
-        """float64 [2, 2]: the least and the largest x and y of its points."""
+        """Least and largest x and y of its points, float64 [2, 2]."""
         return np.stack([self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)])
 
     @cached_property
     def outline(self) -> F64:
-        """float64 [E, 3]: half planes of the convex outline of its points seen from above; a point (x, y) is as far
-        outside as the largest a·x + b·y + c of its rows (a, b, c) says."""
+        """Half planes (a, b, c) of the convex outline from above, float64 [E, 3].
+
+        A point (x, y) is outside by the largest a·x + b·y + c."""
         flat = self.points[:, :2]
         if len(flat) >= 3:
             try:
@@ -80,13 +79,13 @@ class ThingShape:
         return np.array([[1.0, 0.0, -right], [-1.0, 0.0, left], [0.0, 1.0, -back], [0.0, -1.0, front]])
 
     def outside(self, flat: F64) -> F64:
-        """[K]: how far points [K, 2] are outside the outline; negative inside."""
+        """Distance of points [K, 2] outside the outline, [K]; negative inside."""
         edges = self.outline
         return np.asarray((flat @ edges[:, :2].T + edges[:, 2]).max(axis=1))
 
     @property
     def width(self) -> float:
-        """Across, the mean of the two sides."""
+        """Mean horizontal side."""
         return (self.size[0] + self.size[1]) / 2
 
 
@@ -101,7 +100,7 @@ class ThingColor:
 
 @dataclass
 class ThingMeasures:
-    """What is measured of the things of a scene; each thing when it is first asked for. Threads may share it."""
+    """Lazy measurements of a scene's things; thread-safe."""
 
     scene: Scene  # its Gaussians, and what is up
     owners: tuple[NDArray[np.int32], ...]  # int32 [G] each: the thing of each Gaussian, and the part, 0 for none
@@ -110,12 +109,12 @@ class ThingMeasures:
 
     @cached_property
     def up(self) -> F64 | None:
-        """The unit vector up in the world, or None where the scene does not tell."""
+        """Unit up vector in the world; None if unknown."""
         return self.scene.up()
 
     @cached_property
     def axes(self) -> F64:
-        """float64 [3, 3]: rows are the axes of shapes in the world; the last one is up."""
+        """Axes of shapes in the world, rows of float64 [3, 3]; the last one is up."""
         if self.up is None:
             return np.eye(3)
         first = np.cross(np.eye(3)[np.abs(self.up).argmin()], self.up)
@@ -128,13 +127,13 @@ class ThingMeasures:
         return {thing_id: rows for owner in self.owners for thing_id, rows in grouped_rows(owner, solid)}
 
     def shape(self, thing_id: int) -> ThingShape | None:
-        """Where a thing or a part is; None for one that cannot be seen."""
+        """Shape of a thing or part; None if invisible."""
         if thing_id not in self._shapes and thing_id in self._rows:
             self._shapes[thing_id] = self._shape(thing_id)
         return self._shapes.get(thing_id)
 
     def color(self, thing_id: int) -> ThingColor | None:
-        """The color of a thing or a part; None for one that cannot be seen."""
+        """Color of a thing or part; None if invisible."""
         if thing_id not in self._colors and thing_id in self._rows:
             self._colors[thing_id] = self._color(_thinned(self._rows[thing_id], _MAX_COLORED))
         return self._colors.get(thing_id)
@@ -171,7 +170,7 @@ class ThingMeasures:
 
 
 def _upright_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
-    """Middle and edge lengths of the upright box of least base, among those turned by steps of 3 degrees."""
+    """Center and edges of the upright box of least base, in 3-degree steps."""
     angles = np.radians(np.arange(0.0, 90.0, 3.0))
     along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
     aside = points[:, :2] @ np.stack([-np.sin(angles), np.cos(angles)])
@@ -187,7 +186,7 @@ def _upright_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
 
 
 def _principal_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
-    """Middle and edge lengths, the longest first, of the box along the points' principal axes."""
+    """Center and edges, longest first, of the box along the principal axes."""
     mean = points.mean(axis=0)
     axes = np.linalg.eigh((points - mean).T @ (points - mean))[1]
     ends = np.quantile((points - mean) @ axes, [_TRIM, 1 - _TRIM], axis=0)
@@ -196,7 +195,7 @@ def _principal_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
 
 
 class Extent(NamedTuple):
-    """Where a thing that can be seen is."""
+    """Extent of a visible thing."""
 
     box: Box  # see `oriented_box`
     centroid: Vector3  # the mean of its surface, scene units
@@ -204,12 +203,7 @@ class Extent(NamedTuple):
 
 
 def extents_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Extent]:
-    """Where each thing that can be seen is, by id.
-
-    Args:
-        scene: of G Gaussians.
-        owner: int32 [G], the thing of each, 0 for none.
-    """
+    """Extents of visible things by id, for owners int32 [G], 0 for none."""
     gaussians = scene.gaussians
     weights = masses(gaussians.log_scales, gaussians.logit_opacities)
     up = scene.up()
@@ -224,7 +218,7 @@ def extents_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Extent]:
 
 
 def _bounded(weights: F64) -> F64:
-    """What leaked far away, where Gaussians are wide, does not outweigh the thing."""
+    """Caps weights so that wide leaked Gaussians do not dominate."""
     return np.minimum(weights, _WIDEST * np.median(weights))
 
 

@@ -1,4 +1,4 @@
-"""How much of a place no photo shows: where something may be that nobody could find."""
+"""Unseen space: the share of a place that no photo shows."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ _MAX_POINTS = 65_536
 _MOST_LARGE = 8_192
 _MOST_NAMED = 2
 _BOUNDARIES: tuple[SurfaceKind, ...] = ("floor", "ceiling", "wall")
-"""What is behind these is outside of the place."""
+"""Surfaces that bound the place."""
 
 
 def surface_kind(name: str, kind: SurfaceKind = "") -> SurfaceKind:
-    """What a thing of a name and a kind, or a label, is taken for: walls that come with label maps are called so."""
+    """Kind of surface of a thing or label: the stored one, else a boundary's name."""
     return kind or next((each for each in _BOUNDARIES if label_key(name) == each), "")
 
 
 def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) -> UnseenSpace:
-    """How much of the space between and in a scene's things no photo shows.
+    """Estimates the unseen space between and inside a scene's things.
 
-    The place is the convex hull of the things' Gaussians, in cubes, 40 along its longest side. A cube is seen where a
-    photo has its middle in the picture, no further behind the nearest opaque Gaussian of its cell and the cells around
-    it than the cube is wide; it is unseen where photos have it in the picture and none sees it. Unseen cubes that
-    mostly floors, ceilings and walls hide are outside of the place. Those that touch are a hollow; it counts where a
-    ball as wide as half of the things are at most, along their longest side, fits into it.
+    The place is the convex hull of the things' Gaussians, in cubes, 40 along its longest side. A photo sees a cube if
+    its center is in the picture and at most one cube width behind the nearest opaque Gaussian of its cell and
+    neighboring cells. A cube is unseen if photos have it in the picture and none sees it, and outside of the place if
+    mostly floors, ceilings and walls hide it. Connected unseen cubes count if a ball fits in that is as wide as the
+    median thing is long.
 
-    The hulls of the largest things are looked into likewise, in cubes of their own; there a cube is unseen where no
-    photo sees it, and at least half of those that look towards it have the thing itself before it. The cost is bounded:
-    64 views, 65,536 Gaussians, 64 things.
+    The hulls of the largest things are searched likewise, in cubes of their own; there a cube is unseen if no photo
+    sees it and the thing itself hides it in at least half of those that look towards it. Bounds: 64 views, 65,536
+    Gaussians, 64 things.
 
     Args:
         scene: its cameras and Gaussians.
         owner: int32 [G]: the thing or the label of each Gaussian, 0 for none.
-        surfaces: of those, what surfaces are.
+        surfaces: kinds of those that are surfaces.
     """
     if not scene.cameras:
         return ALL_SEEN
@@ -79,7 +79,7 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
 
 @dataclass(frozen=True)
 class _Looked:
-    """What photos show of the cubes of a grid."""
+    """Visibility counts of a grid's cubes."""
 
     grid: CubeGrid  # K cubes
     seen: NDArray[np.int64]  # int64 [K], how many photos see the cube
@@ -92,7 +92,7 @@ class _Looked:
 def _looks(
     scene: Scene, rows: NDArray[np.int64], of: I32, surfaces: Mapping[int, SurfaceKind], grids: Sequence[CubeGrid]
 ) -> list[_Looked]:
-    """What photos show of the cubes of some grids, `rows` of the Gaussians, of things `of`, hiding what is behind."""
+    """Counts the views of the cubes of some grids; `of`: things of the Gaussians `rows`."""
     boundary = np.zeros(int(of.max(initial=0)) + 1, np.bool_)
     boundary[[each for each, kind in surfaces.items() if kind in _BOUNDARIES and each < len(boundary)]] = True
     counts = [len(grid.middles) for grid in grids]
@@ -117,7 +117,7 @@ def _looks(
 
 
 def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vector3 | None]:
-    """`share`, `behind` and `middle` of `UnseenSpace`."""
+    """Computes `share`, `behind` and `middle` of `UnseenSpace`."""
     unseen = (place.seen == 0) & (place.hidden > 0) & (2 * place.outside <= place.hidden)
     pieces = pieces_of(place.grid, unseen)
     counted = unseen & (pieces.widths >= usual)[pieces.numbers]
@@ -130,8 +130,7 @@ def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vect
 
 
 def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
-    """The piece of a thing's inside into which the largest ball fits, of what no photo sees; None where all is seen, or
-    no photo looks towards it."""
+    """Unseen piece of a thing's inside with the largest ball; None for none."""
     pieces = pieces_of(thing.grid, most_around(thing.grid, (thing.seen == 0) & (2 * thing.own >= thing.hidden)))
     best = int(pieces.widths.argmax())
     if not best or not thing.hidden.any():
@@ -142,13 +141,13 @@ def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
 
 
 def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
-    """The name of the nearest camera that has a place in the picture; "" for none."""
+    """Name of the nearest camera with a place in the picture; "" for none."""
     far = {each.name: np.linalg.norm(each.world_from_camera[:3, 3] - place) for each in cameras if shows(each, place)}
     return min(far, key=far.__getitem__, default="")
 
 
 def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[CubeGrid]:
-    """The cubes of the largest things that are no surfaces."""
+    """Cubes of the largest things that are no surfaces."""
     groups = [(each, points[rows]) for each, rows in grouped_rows(of, np.arange(len(of))) if not surfaces.get(each)]
     groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
     grids = (cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_THINGS])
@@ -156,22 +155,17 @@ def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) 
 
 
 def opaque_rows(scene: Scene) -> NDArray[np.int64]:
-    """int64 [K]: Gaussians that can be seen and hide what is behind them, 65,536 at most, spread evenly."""
+    """Rows of at most 65,536 opaque Gaussians, spread evenly, int64 [K]."""
     rows = solid_rows(scene.gaussians)
     rows = rows[scene.gaussians.logit_opacities[rows] > 0]
     return rows[:: -(-len(rows) // _MAX_POINTS) or 1]
 
 
 def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, I32]:
-    """What hides what is behind it, float64 [K, 3], world frame, and int32 [K], whose it is: the middles of Gaussians,
-    and of the 8,192 largest also the places a standard deviation away along their two longest axes. Between the
-    middles alone one would look through plain faces.
+    """Occluding points [K, 3], world frame, and their owners, int32 [K].
 
-    Args:
-        scene: of the Gaussians.
-        rows: which of them count.
-        of: int32, whose each of these is.
-    """
+    These are the means of Gaussians `rows` of things `of` and, for the 8,192 largest, also points one standard
+    deviation along their two longest axes; between means alone one would look through plain faces."""
     gaussians = scene.gaussians
     scales = np.exp(gaussians.log_scales[rows].astype(np.float64))
     large = np.argsort(-scales.max(axis=1), kind="stable")[:_MOST_LARGE]
@@ -184,7 +178,7 @@ def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, 
 
 
 def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> float:
-    """How long half of the things are at most, along the axis that they are longest; 0 without things."""
+    """Median length of the things along their longest axis; 0 without things."""
     sizes = [
         np.ptp(np.quantile(points[rows], [TRIM, 1 - TRIM], axis=0), axis=0).max()
         for each, rows in grouped_rows(of, np.arange(len(of)))

@@ -1,4 +1,4 @@
-"""The views that see an object best, by the projected area that nothing nearer hides; nothing is rendered."""
+"""Best views of objects by visible projected area, without rendering."""
 
 from __future__ import annotations
 
@@ -23,17 +23,12 @@ _NEAR = 1e-6
 
 
 def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64) -> tuple[tuple[str, ...], ...]:
-    """For each object (rows of Gaussians) the names of at most five cameras, best first.
+    """Selects at most five cameras for each object (rows [K]), best first, by name.
 
-    A Gaussian counts with its area over its squared distance, in pixels, if it lies inside the image and no more than
-    8 % behind the nearest opaque Gaussian of its cell and the cells around it, 64 cells to the longer side. The cost is
-    bounded: 64 views spread evenly, 65,536 occluders, 256 Gaussians an object.
-
-    Args:
-        scene: its cameras and Gaussians.
-        objects: int64 [K] each.
-        weights: float64 [G], area times opacity, see `masses`.
-    """
+    A Gaussian counts with its area over its squared distance, in pixels, if it is inside the image and at most 8 %
+    behind the nearest opaque Gaussian of its cell and the neighboring cells, 64 cells to the longer side. Bounds: 64
+    views spread evenly, 65,536 occluders, 256 Gaussians per object. `weights` are areas times opacities [G], see
+    `masses`."""
     views, scores = view_scores(scene, objects, weights)
     if not views:
         return tuple(() for _ in objects)
@@ -47,9 +42,9 @@ def best_views(scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64)
 def view_scores(
     scene: Scene, objects: Sequence[NDArray[np.int64]], weights: F64, max_views: int = _MAX_VIEWS
 ) -> tuple[tuple[PosedCamera, ...], F64]:
-    """At most `max_views` of the scene's named cameras, spread evenly, and float64 [objects, views], how many pixels
-    each shows of each object, up to a factor of the object's; arguments as for `best_views`. No views without cameras
-    or objects."""
+    """Visible pixels of objects in named cameras, [objects, views], up to object factors.
+
+    At most `max_views` cameras, spread evenly; none without objects. Other arguments as for `best_views`."""
     views = spread_views([posed for posed in scene.cameras if posed.name], max_views)
     if not views or not objects:
         return (), np.zeros((len(objects), 0))
@@ -65,13 +60,13 @@ def view_scores(
 
 
 def spread_views(cameras: Sequence[PosedCamera], most: int = _MAX_VIEWS) -> tuple[PosedCamera, ...]:
-    """At most so many of some cameras, spread evenly over their order."""
+    """Selects at most `most` cameras, spread evenly over their order."""
     chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), most)).astype(int))
     return tuple(cameras[number] for number in chosen.tolist())
 
 
 def shows(posed: PosedCamera, place: Sequence[float]) -> bool:
-    """Whether a place, world frame, is in a camera's picture, hidden or not."""
+    """True if a world point is in a camera's picture, hidden or not."""
     x, y, z = (posed.camera_from_world() @ [*place, 1.0])[:3]
     camera = posed.camera
     u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
@@ -79,18 +74,14 @@ def shows(posed: PosedCamera, place: Sequence[float]) -> bool:
 
 
 class SightLines:
-    """What is nearest in each cell of a view, 64 cells to the longer side.
+    """Depth buffer of points [K, 3] in a view, 64 cells to the longer side.
 
-    Only the middles of what is seen are drawn. Holes between them are closed by the least of each cell and the eight
-    around it, and then by the largest of those, so that nothing becomes wider than it is.
-
-    Args:
-        posed: the view.
-        points: float64 [K, 3], what hides what is behind it.
+    Only the points are drawn. Holes between them are closed by the least of each 3×3 neighborhood, then the largest of
+    those (a morphological closing), so that nothing grows.
 
     Attributes:
-        nearest: float64 [C], z of what is nearest in each cell; infinite for nothing.
-        front: int64 [C], which point that is.
+        nearest: float64 [C], z of the nearest point in each cell; infinite for none.
+        front: int64 [C], row of that point.
     """
 
     def __init__(self, posed: PosedCamera, points: F64) -> None:
@@ -111,7 +102,7 @@ class SightLines:
         self.nearest, self.front = near.ravel(), which.ravel()
 
     def cells(self, points: F64) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
-        """Cell and z of the points inside the image, and which points those are."""
+        """Cell, z and row of the points inside the image."""
         camera, pose = self._posed.camera, self._posed.camera_from_world()
         x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
         ahead = np.flatnonzero(z > _NEAR)
@@ -123,14 +114,14 @@ class SightLines:
 
 
 def _around(values: NDArray[Any]) -> NDArray[Any]:
-    """[9, H, W]: each value and the eight around it."""
+    """Each value and the eight around it, [9, H, W]."""
     padded = np.pad(values, 1, mode="edge")
     rows, columns = values.shape
     return np.stack([padded[y : y + rows, x : x + columns] for y in range(3) for x in range(3)])
 
 
 def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: NDArray[np.intp], count: int) -> F64:
-    """[count]: visible pixels of each object in one view, up to the thinning of its Gaussians."""
+    """Visible pixels of each object in one view, [count], up to the subsampling factor."""
     sight = SightLines(posed, occluders)
     cell, depth, inside = sight.cells(points)
     visible = depth <= sight.nearest[cell] * (1 + _SLACK)

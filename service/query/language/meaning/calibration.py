@@ -1,4 +1,4 @@
-"""The measured calibration of each text encoder; that of one says nothing of another."""
+"""Measured calibrations of text encoders, each valid for one encoder only."""
 
 from __future__ import annotations
 
@@ -21,15 +21,11 @@ _HASH_DIGITS = 12
 
 
 class Calibration(BaseModel):
-    """The calibration of one encoder.
-
-    Attributes:
-        templates, negatives: the prompts it was measured with.
-    """
+    """The calibration of one encoder."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    templates: tuple[str, ...]
+    templates: tuple[str, ...]  # the prompts it was measured with
     negatives: tuple[str, ...]
     date: str  # ISO date
     scores: Mapping[Score, ScoreCalibration]  # by score; `relevancy` counts in the margin d·q − max_j d·c_j
@@ -37,15 +33,16 @@ class Calibration(BaseModel):
 
 
 def calibration_key(name: str, sha256: str) -> str:
-    """Key of an encoder in the calibration file: its name and the beginning of its weights' hash."""
+    """Key of an encoder in the calibration file: name and beginning of its weights' hash."""
     return f"{name}@{sha256[:_HASH_DIGITS]}"
 
 
 def calibration_for(
     name: str, sha256: str, score: Score, templates: Sequence[str], negatives: Sequence[str]
 ) -> ScoreCalibration | None:
-    """The calibration, or None if this encoder was not measured with these prompts (for the similarity the negatives
-    do not matter, and their order never does)."""
+    """Calibration of an encoder with these prompts; None if not measured.
+
+    Negatives matter for the relevancy only, and their order never does."""
     calibration = _load().get(calibration_key(name, sha256))
     if calibration is None or calibration.templates != tuple(templates):
         return None

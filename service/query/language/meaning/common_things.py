@@ -1,8 +1,7 @@
-"""What people call common things, what they count them among and what they do with them: `common_things.txt`.
+"""Common things with other names, kinds and uses, from `common_things.txt`.
 
-The lexicon defines words; how people ask for a thing without its name, or by another one, stands in few of its
-definitions. The list is of this project's own words, and was written without a look at any list of questions.
-"""
+The lexicon's definitions rarely contain how people ask for a thing. The list is this project's own, written without
+looking at any list of questions."""
 
 from __future__ import annotations
 
@@ -20,22 +19,21 @@ from fastsplat.service.query.language.meaning.label_texts import UNKNOWN, LabelT
 from fastsplat.service.query.language.meaning.relevancy import F32, F64
 
 FILE = Path(__file__).with_name("common_things.txt")
-"""A line for each thing: name | other names | kinds | uses; names and kinds, divided by commas, as `label_key` has
-them, uses divided by semicolons."""
+"""Lines of name | other names | kinds | uses; the latter separated by semicolons."""
 
 _MOST_TEXTS = 5
-"""Other names of a label that are embedded, and uses: scenes are opened while somebody waits."""
+"""Most other names and uses embedded per label, because scenes open while somebody waits."""
 
 COLUMNS = (
     *("known_as", "known_kind", "known_below", "kinds_shared", "uses_shared"),
     *("named", "use", "asked_known", "label_known"),
 )
-"""What `KnownLabels.compare` says of each label."""
+"""Columns of `KnownLabels.compare`."""
 
 
 @dataclass(frozen=True)
 class CommonThing:
-    """One line of the list. Names and kinds are keys, see `label_key`."""
+    """One line of the list; names and kinds are keys of `label_key`."""
 
     names: tuple[str, ...]
     kinds: frozenset[str]
@@ -44,7 +42,7 @@ class CommonThing:
 
 @cache
 def _by_name() -> dict[str, tuple[CommonThing, ...]]:
-    """The things of the list that bear each name."""
+    """Things of the list by name."""
     found: dict[str, list[CommonThing]] = {}
     for line in FILE.read_text("ascii").splitlines():
         name, others, kinds, uses = line.split("|")
@@ -59,7 +57,7 @@ def _parts(text: str, separator: str) -> tuple[str, ...]:
 
 
 def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
-    """The things that bear this name, or else the longest end of it; and whether it is the whole name."""
+    """Things with this name or its longest known end; True for the whole name."""
     words = label_key(text).split(" ")
     for start in range(len(words)):
         if things := _by_name().get(" ".join(words[start:])):
@@ -68,20 +66,16 @@ def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
 
 
 def is_toy(name: str) -> bool:
-    """Tells whether what is called so is known to be a toy."""
+    """True if the list knows this as a toy."""
     return any({"toy", "stuffed toy"} & thing.kinds for thing in common_things(name)[0])
 
 
 def are_other_things(text: str, names: Sequence[str]) -> bool:
-    """Whether the list tells a text from what bears these names, by the whole names of both: it has most kinds of one
-    alone. A sofa is no teddy bear, and a chair no dining table, though both are furniture. A fork and a spoon, of the
-    same kinds, may stand in for each other; coffee is what a cup is for, and tea a hot drink, which a coffee machine
-    brews.
+    """True if the list distinguishes a text from a label's names.
 
-    Args:
-        text: a name, without question words and articles.
-        names: of one label.
-    """
+    Whole names only. Most of their kinds must belong to one alone: a sofa is no teddy bear, a chair no dining table
+    (both are furniture). A fork and a spoon, of the same kinds, may stand in for each other, as may things named by a
+    use (coffee, cup)."""
     asked, whole = common_things(text)
     found = [things for things, sure in map(common_things, names) if sure]
     if not whole or not found:
@@ -99,15 +93,7 @@ def are_other_things(text: str, names: Sequence[str]) -> bool:
 
 
 class KnownLabels:
-    """What the list knows of N labels. Threads may share it.
-
-    Args:
-        names: of each label, its own first.
-        cache: embeds other names and uses.
-
-    Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings.
-    """
+    """Knowledge of the list about N labels (names of each, its own first); thread-safe."""
 
     def __init__(self, names: Sequence[Sequence[str]], cache: TextCache) -> None:
         found = [[common_things(name) for name in each] for each in names]
@@ -130,22 +116,21 @@ class KnownLabels:
 
     @property
     def nbytes(self) -> int:
-        """What the embeddings weigh."""
+        """Bytes of the embeddings."""
         return self._others.nbytes + self._uses.nbytes
 
     @property
     def keys(self) -> int:
-        """By how many names, kinds, things and words labels are looked up."""
+        """Number of keys in the lookup tables."""
         return sum(len(rows) for rows in (self._by_name, self._by_kind, self._by_thing, self._by_use_word))
 
     def compare(self, phrase: str, question: F32, similarity: F64) -> F64:
-        """float64 [N, C], by `COLUMNS`.
+        """Features of a question for each label, float64 [N, C], by `COLUMNS`.
 
-        known_as: 1 where the list calls one thing by the question and the label. known_kind: 1 where it counts the
-        label among what is asked for. known_below: the other way. kinds_shared: the share of the kinds of both that
-        are the same. uses_shared: the share of the words of the question's uses that stand in the label's. named, use:
-        cosines of the question with the label's other names and uses. asked_known, label_known: 1 where the list has
-        the question and the label, 0.5 where their last words.
+        known_as: 1 if both name one thing. known_kind: 1 if the label is a kind of the question; known_below: vice
+        versa. kinds_shared: IoU of their kinds. uses_shared: share of the question's use words that the label has.
+        named, use: cosines of the question with the label's other names and uses. asked_known, label_known: 1 if
+        listed, 0.5 if the last words are.
 
         Args:
             phrase: the question without question words and articles.

@@ -1,4 +1,4 @@
-"""Names with words before them that a dictionary says nothing of: "wicker chair" where the label is "chair"."""
+"""Compounds of a label with unknown words before it: "wicker chair" for "chair"."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ FEIGNING = frozenset(
     "toy toys fake artificial imitation mock pretend sham replica dummy model miniature counterfeit faux stuffed plush "
     "cartoon virtual imaginary doll doll's dolls dolls' dollhouse barbie lego origami".split()
 )
-"""Words that make something else of what they stand before: a toy car is no car."""
+"""Words that make something else of the noun: a toy car is no car."""
 _MATERIALS = frozenset(
     "wooden wood plastic rubber paper cardboard stone marble glass metal steel iron bronze brass copper porcelain "
     "ceramic china clay terracotta silk felt woolen knitted crocheted wax plaster concrete jade ivory chocolate "
     "marzipan gingerbread sugar balloon robot robotic mechanical electronic".split()
 )
-"""What nothing that lives is made of."""
+"""Materials that no living thing is made of."""
 _RAREST = 1.5
-"""What the place of a label's sense may count (see `Meaning`) for a longer name to be a kind of it: a "piano key" is
-one of a key's rare senses."""
+"""Largest rareness of a label's sense with kinds; "piano key" is a rare one."""
 
 
 @dataclass(frozen=True)
 class Compounds:
-    """Labels that a question names last, after words that no label answers for; of N labels."""
+    """Labels that end the question, after words without a label; of N labels."""
 
     kept: Mask  # bool [N], those that these words leave what they are: "chair" of "wicker chair"
     feigned: Mask  # bool [N], those of which they make something else: "car" of "toy car"
@@ -47,18 +46,18 @@ def compounds(
     labels: Sequence[Meaning],
     wider: Mapping[int, int],
 ) -> Compounds:
-    """What the words before a label's name make of it.
+    """Classifies the words before a label's name.
 
-    The lexicon decides where it has a longer end of the question than the label: "wall clock" is a kind of clock by it,
-    "prairie dog" no kind of dog. Else the words are free, and only some of them make something else of what they stand
-    before: those of `FEIGNING`, and materials before what lives.
+    The lexicon decides if it has a longer end of the question than the label: "wall clock" is a kind of clock, "prairie
+    dog" no kind of dog. Otherwise only some words make something else of the noun: those of `FEIGNING`, and materials
+    before what lives.
 
     Args:
-        words: what is asked for, singular.
-        bases: by row of a label, how many of the last words are its name, or mean the same.
+        words: the question, singular.
+        bases: by row of a label, the number of last words that are its name or a synonym.
         meaning: of the question.
         labels: meanings of the labels.
-        wider: by id, the senses that the question's first one is a kind of, itself among them.
+        wider: hypernyms of the question's first sense, by id, including itself.
     """
     kept, feigned, other = np.zeros((3, len(labels)), dtype=np.bool_)
     before = {}
@@ -77,8 +76,9 @@ def compounds(
 
 
 def _lives(label: Meaning) -> bool:
-    """Whether a label is an animal, a plant or a person, as far as its most frequent senses tell: a mug is a fool in
-    one of them, and a plant a factory."""
+    """True if a label's most frequent senses are animal, plant or person.
+
+    Rare senses mislead: a mug may be a fool, a plant a factory."""
     classes = [sense.lexical_class for sense, _ in label.ranked[:3]]
     person = classes[:1] == ["person"] and "artifact" not in classes
     return person or not {"animal", "plant", "tops"}.isdisjoint(classes[:2])

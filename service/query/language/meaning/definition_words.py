@@ -1,4 +1,4 @@
-"""Words that a question shares with the definitions of labels: what is done with a thing is said there, if anywhere."""
+"""Words shared by a question and the definitions of labels, as evidence of use."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _VERB_SENSES, _VERB_STEPS = 6, 2
 
 
 def stems(text: str) -> frozenset[str]:
-    """The words of a text without those that say nothing, and without most endings of English."""
+    """Stems of the content words of a text, without most English endings."""
     return frozenset(_stem(word) for word in _WORD.findall(text.lower()) if len(word) > 1 and word not in _EMPTY)
 
 
@@ -44,12 +44,7 @@ def _stem(word: str) -> str:
 
 
 class DefinitionWords:
-    """The words of the definitions of N labels. Threads may share it.
-
-    Args:
-        definitions: of each label.
-        names: of each label: what a verb's definition may call it.
-    """
+    """Words of the definitions (and names, for verbs) of N labels; thread-safe."""
 
     def __init__(self, definitions: Sequence[Iterable[str]], names: Sequence[Iterable[str]]) -> None:
         self._count = len(definitions)
@@ -57,8 +52,7 @@ class DefinitionWords:
         self._named = _by_stem(names)
 
     def shared(self, question: str) -> F64:
-        """float64 [N], 0..1: the share of the question's words that a label's definitions have, each counting less the
-        more labels have it."""
+        """Share of the question's words in each label's definitions, [N]; common words weigh less."""
         asked = stems(question)
         values = np.zeros(self._count)
         for stem in asked:
@@ -67,11 +61,7 @@ class DefinitionWords:
         return values / max(len(asked), 1)
 
     def done(self, verbs: Mapping[str, int]) -> F64:
-        """float64 [N], 0..1: 1 where a label's definitions have the verb, less where only what it is a kind of.
-
-        Args:
-            verbs: by verb, how many steps it is above the one of the question.
-        """
+        """Verbs (with hypernym steps) in each label's definitions, float64 [N], 0..1."""
         values = np.zeros(self._count)
         for verb, steps in verbs.items():
             for stem in stems(verb):
@@ -81,7 +71,7 @@ class DefinitionWords:
         return values
 
     def mentioned(self, definitions: Iterable[str]) -> F64:
-        """float64 [N], 0 or 1: whether a verb's definition names the label: to sweep is "with a broom"."""
+        """Labels named in definitions of verbs ("with a broom"), float64 [N], 0 or 1."""
         values = np.zeros(self._count)
         for stem in frozenset[str]().union(*map(stems, definitions)):
             values[self._named.get(stem, NO_ROWS)] = 1.0
@@ -89,8 +79,7 @@ class DefinitionWords:
 
 
 def verbs_of(words: Sequence[str], lexicon: Lexicon) -> tuple[dict[str, int], list[str]]:
-    """The verbs that a question's words may mean, by how many steps they are above the word itself, and the definitions
-    of the words' own senses."""
+    """Verbs that words may mean, with steps above the word, and the words' definitions."""
     found: dict[str, int] = {}
     definitions: list[str] = []
     for word in words:
@@ -105,7 +94,7 @@ def verbs_of(words: Sequence[str], lexicon: Lexicon) -> tuple[dict[str, int], li
 
 
 def rows_by_key(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:
-    """By key, the rows that have it, in order."""
+    """Rows that have each key, in order."""
     found: dict[_Key, list[int]] = {}
     for row, each in enumerate(keys):
         for key in each:

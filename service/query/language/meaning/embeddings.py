@@ -1,4 +1,4 @@
-"""Names to unit vectors through prompt templates, with a cache of recent ones."""
+"""Embeddings of names through prompt templates, with an LRU cache."""
 
 from __future__ import annotations
 
@@ -23,18 +23,16 @@ if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely
 F32 = NDArray[np.float32]
 _DEFAULTS = QuerySettings()
 _BATCH = 16
-"""Sentences that are encoded between two looks whether anybody waits for them."""
+"""Sentences per encoder call, between checks for cancellation."""
 _CACHED_DEFINITIONS = 16_384
-"""What is said of some 1,600 labels: 25 MB of 384 numbers each."""
+"""Definitions of some 1,600 labels: 25 MB at 384 numbers each."""
 
 
 def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[str]) -> F32:
-    """float32 [B, E], unit length: the mean over templates of the encoder's embeddings (CLIP's prompt ensembling,
-    Radford et al. 2021, section 3.1.4).
+    """Embeds names as the mean over templates, float32 [B, E], unit length.
 
-    Raises:
-        ModelUnavailableError: the encoder answers with other shapes, or numbers that are not finite.
-    """
+    CLIP's prompt ensembling (Radford et al. 2021, section 3.1.4). Wrong shapes and non-finite values raise
+    ModelUnavailableError."""
     if not names:
         return np.zeros((0, 0), dtype=np.float32)
     sentences = [template.replace("{}", name) for name in names for template in templates]
@@ -55,12 +53,12 @@ def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[
 
 
 def embed_labels(dictionary: Dictionary, encoder: TextEncoder, templates: Sequence[str] = _DEFAULTS.templates) -> F32:
-    """float32 [N, E]: what a scene stores as `label_embeddings`, with `label_templates` = `templates`."""
+    """Embeds labels as a scene stores them, float32 [N, E] (`label_embeddings`)."""
     return embed_names([entry.label for entry in dictionary.entries], encoder, templates)
 
 
 class TextCache:
-    """The embeddings of the names embedded most recently, by owner and templates. Threads may share it."""
+    """LRU cache of name embeddings by owner and templates; thread-safe."""
 
     def __init__(self, encoder: TextEncoder, templates: Sequence[str], size: int) -> None:
         self._encoder = encoder
@@ -71,15 +69,13 @@ class TextCache:
         self._lock = threading.Lock()
 
     def of(self, owner: str) -> TextCache:
-        """The same memory, with the embeddings of one owner: how soon an answer comes tells nobody what others have
-        asked. Owners share the room, so that one may push out another's."""
+        """Returns one owner's view, so that response times leak no queries; capacity is shared."""
         other = copy.copy(self)
         other._owner = owner
         return other
 
     def embed(self, names: Sequence[str], templates: Sequence[str] | None = None) -> F32:
-        """float32 [B, E], unit length; the encoder runs once, for the names that are new. `templates`: in place of the
-        cache's own."""
+        """Embeds names in `templates` (or the cache's own), [B, E], unit length, encoding only new ones."""
         used = self._templates if templates is None else tuple(templates)
         keys = {name: (self._owner, used, name) for name in names}
         embeddings: dict[str, F32] = {}
@@ -102,23 +98,18 @@ class TextCache:
 
 @dataclass(frozen=True)
 class TextCaches:
-    """What the scenes of one encoder share. Threads may share it.
-
-    Attributes:
-        definitions: embeds the lexicon's definitions of labels, as they are; a place of their own, so that opening a
-            scene displaces no question.
-    """
+    """Caches shared by the scenes of one encoder; thread-safe."""
 
     texts: TextCache  # embeds questions, in the settings' templates
-    definitions: TextCache
+    definitions: TextCache  # of labels, without templates; separate, so that opening a scene evicts no queries
 
     def of(self, owner: str) -> TextCaches:
-        """The same memory, with the embeddings of one owner, see `TextCache.of`."""
+        """Returns views of the caches for one owner, see `TextCache.of`."""
         return TextCaches(self.texts.of(owner), self.definitions.of(owner))
 
 
 def text_caches(encoder: TextEncoder, settings: QuerySettings) -> TextCaches:
-    """Empty ones of an encoder."""
+    """Creates empty caches of an encoder."""
     return TextCaches(
         TextCache(encoder, settings.templates, settings.cached_texts), TextCache(encoder, ("{}",), _CACHED_DEFINITIONS)
     )

@@ -1,4 +1,4 @@
-"""What a lexicon says of a question and of the labels of one dictionary, as numbers that a model can weigh."""
+"""Lexical features of a question and a dictionary's labels, for a model."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ _Key = TypeVar("_Key", bound=Hashable)
 
 _CLASSES = ("artifact", "food", "animal", "plant", "person", "act")
 _SPECIFIC_DEPTH = 5
-"""Steps below the top from which a common hypernym says anything: above are entity, object, whole, artifact."""
+"""Least depth of an informative common hypernym; above are entity, object, whole, artifact."""
 _DETERMINERS = frozenset(
     "a an the my it into in on up from with some for at of to out off through down before who what when where which "
     "behind under away and".split()
 )
 _PER_KEY = 512
-"""Bytes of a sense or a word by which labels are looked up: two arrays, mostly of one number, and their place."""
+"""Estimated bytes of a lookup key (sense or word): two short arrays and their slot."""
 _WORD_SENSES = 3
 """Senses of a label whose definitions' words count."""
 
@@ -61,16 +61,16 @@ BASE = (
     *("compound", "feigned", "other_name", "shared_words", "done", "done_with"),
     *COLUMNS,
 )
-"""The columns of `Comparison`; `LabelMeanings.compare` says what they are."""
+"""Columns of `Comparison`, see `LabelMeanings.compare`."""
 
 
 @dataclass(frozen=True)
 class Relations:
-    """What the lexicon has between one question and N labels, each 0..1 float64 [N].
+    """Lexical relations of one question to N labels, float64 [N], 0..1.
 
     Attributes:
-        wider: 1 / steps from a sense of the label up to one of the question: "fruit" of banana. Steps count here and
-            below with the places of both in the order of senses.
+        wider: 1 / steps from a sense of the label up to one of the question ("fruit" of banana); here and below steps
+            include the rareness of both senses.
     """
 
     same: F64  # 1 where they share the first sense of both, less where it is a rarer one
@@ -83,7 +83,7 @@ class Relations:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One question and N labels, as lexicon and encoder see them."""
+    """Comparison of one question with N labels by lexicon and encoder."""
 
     columns: F64  # float64 [N, F], by `BASE`
     meaning: Meaning  # the senses of the question
@@ -92,17 +92,11 @@ class Comparison:
 
 
 class LabelMeanings:
-    """The labels of a dictionary in the lexicon: senses, embedded definitions, hypernyms. Computed once for a scene;
-    threads may share it.
-
-    Args:
-        dictionary: aliases give a label further senses.
-        lexicon: see `open_lexicon`.
-        caches: embed the definitions of the labels, and questions.
+    """Senses, embedded definitions and hypernyms of a dictionary's labels; thread-safe.
 
     Raises:
-        ModelUnavailableError: the lexicon's files contradict each other, or the encoder answers with something else
-            than embeddings.
+        ModelUnavailableError: the lexicon's files are inconsistent, or the encoder returns something other than
+            embeddings.
     """
 
     def __init__(self, dictionary: Dictionary, lexicon: Lexicon, caches: TextCaches) -> None:
@@ -149,23 +143,23 @@ class LabelMeanings:
 
     @property
     def nbytes(self) -> int:
-        """What it weighs, estimated."""
+        """Estimated bytes in memory."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
         keys += len(self._last) + len(self._words) + self._known_things.keys
         texts = self._definitions.nbytes + self._known_things.nbytes
         return texts + _PER_KEY * keys
 
     def is_of(self, dictionary: Dictionary) -> bool:
-        """Whether these are the labels and aliases of a dictionary, in order."""
+        """True if these are a dictionary's labels and aliases, in order."""
         return self._names == _names(dictionary)
 
     def is_word(self, word: str) -> bool:
-        """Whether the lexicon has a word, its singular or both of its parts as names, or the word as a verb."""
+        """True if the lexicon has the word, its singular, its two parts, or a verb."""
         known = any(self._lexicon.senses(each) for each in (word, label_key(word))) or self._lexicon.is_verb(word)
         return known or len(compound_parts(word, self._lexicon)) > 1
 
     def meaning(self, text: str) -> Meaning:
-        """The senses of a question: of the whole phrase, or of its head."""
+        """Senses of a question: of the whole phrase, or of its head."""
         phrase = parse_noun_phrase(text)
         if whole := ranked(self._lexicon.senses(phrase.text)):
             return Meaning(whole, True, len(phrase.text.split()))
@@ -174,12 +168,10 @@ class LabelMeanings:
         return head_meaning(phrase.heads[0], self._lexicon)
 
     def compare(self, text: str, match: NameMatch, similarity: F64) -> Comparison:
-        """What stands in the columns `BASE`, and the relations behind it.
+        """Computes the columns `BASE` and the relations behind them.
 
-        Cosines of the question with the label (`similarity`) and its definitions. Then the lexicon's relations of the
-        question, or, where it lacks the question, of its head (see `Relations`); what both are; the words that they
-        share; the form of the question; what the list of common things says of both (see `KnownLabels.compare`).
-        """
+        These are cosines with the label and its definitions; `Relations` of the question, or of its head if the lexicon
+        lacks it; classes of both; shared words; the form of the question; and the columns of `KnownLabels.compare`."""
         phrase = parse_noun_phrase(text).text
         meaning = self.meaning(text)
         count, columns = self._count, np.zeros((len(BASE), self._count))
@@ -221,7 +213,7 @@ class LabelMeanings:
         return Comparison(columns.T, meaning, relations, named_last)
 
     def relations(self, meaning: Meaning) -> Relations:
-        """The lexicon's relations between a question of this meaning and the labels."""
+        """Lexical relations between a question's meaning and the labels."""
         same, wider, narrower, kinship, part, whole = np.zeros((6, self._count))
         for sense, rare in meaning.ranked:
             _raise(same, self._by_sense.get(sense.id), partial(_nearness, 1.0 + rare))
@@ -241,17 +233,17 @@ class LabelMeanings:
         return max(self._lexicon.wider(sense_id).values())
 
     def _is_verb_phrase(self, phrase: str) -> bool:
-        """Whether the question says what is done: "sweep the floor"."""
+        """True if the question is an action: "sweep the floor"."""
         words = phrase.lower().split()
         return len(words) > 1 and not _DETERMINERS.isdisjoint(words[1:]) and self._lexicon.is_verb(words[0])
 
     def _verbs_in(self, words: Sequence[str]) -> list[str]:
-        """What a question may say that is done: its first word where it is no name, and what follows "to"."""
+        """Candidate verbs: the first word of a verb phrase, and words after "to"."""
         first = words[:1] if self._is_verb_phrase(" ".join(words)) else []
         return [*first, *(word for before, word in pairwise(words) if before == "to")]
 
     def _compounds(self, text: str, match: NameMatch, meaning: Meaning, relations: Relations) -> Compounds:
-        """The labels that the question names last, or of which it says another name, with other words before."""
+        """Labels that the question ends in, by name or synonym, after other words."""
         phrase = parse_noun_phrase(text)
         _, head = split_modifiers(phrase.heads[0]) if len(phrase.heads) == 1 else (None, "")
         words = head.split(" ")
@@ -285,23 +277,22 @@ def _names(dictionary: Dictionary) -> list[tuple[str, ...]]:
 
 
 def _raise(values: F64, rows: tuple[Rows, F64] | None, of_steps: Callable[[F64], F64]) -> None:
-    """Lift values at rows to what a function says of the steps there, where that is more."""
+    """Raises values at rows to a function of the steps there."""
     if rows is not None:
         values[rows[0]] = np.maximum(values[rows[0]], of_steps(rows[1]))
 
 
 def _nearness(more: float, steps: F64) -> F64:
-    """1 / steps."""
     return np.asarray(1.0 / (steps + more))
 
 
 def _kinship(up: float, depth: int, down: F64) -> F64:
-    """Wu and Palmer's similarity of senses that are `up` and `down` steps below a common one of this depth."""
+    """Wu and Palmer's similarity of senses `up` and `down` steps below a common one."""
     return np.asarray(2.0 * depth / (up + down + 2.0 * depth))
 
 
 def _inverted(triples: Iterable[tuple[int, _Key, float]]) -> dict[_Key, tuple[Rows, F64]]:
-    """By key, the rows that have it and their smallest value."""
+    """Rows that have each key, with their smallest value."""
     by_key: dict[_Key, dict[int, float]] = {}
     for row, key, value in triples:
         values = by_key.setdefault(key, {})

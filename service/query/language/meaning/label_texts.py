@@ -1,4 +1,4 @@
-"""Texts about the labels of a dictionary, embedded: what a question lies nearest to."""
+"""Embedded texts about labels, searched for the nearest to a question."""
 
 from __future__ import annotations
 
@@ -11,21 +11,13 @@ from fastsplat.service.query.language.meaning.embeddings import TextCache
 from fastsplat.service.query.language.meaning.relevancy import F32, F64
 
 UNKNOWN = 0.6
-"""Share of the cosine with a label's name that stands in for one with what is not known of it."""
+"""Share of the cosine with a label's name that replaces unknown cosines."""
 _NOTHING = "thing"
-"""Embedded where there is no text of a label; masked."""
+"""Placeholder for labels without a text; masked."""
 
 
 class LabelTexts:
-    """Some texts of each of N labels. Threads may share it.
-
-    Args:
-        texts: of each label.
-        cache: embeds them as they are.
-
-    Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings.
-    """
+    """Texts of each of N labels, embedded without templates; thread-safe."""
 
     def __init__(self, texts: Sequence[Sequence[str]], cache: TextCache) -> None:
         flat = [text for each in texts for text in each or (_NOTHING,)]
@@ -35,16 +27,11 @@ class LabelTexts:
 
     @property
     def nbytes(self) -> int:
-        """What the embeddings weigh."""
+        """Bytes of the embeddings."""
         return self._embedded.nbytes
 
     def nearest(self, question: F32, otherwise: F64) -> F64:
-        """float64 [N]: the cosine of a question with the nearest text of each label.
-
-        Args:
-            question: float32 [E], unit length.
-            otherwise: float64 [N], what stands in for labels without a text.
-        """
+        """Cosine of a question [E] with each label's nearest text, float64 [N], or `otherwise`."""
         if not len(self._known):
             return otherwise
         return np.where(self._known, np.maximum.reduceat(self._embedded @ question, self._starts), otherwise)

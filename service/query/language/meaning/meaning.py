@@ -1,8 +1,7 @@
-"""Features of a question and labels to probabilities, where a lexicon stands beside the text encoder: pure arithmetic.
+"""Probabilities of labels from features of encoder and lexicon: pure arithmetic.
 
-The model is a network of one hidden layer over the features of one label, fitted by benchmarks/calibration on
-dictionaries of its own; its weights are in `meaning.json`.
-"""
+The model is a network with one hidden layer over the features of one label, fitted by benchmarks/calibration on
+dictionaries of its own; its weights are in `meaning.json`."""
 
 from __future__ import annotations
 
@@ -25,10 +24,10 @@ FILE = Path(__file__).with_name("meaning.json")
 """Written by benchmarks/calibration."""
 
 _LEADS = {"similarity": 0.2, "definition": 0.2, "kinship": 0.0, "named": 0.2, "use": 0.2}
-"""Columns of which the lead over the best other label counts, with what stands in for a label where there is none."""
+"""Columns whose lead over the best other label is a feature, with their background values."""
 _LEAD_LIMIT = 0.4
 _LIMIT = 5.0
-"""Standard deviations beyond which a feature says no more."""
+"""Features are clipped to this many standard deviations."""
 
 
 class MeaningModel(BaseModel):
@@ -68,17 +67,17 @@ class MeaningModel(BaseModel):
         )
 
     def logits(self, base: F64) -> F64:
-        """[N] of the features of N labels [N, B]."""
+        """Logits [N] of the features of N labels [N, B]."""
         mean, scale, hidden, hidden_offset, output = self._arrays
         features = np.clip((expanded(base) - mean) / scale, -_LIMIT, _LIMIT)
         return np.asarray(np.tanh(features @ hidden + hidden_offset) @ output + self.offset)
 
     def likely(self, logits: F64) -> F64:
-        """[N], 0..1: that each label answers; in the order of the logits."""
+        """Probability of each label, [N], monotone in the logits."""
         return logistic(self.entry.score * logits + self.entry.offset)
 
     def presence(self, logits: F64, likely: F64) -> float:
-        """0..1: that any of the labels answers, 0 without labels; never below the likeliest one's own probability."""
+        """Probability that any label answers; at least the likeliest one's, 0 without labels."""
         if not len(logits):
             return 0.0
         score = self.present.score * summed_odds(logits) + self.present.offset
@@ -86,14 +85,13 @@ class MeaningModel(BaseModel):
 
 
 def summed_odds(logits: F64) -> float:
-    """log Σ exp(logits), of one logit at least."""
+    """log Σ exp(logits), of at least one logit."""
     most = float(logits.max())
     return most if np.isinf(most) else most + float(np.log(np.exp(logits - most).sum()))
 
 
 def expanded(base: F64) -> F64:
-    """[N, F] of features [N, B]: themselves, leads of some over the other labels, and products that a layer of few
-    units would spend its units on."""
+    """Adds leads over other labels and products to features [N, B], [N, F]."""
     column = dict(zip(BASE, base.T, strict=True))
     leads = [_lead(column[name], background) for name, background in _LEADS.items()]
     similarity, definition, known = column["similarity"], column["definition"], column["in_lexicon"]
@@ -118,7 +116,7 @@ def expanded(base: F64) -> F64:
 
 
 def _lead(values: F64, background: float) -> F64:
-    """[N]: how far each value is above the best of the others and above the background; clipped."""
+    """Lead of each value over the best other and the background, [N], clipped."""
     if not len(values):
         return values
     first = int(values.argmax())
@@ -128,18 +126,12 @@ def _lead(values: F64, background: float) -> F64:
 
 
 def weighs_meanings(settings: QuerySettings) -> bool:
-    """Whether the settings leave it to a model what is related: ranked by similarity, without a threshold of it."""
+    """True if the settings rank by similarity without thresholds, so that a model decides."""
     return settings.score == "similarity" and settings.threshold is None and settings.exact_threshold is None
 
 
 def model_for(encoder_key: str, lexicon: str, templates: Sequence[str]) -> MeaningModel | None:
-    """The model, or None if this encoder was not measured with this lexicon and these templates.
-
-    Args:
-        encoder_key: see `calibration_key`.
-        lexicon: the manifest's name.
-        templates: sentences that names are put into.
-    """
+    """Model of an encoder, lexicon and templates; None if not measured together."""
     model = _load().get(encoder_key)
     if model is None or (model.lexicon, model.templates) != (lexicon, tuple(templates)):
         return None

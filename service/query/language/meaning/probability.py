@@ -1,4 +1,4 @@
-"""Scores to probabilities and to label sets with stated coverage: pure arithmetic."""
+"""Calibrated probabilities and conformal label sets from scores: pure arithmetic."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from fastsplat.service.common.logistic import logistic
 F64 = NDArray[np.float64]
 
 LEAD_LIMIT = 0.3
-"""Leads are clipped to this; a larger one says no more."""
+"""Leads are clipped to this."""
 
 
 class Logistic(BaseModel):
-    """p = σ(score·x + lead·l + offset), Platt's scaling with the entry's lead l over the best other entry as a second
-    feature; see `leads`."""
+    """p = σ(score·x + lead·l + offset): Platt scaling with the lead l, see `leads`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -30,9 +29,9 @@ class Logistic(BaseModel):
 
 
 class Nonconformities(BaseModel):
-    """1 − the probability of each calibration question's best acceptable answer, by scene, of questions that have one
-    and of those that have none apart: what holds for both together may hold for one of them only.
-    """
+    """Nonconformity 1 − p of each calibration question's best acceptable answer, by scene.
+
+    Questions with and without an answer are kept apart: a bound for both together may hold for one kind only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -40,7 +39,7 @@ class Nonconformities(BaseModel):
     absent: tuple[tuple[float, ...], ...] = ()  # of questions to which nothing here answers
 
     def bounds(self, coverage: float) -> tuple[float, float]:
-        """Up to which nonconformity "nothing here", and up to which an entry, belongs to a set of this coverage."""
+        """Nonconformity bounds of "nothing here" and of entries for a coverage."""
         return nonconformity_bound(self.absent, coverage), nonconformity_bound(self.present, coverage)
 
 
@@ -48,7 +47,7 @@ class ScoreCalibration(BaseModel):
     """The calibration of one encoder and one score.
 
     Attributes:
-        background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.
+        background: usual best score of a dictionary without an answer; an entry leads over this at most.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -63,8 +62,7 @@ class ScoreCalibration(BaseModel):
 
 
 def leads(scores: F64, background: float) -> F64:
-    """[..., N] of scores [..., N]: how far each entry is above the best of the others (negative for all but the first)
-    and above the background, which stands in where there are no others; clipped to ±`LEAD_LIMIT`."""
+    """Lead of each entry over the best other and the background, [..., N], clipped."""
     others = np.full(scores.shape, background)
     if scores.shape[-1] > 1:
         first = scores.argmax(axis=-1)[..., None]
@@ -76,15 +74,14 @@ def leads(scores: F64, background: float) -> F64:
 
 
 def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:
-    """[..., N] of scores [..., N]: each entry on its own; in the order of the scores."""
+    """Probability of each entry on its own, [..., N], monotone in the scores."""
     model = calibration.entry
     logits = model.score * scores + model.lead * leads(scores, calibration.background) + model.offset
     return logistic(logits)
 
 
 def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) -> F64:
-    """[...] of scores [..., N] and their `entry_probability`: that anything here answers; 0 without entries. Never
-    below the best entry's own probability, of which it is a consequence."""
+    """Probability [...] that any entry answers; at least the best entry's, 0 without entries."""
     if not scores.shape[-1]:
         return np.zeros(scores.shape[:-1])
     model = calibration.present
@@ -92,19 +89,18 @@ def present_probability(scores: F64, entry: F64, calibration: ScoreCalibration) 
 
 
 def candidates(entry: F64, present: float) -> F64:
-    """[N + 1]: the nonconformity of every possible answer, 1 − its probability: 0 is "nothing here", n is entry n."""
+    """Nonconformity of each answer, [N + 1]: 0 is "nothing here", n is entry n."""
     return np.concatenate([[present], 1.0 - entry])
 
 
 @lru_cache(256)
 def nonconformity_bound(scenes: tuple[tuple[float, ...], ...], coverage: float) -> float:
-    """The bound b for which a question to a scene like these has an acceptable answer of nonconformity ≤ b with
-    probability `coverage` at least; infinity if so much cannot be promised from so few scenes.
+    """Conformal bound of the nonconformity of acceptable answers at a coverage.
 
-    Questions to one scene depend on one another, scenes do not: each scene carries the same mass, shared by its
-    questions, and the new scene's own mass lies at infinity (hierarchical conformal prediction: Lee, Barber and
-    Willett 2023, section 3).
-    """
+    It holds for a question to a scene like the calibration scenes with probability `coverage`; infinite if the scenes
+    are too few. Questions to one scene are dependent, scenes are not: each scene has the same mass, shared by its
+    questions, and the new scene's mass lies at infinity (hierarchical conformal prediction: Lee, Barber and Willett
+    2023, section 3)."""
     if coverage <= 0.0:
         return -np.inf
     values = np.concatenate([np.asarray(scene, dtype=np.float64) for scene in scenes] or [np.zeros(0)])
@@ -116,13 +112,11 @@ def nonconformity_bound(scenes: tuple[tuple[float, ...], ...], coverage: float) 
 
 
 def label_set(nonconformity: F64, bounds: tuple[float, float]) -> tuple[int, ...]:
-    """The answers whose `candidates` value is within their bound, likeliest first (ties: lower id first); the likeliest
-    always, because no answer is no answer.
+    """Answers within their bounds, likeliest first (ties: lower id); never empty.
 
-    With the bounds of a coverage it holds an acceptable answer that often of questions that have one, and "nothing
-    here" that often of questions that have none (conformal prediction with a bound a class: Vovk, "Conditional validity
-    of inductive conformal predictors", 2012).
-    """
+    With the bounds of a coverage, the set holds an acceptable answer that often if there is one, and "nothing here"
+    that often if there is none (class-conditional conformal prediction: Vovk, "Conditional validity of inductive
+    conformal predictors", 2012)."""
     order = nonconformity.argsort(kind="stable")
     within = nonconformity <= np.where(np.arange(len(nonconformity)) == 0, *bounds)
     within[order[0]] = True
@@ -131,17 +125,15 @@ def label_set(nonconformity: F64, bounds: tuple[float, float]) -> tuple[int, ...
 
 @dataclass(frozen=True)
 class Belief:
-    """Probabilities of one answer: that the words of the question mean an entry, times that the entry is named rightly.
+    """Probabilities of one answer: calibrated meaning times correctness of names.
 
-    The first factor is calibrated, on dictionaries whose names are right (benchmarks/calibration); the second is the
-    entry's `DictionaryEntry.confidence`, 1 for names that came with the capture or from a person. The two are taken for
-    independent, and an entry that is named wrongly for no answer. With confidences of 1 every figure is the calibrated
-    one, to the bit.
+    Meaning is calibrated on dictionaries with correct names (benchmarks/calibration); correctness is
+    `DictionaryEntry.confidence`, 1 for names from the capture or a person. They are assumed independent, and a wrongly
+    named entry counts as no answer. With confidences of 1 all figures are exactly the calibrated ones.
 
     Attributes:
-        label_set: label ids, likeliest first, of which one answers with the coverage asked for, given that the names
-            are right: it is calibrated on words. So 0, "nothing here", joins where no entry of the set is named as
-            surely as the coverage asks.
+        label_set: label ids, likeliest first, with the requested coverage given correct names; 0, "nothing here", is
+            added if no entry's name is as certain as the coverage.
     """
 
     entries: F64  # float64 [N], 0..1, for each entry
@@ -149,23 +141,23 @@ class Belief:
     label_set: tuple[int, ...]
 
     def of_verdict(self, leading: int | np.intp | None) -> float:
-        """0..1: that the entry in row `leading` answers; None: that nothing does."""
+        """Probability that the entry in row `leading` answers; None: that nothing does."""
         return 1.0 - self.presence if leading is None else float(self.entries[leading])
 
 
 def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreCalibration, coverage: float) -> Belief:
-    """Probabilities where scores decide."""
+    """Probabilities from scores."""
     present = float(present_probability(scores, likely, calibration))
     return believed(likely, present, confidence, calibration.scenes, coverage)
 
 
 def believed(likely: F64, present: float, confidence: F64, scenes: Nonconformities, coverage: float) -> Belief:
-    """Probabilities where no name decides.
+    """Probabilities if no name decides.
 
     Args:
-        likely: float64 [N], 0..1, that each entry answers, if it is named rightly.
-        present: 0..1, that anything answers, if all are.
-        confidence: float64 [N], 0..1, that each entry is named rightly.
+        likely: float64 [N], 0..1, that each entry answers, given a correct name.
+        present: 0..1, that anything answers, given correct names.
+        confidence: float64 [N], 0..1, of correct names.
         scenes: nonconformities of the calibration scenes.
         coverage: 0..1, of the label set.
     """
@@ -176,7 +168,7 @@ def believed(likely: F64, present: float, confidence: F64, scenes: Nonconformiti
 
 
 def named_belief(likely: F64, label_ids: Sequence[int], confidence: F64, coverage: float) -> Belief:
-    """Probabilities where the question is the very name of entries: no score can add to that."""
+    """Probabilities if the question is a name of entries, so that scores add nothing."""
     rows = np.array(label_ids) - 1
     certain = likely.copy()
     certain[rows] = 1.0
@@ -186,7 +178,7 @@ def named_belief(likely: F64, label_ids: Sequence[int], confidence: F64, coverag
 
 
 def _doubted(labels: tuple[int, ...], confidence: F64, coverage: float) -> tuple[int, ...]:
-    """The label set with 0, if none of its entries is named surely enough. More labels never cover less."""
+    """Adds 0 to the label set if no entry's name is certain enough."""
     if 0 in labels or confidence[np.array(labels) - 1].max() >= coverage:
         return labels
     return (*labels, 0)

@@ -1,4 +1,4 @@
-"""A dictionary under one choice of canonical negatives and prompt templates."""
+"""Embeddings and thresholds of a dictionary for given negatives and templates."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ _CACHED_CONTEXTS = 8
 
 @dataclass(frozen=True)
 class SceneLabels:
-    """What a ranking reads of a scene: its labels, and nothing that has a row for each Gaussian.
+    """The labels of a scene as a ranking reads them, without per-Gaussian data.
 
     Attributes:
-        embeddings: float32 [M, E], M ≤ N, unit length, of the scene's labels; a copy, so that no file of the scene
-            stays mapped.
-        text_encoder, templates: what made them: name and digest of the encoder, and the sentences.
+        embeddings: float32 [M, E], M ≤ N, unit length, of the scene's labels; a copy, so that no scene file stays
+            mapped.
+        text_encoder, templates: their source: encoder name and digest, and templates.
     """
 
     dictionary: Dictionary  # N names: the scene's labels, then what is merely suggested, see `ThingNames`
@@ -43,7 +43,7 @@ class SceneLabels:
 
 @dataclass(frozen=True)
 class PromptContext:
-    """A dictionary's embeddings and thresholds under one choice of prompts."""
+    """Embeddings and thresholds of a dictionary for one choice of prompts."""
 
     entries: Entries  # the dictionary's embeddings, and their similarity to the negatives
     negatives: tuple[str, ...]  # canonical negatives
@@ -55,16 +55,10 @@ class PromptContext:
 
 
 class PromptContexts:
-    """The contexts of one scene and one encoder, by negatives and templates. Threads may share it.
-
-    Args:
-        labels: of the scene.
-        encoder: embeds negatives, and labels where the scene's came from another encoder or other templates.
-        cache: embeds the negatives.
-        settings: see `QuerySettings`.
+    """LRU cache of contexts of one scene and encoder; thread-safe.
 
     Raises:
-        ModelUnavailableError: the encoder answers with something else than embeddings, or of another size.
+        ModelUnavailableError: the encoder returns something other than embeddings, or another size.
     """
 
     def __init__(self, labels: SceneLabels, encoder: TextEncoder, cache: TextCache, settings: QuerySettings) -> None:
@@ -78,11 +72,11 @@ class PromptContexts:
 
     @property
     def nbytes(self) -> int:
-        """What the contexts weigh when all places are taken: the same labels in other templates."""
+        """Bytes of a full cache: the same labels in other templates."""
         return (1 + _CACHED_CONTEXTS) * self.default.entries.labels.nbytes
 
     def get(self, negatives: tuple[str, ...], templates: tuple[str, ...]) -> PromptContext:
-        """The context of these prompts; the labels are embedded for templates that were not used lately.
+        """Context of these prompts; labels are re-embedded for templates not in the cache.
 
         Raises:
             LimitExceededError: too many labels times templates.

@@ -18,7 +18,7 @@ LERF_TEMPERATURE = 10.0
 
 @dataclass(frozen=True)
 class Entries:
-    """A dictionary ready to be compared."""
+    """A dictionary prepared for comparison."""
 
     labels: F32  # float32 [N, E], unit length
     negative_similarity: F64  # float64 [N], max_j d·c_j: the cosine with the nearest canonical negative
@@ -35,7 +35,7 @@ class Scores:
 
 
 def entries(labels: F32, negatives: F32) -> Entries:
-    """What does not depend on the query, of labels [N, E] and negatives [J, E], J ≥ 1, all of unit length."""
+    """Prepares labels [N, E] and negatives [J, E], J ≥ 1, all of unit length."""
     if not len(labels):
         return Entries(np.zeros((0, negatives.shape[1]), dtype=np.float32), np.zeros(0), np.zeros(0, dtype=np.intp))
     similarity = cosines(labels, negatives)
@@ -43,10 +43,10 @@ def entries(labels: F32, negatives: F32) -> Entries:
 
 
 def relevancy_scores(similarity: F64, dictionary: Entries, temperature: float) -> Scores:
-    """LERF's relevancy (Kerr et al. 2023, section 3.3) of dictionary entries, as in FAST-Splat, section 4.
+    """LERF's relevancy (Kerr et al. 2023, section 3.3) as in FAST-Splat, section 4.
 
-    r = min_j softmax(t·[d·q, d·c_j])_0 = σ(t (d·q − max_j d·c_j)). The term max_j d·c_j belongs to the entry, so that
-    relevancy is monotone in similarity for one entry and many queries, and not for one query and many entries.
+    r = min_j softmax(t·[d·q, d·c_j])_0 = σ(t (d·q − max_j d·c_j)). max_j d·c_j depends on the entry, so relevancy is
+    monotone in similarity for one entry and many queries, but not for one query and many entries.
 
     Args:
         similarity: float64 [Q, N], cosines d·q of queries and entries.
@@ -59,6 +59,6 @@ def relevancy_scores(similarity: F64, dictionary: Entries, temperature: float) -
 
 
 def cosines(left: F32, right: F32) -> F64:
-    """float64 [A, B] of unit vectors [A, E] and [B, E]."""
+    """Cosines of unit vectors [A, E] and [B, E], float64 [A, B]."""
     # einsum stays on this thread: waking BLAS threads costs more than so small a product.
     return np.asarray(np.clip(np.einsum("ae,be->ab", left, right), -1.0, 1.0), dtype=np.float64)

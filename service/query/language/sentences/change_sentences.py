@@ -1,4 +1,4 @@
-"""What has changed in a scene, in words."""
+"""Sentences about changes in a scene."""
 
 from __future__ import annotations
 
@@ -11,12 +11,7 @@ from fastsplat_contract.photos.observations import Observation
 
 
 def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
-    """The observation with the names that things have now, and its sentences with them.
-
-    Args:
-        observation: in the frame and the unit of the scene's version.
-        names: of the version's things, by their ids; empty for a thing without one.
-    """
+    """Updates an observation's names and sentences by current names, by thing id."""
 
     def told(change: SceneChange) -> SceneChange:
         name = names.get(change.thing_id, change.name)
@@ -28,7 +23,7 @@ def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
 
 
 def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
-    """What an observation says, in words."""
+    """Sentence of an observation."""
     if changes:
         return " ".join(change.sentence for change in changes)
     things = "the one thing" if looked_at == 1 else f"the {looked_at} things"
@@ -36,7 +31,7 @@ def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
 
 
 def change_sentence(kind: ChangeKind, thing_id: int, name: str, distance: float, meters: bool) -> str:
-    """One change in words; of no thing of the scene with `thing_id` 0."""
+    """Sentence of one change; `thing_id` 0: of no thing of the scene."""
     by = f"has moved by {distance:.2f} {'m' if meters else 'scene units'}."
     if not thing_id:
         told = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}

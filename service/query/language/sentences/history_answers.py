@@ -1,4 +1,4 @@
-"""Answers about time: what has become of things since a scene was made, by the observations that are kept with it."""
+"""Answers about changes over time, from a scene's stored observations."""
 
 from __future__ import annotations
 
@@ -18,14 +18,7 @@ _MOST_TOLD = 5
 
 
 class HistoryAnswers:
-    """What a scene's history says to questions.
-
-    Args:
-        history: of the scene's version.
-        names: of its things.
-        in_words: what some things are called.
-        unit: of lengths: "m" or "scene units".
-    """
+    """Answers from a scene's history; `unit` is "m" or "scene units"."""
 
     def __init__(self, history: SceneHistory, names: ThingNames, in_words: InWords, unit: str) -> None:
         self._history = history
@@ -35,8 +28,7 @@ class HistoryAnswers:
         self._unit = unit
 
     def plain(self, answer: Answer) -> Answer:
-        """An answer that was not asked about time, with what is missing or has moved since. Where all that answers is
-        missing, it is not here."""
+        """Adds later changes to an answer; "not here" if all things are missing."""
         if answer.outcome not in ("here", "probably_here"):
             return answer
         things = self._things(answer)
@@ -51,12 +43,7 @@ class HistoryAnswers:
         return _saying(answer, "not_here", f"Not here any more: {self._in_words(things)}; {where}. {told}")
 
     def asked(self, question: TimeQuestion, answer: Answer) -> Answer:
-        """The answer to a question about time.
-
-        Args:
-            question: what is asked.
-            answer: to the words for the things that are asked about, or to the whole text.
-        """
+        """Answers a question about time, given the answer to its words for things."""
         if question.asks == "events":
             return self._events(question, answer)
         things = self._things(answer)
@@ -119,7 +106,7 @@ class HistoryAnswers:
         )
 
     def _changes(self, question: TimeQuestion) -> list[tuple[SceneChange, datetime]]:
-        """What is asked for and holds by the last observation that says something of it, the surest first."""
+        """Requested changes that still hold by the last observation, surest first."""
         found: list[tuple[SceneChange, datetime]] = []
         for sightings in self._history.looked_at_again.values():
             last = sightings[-1]
@@ -138,7 +125,7 @@ class HistoryAnswers:
         return sorted(found, key=lambda each: -each[0].probability)
 
     def _place_at(self, thing_id: int, when: When) -> str:
-        """Where a thing was on a day: as the last photos until its end show it."""
+        """Sentence about a thing's place on a day, by the last photos until its end."""
         name = self._name(thing_id)
         known = [each for each in self._sightings(thing_id) if each.at < when.end]
         day = _day(when.start)
@@ -165,7 +152,7 @@ class HistoryAnswers:
         return f"{name} was last seen on {_day(seen)}.{moved}"
 
     def _told(self, thing_id: int) -> str:
-        """What has become of a thing."""
+        """Sentence about a thing's last change."""
         since, seen = self._missing_since(thing_id), self._history.last_seen(self._whole(thing_id))
         last = self._last(thing_id)
         assert last is not None and last.change is not None
@@ -188,7 +175,7 @@ class HistoryAnswers:
         return f"The {said}" if said.startswith('"') else said[0].upper() + said[1:]
 
     def _whole(self, thing_id: int) -> int:
-        """The thing of a part; a thing itself."""
+        """Id of the whole thing."""
         return self._parents.get(thing_id, thing_id)
 
     def _sightings(self, thing_id: int) -> Sequence[Sighting]:

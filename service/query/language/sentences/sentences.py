@@ -1,4 +1,4 @@
-"""What an answer says in one sentence; every way to ask prints exactly this one."""
+"""The sentence of an answer, identical in every interface."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from fastsplat_contract.messages.phrases import PhraseAnswer, RefusalReason
 from fastsplat_contract.messages.queries import Answer, Outcome, Relation, RelationSubject
 
 MOST_NAMED = 3
-"""Things and names that a sentence calls; the others are counted."""
+"""Things and names listed in a sentence; the others are counted."""
 _MAX_QUOTED = 60
 InWords = Callable[[Sequence[int]], str]
-"""What some things are called, see `ThingWords.listed`."""
+"""Describes things, see `ThingWords.listed`."""
 
 _OPENINGS: Mapping[Outcome, str] = {
     "here": "Here",
@@ -63,22 +63,22 @@ _CHOICES: Mapping[RefusalReason, str] = {
     "ambiguous_referent": "say which",
     "not_named": "name it",
 }
-"""What makes a phrase decidable."""
+"""Hints that make a phrase decidable."""
 
 
 def quoted(text: str) -> str:
-    """A text of somebody in a sentence."""
+    """Quotes a text, shortened."""
     return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
 
 
 def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
-    """'A, B and C'; with `more`, "and 2 more" behind them."""
+    """Joins items as 'A, B and C'; with `more`, "and 2 more" is added."""
     every = [*items, f"{more} more"] if more else list(items)
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
 def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
-    """Whether what was asked for is here; where it may be although nobody saw it, it is not said to be absent."""
+    """Outcome of a ranking; never "not here" for what may be hidden."""
     answer, verdict = ranked.answer, ranked.verdict
     if verdict == "absent":
         return "not_seen" if not_seen else "not_here"
@@ -92,7 +92,7 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
 
 
 def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
-    """The answer with its outcome and its sentence."""
+    """Adds outcome and sentence to an answer."""
     answer, remarks = ranked.answer, ranked.remarks
     held = (
         ()
@@ -122,26 +122,26 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
 
 
 def _without_closest(answer: Answer) -> Answer:
-    """The answer that nothing is what was asked for: how likely the closest would serve says nothing of that."""
+    """Clears the matches of an answer; the closest one's probability does not apply."""
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
     return replace(answer, relation="absent", probability=None, presence=None, things=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
-    """ " (19 %)"; "" of what nobody has measured, and of what is certain."""
+    """Formats a probability as " (19 %)"; "" if unmeasured or certain."""
     if probability is None or probability == 1.0:
         return ""
     return f" ({min(max(round(100 * probability), 1), 99)} %)" if probability else " (0 %)"
 
 
 def doubt_of(answer: Answer, names: ThingNames) -> str:
-    """What is not sure of the name that a probable answer shows."""
+    """Explains the doubt about the name in a probable answer."""
     match = answer.matches[0]
     return f"that it is {quoted(match.label)} is {'not sure' if names.is_borne(match.label_id) else 'only suggested'}"
 
 
 def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
-    """What answers a name or a description."""
+    """Phrase for what answers a name or a description."""
     answer, verdict, remarks = ranked.answer, ranked.verdict, ranked.remarks
     question = quoted(noun_phrase(answer.text))
     if remarks.by_shape:
@@ -174,7 +174,7 @@ def _labels(answer: Answer) -> Mapping[int, str]:
 
 
 def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:
-    """The things of some names; the names themselves, where labels of Gaussians are no names of things."""
+    """Describes the things of some names, or the names if labels are not of things."""
     if all(label_id in names.by_label for label_id in label_ids):
         return in_words(names.of_labels(label_ids))
     shown = [quoted(labels[label_id]) for label_id in label_ids]
@@ -182,7 +182,7 @@ def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: Thing
 
 
 def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
-    """The things that a phrase means."""
+    """Describes the things that a phrase means."""
     shown = in_words(answer.things)
     count = f"{phrase.count} ({shown})" if phrase.count is not None else shown
     other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.things)
@@ -191,7 +191,7 @@ def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: Thin
 
 
 def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
-    """Of what it was said that it is not here."""
+    """Phrase for what is not here."""
     if answer.phrase is not None and not remarks.head:
         return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
     only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
@@ -204,7 +204,7 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
 
 
 def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_words: InWords) -> str:
-    """Where it may be all the same."""
+    """Phrase for where it may be hidden."""
     called = names.called if names.stored else names.taken_for
     said = []
     if unseen.hides:
@@ -222,7 +222,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_w
 
 
 def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
-    """Why it cannot be said, and what would help."""
+    """Phrase for why it cannot be said, and what would help."""
     question, phrase = quoted(noun_phrase(answer.text)), answer.phrase
     if remarks.no_question:
         return f": {_NO_QUESTIONS[remarks.no_question].format(text=question)}"

@@ -1,4 +1,4 @@
-"""Questions about time: "what moved since Monday?", "where was the mug on 23 November?", "when was it last seen?"."""
+"""Parses questions about time: "what moved since Monday?", "where was the mug on 23 November?"."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EVENTS: dict[str, frozenset[ChangeKind]] = {
     **dict.fromkeys(("new", "added", "appeared"), frozenset[ChangeKind](("new",))),
     **dict.fromkeys(("changed", "different"), frozenset[ChangeKind](("gone", "moved", "new", "changed"))),
 }
-"""Which events a word asks for; where something else stands, the thing that stood there is gone."""
+"""Events that a word asks for; a thing replaced by something else is gone."""
 _ANYTHING = "|".join(sorted(_EVENTS, key=len, reverse=True))
 _WHAT = re.compile(
     rf"(?:what|what else|which things?|(?:is|has|have|did|was|are) (?:anything|something))(?: has| have| is| are| was)?"
@@ -31,7 +31,7 @@ _WHAT = re.compile(
 )
 _WHERE = re.compile(r"where (?:was|were) (?P<rest>.+)")
 _MOST_WORDS = 4
-"""Of a day, with its preposition."""
+"""Most words of a date with its preposition."""
 _LAST = (
     re.compile(r"when (?:was|were) (?P<about>.+?) (?:last )?seen(?: last)?"),
     re.compile(r"when did (?:you|we|i|anyone|anybody|somebody) (?:last )?see (?P<about>.+?)(?: last)?"),
@@ -42,37 +42,24 @@ _LAST = (
 
 @dataclass(frozen=True)
 class When:
-    """A day, or several.
-
-    Attributes:
-        start, end: UTC, the end left out.
-    """
+    """A period of one or more days, UTC."""
 
     start: datetime
-    end: datetime
+    end: datetime  # exclusive
 
 
 @dataclass(frozen=True)
 class TimeQuestion:
-    """What a text asks about time.
+    """A parsed question about time."""
 
-    Attributes:
-        asks: "events": what has become of all things; "place": where some were; "last_seen": when they were seen.
-    """
-
-    asks: Literal["events", "place", "last_seen"]
+    asks: Literal["events", "place", "last_seen"]  # changes of all things; past places; last sightings
     about: str = ""  # the words for those things; "" for events
     events: frozenset[ChangeKind] = frozenset()  # those that are asked for
     when: When | None = None  # the day that is asked about, or since which; None for none
 
 
 def time_question(text: str, now: datetime) -> TimeQuestion | None:
-    """What a text asks about time; None where it asks for something else.
-
-    Args:
-        text: as it was asked.
-        now: by which "Monday" is the last one; days are those of UTC.
-    """
+    """Parses a question about time, weekdays before `now`, days in UTC; else None."""
     words = " ".join(text.casefold().strip().rstrip("?!. ").split())
     if asked := _WHAT.fullmatch(words):
         when = parsed_day(asked["when"], now) if asked["when"] else None
@@ -92,12 +79,9 @@ def time_question(text: str, now: datetime) -> TimeQuestion | None:
 
 
 def parsed_day(words: str, now: datetime) -> When | None:
-    """The day or days that some words mean, never one to come; None where they mean none.
+    """Parses words for a past day or period; None if they are none.
 
-    Args:
-        words: "monday", "last monday", "yesterday", "3 days ago", "last week", "2026-11-23", "23 november 2026".
-        now: UTC.
-    """
+    Such as "monday", "last monday", "yesterday", "3 days ago", "last week", "2026-11-23", "23 november 2026"."""
     today = now.astimezone(UTC).date()
     words = re.sub(r"^(?:on|in|the) ", "", words).replace(",", "")
     plain = {"today": 0, "yesterday": 1}

@@ -1,4 +1,4 @@
-"""Whether a text is a question in English, which is all that is understood."""
+"""Checks that a text is a question in English, the only language understood."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Literal
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase
 
 NoQuestion = Literal["", "empty", "foreign", "unknown"]
-"""Why a text is no question in English; "" for one that is."""
+"""Reason why a text is no question in English; "" for none."""
 
 _WORD = re.compile(r"[^\W\d_]+")
 _ELSEWHERE = frozenset(
@@ -34,8 +34,7 @@ _INDEFINITE = frozenset("something anything everything".split())
 
 
 def is_foreign(text: str) -> bool:
-    """Whether a text is of another language: words of grammar that English lacks lead it or are half of it, or its
-    letters are of another script."""
+    """True if a text is in another language, by its function words or script."""
     words = [word.casefold() for word in _WORD.findall(noun_phrase(text))]
     if not words:
         return False
@@ -46,17 +45,14 @@ def is_foreign(text: str) -> bool:
 
 
 def names_nothing(text: str) -> bool:
-    """Whether no word of a text could name anything: "of the", "?!"."""
+    """True if no word of a text could name anything: "of the", "?!"."""
     return all(word.casefold() in _CLOSED for word in re.findall(r"\w+", noun_phrase(text)))
 
 
 def no_question(text: str, is_word: Callable[[str], bool] | None) -> NoQuestion:
-    """Why a text is no question in English: "empty", "foreign" or "unknown"; "" for one that is.
+    """Reason why a text is no question in English; "" for none.
 
-    Args:
-        text: the question.
-        is_word: whether a word is known; None: nobody knows, and all are.
-    """
+    `is_word` tells if a word is known; None: all count as known."""
     if names_nothing(text):
         return "empty"
     if is_foreign(text):

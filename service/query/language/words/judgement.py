@@ -1,4 +1,4 @@
-"""What is decided of a question, before it is put into words."""
+"""Decisions about a question, before sentences are written."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from fastsplat_contract.messages.queries import Answer
 
 Mask = NDArray[np.bool_]
 Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
-"""exact: the thing asked for is here; related: something close is; absent: nothing relevant is here; possible: it may
-be here, but its name is not sure or only suggested; undecided: it cannot be said."""
+"""Verdict on a question.
+
+exact: the thing is here; related: something close is; absent: nothing relevant is here; possible: it may be here, but
+its name is unsure or only suggested; undecided: it cannot be said."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on a question, and the entries it is about."""
+    """Verdict on a question, and its entries."""
 
     verdict: Verdict  # "exact", "related" or "absent"
     relevant: Mask  # bool [N], the entries that the answer speaks of
@@ -30,7 +32,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Remarks:
-    """What a sentence says beside what the answer's members hold."""
+    """Facts for the sentence that the answer's fields do not hold."""
 
     unchecked: str = ""  # words of the question that nothing here was checked for, see `NameMatch.unchecked`
     no_question: NoQuestion = ""  # why the text is no question in English
@@ -44,15 +46,10 @@ class Remarks:
 
 @dataclass(frozen=True)
 class Ranked:
-    """What is decided of a question.
-
-    Attributes:
-        standing: the ids of those of its labels that name what was asked for, or a kind of it, and do not merely serve
-            in its place.
-    """
+    """Decision about a question."""
 
     answer: Answer  # without its outcome and its sentence
     verdict: Verdict  # what both come from
     named: bool = True  # whether the names alone decided
-    standing: frozenset[int] = frozenset()
+    standing: frozenset[int] = frozenset()  # ids of relevant labels that name what was asked for or a kind of it
     remarks: Remarks = Remarks()  # what else the sentence says

@@ -1,4 +1,4 @@
-"""The dictionary entries that a question names: as what it asks for, as a kind of that, or only in passing."""
+"""Matches a question with dictionary names: as asked for, as a kind, or as mentioned."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ _MAX_SPAN = 6
 
 @dataclass(frozen=True)
 class NameMatch:
-    """The entries that a question names, by what it says of them; no embedding is compared for it.
+    """Entries named in a question, without comparing embeddings.
 
     Attributes:
-        exact: label ids that are what is asked for, and nothing else is asked: no score can add to that.
-        heads: label ids of what is asked for, of which the question says more than a dictionary can tell ("man with a
-            hat"), or something else ("blue scissors" for the entry "red scissors").
-        hyponyms: label ids of entries whose names end in what is asked for: "coffee machine" for "machine".
-        mentions: by label id, the words that remain of the question's head without the entry's name: "clock" for the
-            entry wall in "wall clock", "man" for the entry hat in "man with a hat". Such an entry is spoken of and not
-            asked for.
-        bases: by label id, how many of the last words of what is asked for are the entry's name, where other words
-            stand before it: 1 for the entry chair in "wicker chair". Whether that is a chair, no name says.
+        exact: label ids that are exactly what is asked for.
+        heads: label ids of what is asked for with more than a dictionary can tell ("man with a hat"), or something else
+            ("blue scissors" for the entry "red scissors").
+        hyponyms: label ids of names that end in what is asked for: "coffee machine" for "machine".
+        mentions: entries that are mentioned but not asked for, by label id, with the head's remaining words: "clock"
+            for wall in "wall clock", "man" for hat in "man with a hat".
+        bases: by label id, the number of last words that are its name, after other words: 1 for chair in "wicker
+            chair". No name tells if that is a chair.
     """
 
     exact: tuple[int, ...] = ()
@@ -44,7 +43,7 @@ class _Group:
 
 
 class NameIndex:
-    """The names of a dictionary by their heads. Threads may share it."""
+    """Dictionary names indexed by their heads; thread-safe."""
 
     def __init__(self, dictionary: Dictionary) -> None:
         self._dictionary = dictionary
@@ -66,18 +65,16 @@ class NameIndex:
             self._hyponyms[" ".join(words[start:])].append(label_id)
 
     def has(self, text: str) -> bool:
-        """Whether a text as it stands is a name of the dictionary."""
+        """True if the whole text is a name of the dictionary."""
         return self._dictionary.id_of(text) is not None
 
     def match(self, text: str) -> NameMatch:
-        """The entries that `text` names.
+        """Matches a text with the dictionary.
 
-        A question is exact in three cases. (1) The whole of it, question words and articles aside, is a name of the
-        dictionary. (2) A name adds plain modifiers to it: "scissors" asks for "red scissors" too, which are scissors.
-        (3) It adds plain modifiers to a name, and no name has these modifiers: "red mug" asks for the entry "mug". The
-        dictionary names classes and says nothing of color, size or number: who asks for a red mug wants to be shown the
-        mugs. Whatever else a question adds may make another thing of it, so that it never is exact.
-        """
+        It is exact if (1) the whole of it, without question words and articles, is a name; (2) a name adds plain
+        modifiers to it: "scissors" matches "red scissors"; (3) it adds plain modifiers to a name, and no name has them:
+        "red mug" matches "mug", as names are of classes and say nothing of color, size or number. Any other addition
+        may change the thing, and is never exact."""
         phrase = parse_noun_phrase(text)
         for name in (text, phrase.text):
             label_id = self._dictionary.id_of(name)
@@ -116,7 +113,7 @@ class NameIndex:
         return tuple(sorted({entry.label_id for entry in nearest})), unchecked
 
     def _bases(self, phrase: NounPhrase) -> dict[int, int]:
-        """The entries whose names what is asked for ends in, the longest such end, and how many words that has."""
+        """Entries whose names are the longest end of the question's head, with their word counts."""
         if len(phrase.heads) != 1:
             return {}
         modifiers, head = split_modifiers(phrase.heads[0])
@@ -132,7 +129,7 @@ class NameIndex:
         return {}
 
     def _named(self, groups: tuple[str, ...]) -> Iterator[int]:
-        """Label ids of the entries that these noun groups name, and of kinds of them."""
+        """Yields label ids that these noun groups name, and of kinds of them."""
         for group in groups:
             label_id = self._dictionary.id_of(group)
             modifiers, head = split_modifiers(group)
@@ -157,7 +154,7 @@ class NameIndex:
         return mentions
 
     def _spans(self, words: list[str]) -> Iterator[tuple[int, int, int]]:
-        """Label ids of the entries that consecutive words name, with the first word and the one after the last."""
+        """Yields label ids named by consecutive words, with start and end."""
         for start in range(len(words)):
             for end in range(start + 1, min(start + _MAX_SPAN, len(words)) + 1):
                 label_id = self._dictionary.id_of(" ".join(words[start:end]))

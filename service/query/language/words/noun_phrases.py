@@ -1,7 +1,6 @@
-"""The grammar of a question, as far as it decides what is asked for: its heads, apart from what is said of them.
+"""Noun phrase grammar of questions: heads and their details.
 
-English only; other languages pass through as one head.
-"""
+English only; other languages pass through as one head."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ _ARTICLE = re.compile(
     r"|nice|lovely|beautiful|pretty|cute|adorable|gorgeous|wonderful|favou?rite)\s+",
     re.IGNORECASE,
 )
-"""Words before a noun that say nothing of what it is: determiners, and what somebody thinks of it."""
+"""Determiners and opinions before a noun."""
 _ENDING = re.compile(
     r"\s+(?:please|thanks|thank you|here|there|anywhere|somewhere|around here|at all|for me|in here"
     r"|in (?:the|this) (?:scene|room|picture|image|view|photos?)"
@@ -62,13 +61,15 @@ _PLAIN = _COLORS | frozenset(
     "big large huge small little tiny tall long short wide narrow thick thin old new empty full open closed broken "
     "clean dirty two three four five six seven eight nine ten several many both other another colored coloured".split()
 )
-"""Modifiers that pick among the objects of a class and make no other class of it. Materials are not here (a wooden
-horse is no horse, a paper towel no towel), nor what often makes a name of its own (a hot dog, a high chair)."""
+"""Modifiers that select among a class without making another class of it.
+
+Materials are excluded (a wooden horse is no horse, a paper towel no towel), as are words common in names (hot dog, high
+chair)."""
 
 
 @dataclass(frozen=True)
 class Detail:
-    """A prepositional phrase or relative clause: what a phrase says of its head."""
+    """A prepositional phrase or relative clause about a head."""
 
     connector: str  # the word before it, folded: "of", "on", "without"
     groups: tuple[str, ...]  # the noun groups that follow, articles off: "lid"
@@ -86,15 +87,14 @@ class NounPhrase:
 
 
 def noun_phrase(text: str) -> str:
-    """The text without question words, articles, politeness and punctuation around it: "where is the mug?" → "mug".
+    """Strips question words, articles, politeness and punctuation: "where is the mug?" → "mug".
 
-    Never empty: a text of nothing else stays as it is.
-    """
+    Never empty: a text of nothing else stays unchanged."""
     return _without((_ADDRESS, _QUESTION, _ARTICLE, _ENDING), text)
 
 
 def without_address(text: str) -> str:
-    """The question without what is said to whom it is put: "could you tell me what is red?" → "what is red"."""
+    """Strips the form of address: "could you tell me where ..." → "where ..."."""
     return _without((_ADDRESS,), text)
 
 
@@ -112,10 +112,9 @@ def _without(patterns: Sequence[re.Pattern[str]], text: str) -> str:
 
 
 def parse_noun_phrase(text: str) -> NounPhrase:
-    """The heads of a question and what it says of them: "kettle without a lid" → head "kettle", detail "lid", negated.
+    """Parses heads and details: "kettle without a lid" → head "kettle", negated detail "lid".
 
-    In English the head noun comes before whatever a preposition or a relative clause adds, and last in its own group.
-    """
+    In English the head noun precedes prepositions and relative clauses, and is last in its own group."""
     phrase = noun_phrase(text)
     connectors = list(_CONNECTOR.finditer(phrase))
     starts = [connector.start() for connector in connectors] + [len(phrase)]
@@ -131,12 +130,12 @@ def parse_noun_phrase(text: str) -> NounPhrase:
 
 
 def noun_groups(text: str) -> tuple[str, ...]:
-    """The members of an enumeration, articles off: "a fork, or the knife" → "fork", "knife"."""
+    """Splits an enumeration, articles off: "a fork, or the knife" → "fork", "knife"."""
     return tuple(noun_phrase(part) for part in _COORDINATION.split(text) if part.strip(_EDGE))
 
 
 def split_modifiers(group: str) -> tuple[frozenset[str], str]:
-    """The plain modifiers of a noun group, and the rest of it in the singular: "big red mugs" → {big, red}, "mug"."""
+    """Splits plain modifiers from the singular rest: "big red mugs" → {big, red}, "mug"."""
     words = label_key(group).split(" ")
     modifiers = 0
     while modifiers < len(words) - 1:

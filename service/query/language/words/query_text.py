@@ -1,4 +1,4 @@
-"""Checks of a question: its texts, and the prompts they are compared under. Made once, where the question comes in."""
+"""Validation of queries: texts and prompts."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.queries import check_coverage
 
 MAX_TEXTS = 64
-"""Texts, templates and canonical negatives of one request, each."""
+"""Most texts, templates and negatives of one request, each."""
 _MAX_TEXT_CHARS = 1_000
-"""Characters of one text, negative or template."""
+"""Most characters of one text, negative or template."""
 
 
 @dataclass(frozen=True)
 class TextQuery:
-    """A question that was checked, see `check_query`."""
+    """A validated query, see `check_query`."""
 
     texts: tuple[str, ...]  # plain words, at least one text
     negatives: tuple[str, ...]  # canonical negatives
@@ -34,11 +34,11 @@ def check_query(
     templates: Sequence[str] | None = None,
     coverage: float | None = None,
 ) -> TextQuery:
-    """The question, if it can be asked; what is None is as in the settings.
+    """Validates a query; None stands for the settings' value.
 
     Raises:
-        InvalidInputError: an empty list, a bare string in place of a list, not a string, nothing but blanks, control
-            characters or lone surrogates, a template without exactly one "{}", a coverage outside (0, 1).
+        InvalidInputError: an empty list or text, a bare string, a non-string, control characters or lone surrogates, a
+            template without exactly one "{}", a coverage outside (0, 1).
         LimitExceededError: too many texts, negatives or templates, or one too long.
     """
     _check_texts(texts, "texts", "text")

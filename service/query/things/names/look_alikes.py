@@ -1,4 +1,4 @@
-"""Things that look like one that was just named: the name is suggested for them, never given."""
+"""Suggests a new name for other things that look like the named one."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ Sizes = Mapping[int, F64]
 """Principal standard deviations [3], ascending, meters, by thing."""
 
 _BINS = 4
-"""Of each color channel."""
+"""Histogram bins of each color channel."""
 _LEAST = 0.8
-"""Likeness from which a name is suggested. Of the 805 pairs of things that are discovered in four scenes (sample, table
-top, plush, kitchen) none reaches 0.67, and the most alike are not of one kind: only copies of a thing are told. Colors
-and shapes are too little for more: the sample's two books, donuts and apples, each of two colors, have 0.06 to 0.28."""
+"""Least likeness for a suggestion: only copies of a thing reach it.
+
+Of the 805 pairs of things discovered in four scenes (sample, table top, plush, kitchen) none reaches 0.67, and the most
+alike differ in kind. Color and shape alone say little: the sample's pairs of books, donuts and apples have 0.06 to
+0.28."""
 
 
 def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
-    """The scene in which things without a name that look like one of `thing_ids` have its name as a suggestion.
+    """Suggests the name of `thing_ids` for nameless things that look like them.
 
-    Only copies of one thing, as two mugs of one kind, look alike here. The probability is the likeness, 0..1: the
-    intersection of the two color histograms (Swain and Ballard 1991), by visible area, times the likeness of the two
-    shapes, the geometric mean of the ratios of their three principal standard deviations. It is no measured frequency.
-    """
+    The probability is the likeness, 0..1 (no measured frequency): the intersection of color histograms (Swain and
+    Ballard 1991), weighted by visible area, times the geometric mean of the ratios of the three principal standard
+    deviations."""
     assert scene.things is not None
     unnamed = [thing.id for thing in scene.things.table if not thing.name]
     if not unnamed:
@@ -52,13 +53,9 @@ def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
 
 
 def sizes_in_meters(scene: Scene, before: tuple[Scene, Sizes] | None = None) -> Sizes:
-    """Sizes of the things that can be seen and have a descriptor (`Thing.appearance`); of none where the scene's unit
-    is not the meter.
+    """Sizes of visible things with a descriptor (`Thing.appearance`); empty without meters.
 
-    Args:
-        scene: whose things they are.
-        before: the scene that it was edited from, with these; they stay where no Gaussian and no thing's share changed.
-    """
+    `before`: the scene before an edit and its sizes, reused if Gaussians and memberships are unchanged."""
     if scene.things is None or scene.scale != "METRIC":
         return {}
     if before is not None and _same_members(before[0], scene):
@@ -74,8 +71,7 @@ def _same_members(one: Scene, other: Scene) -> bool:
 
 
 def _looks(scene: Scene, thing_ids: set[int]) -> dict[int, tuple[F64, F64]]:
-    """Color histogram [64], of sum 1, and principal standard deviations [3], ascending, in scene units of each thing
-    that can be seen."""
+    """Normalized color histogram [64] and principal deviations [3] of each visible thing."""
     colors = np.clip(0.5 + SH_C0 * scene.gaussians.sh[:, 0].astype(np.float64), 0, 1 - 1e-6)
     cells = (colors * _BINS).astype(np.int64) @ np.array([_BINS**2, _BINS, 1])
     looks = {}
@@ -86,7 +82,7 @@ def _looks(scene: Scene, thing_ids: set[int]) -> dict[int, tuple[F64, F64]]:
 
 
 def _seen(scene: Scene, thing_ids: Collection[int]) -> Iterator[tuple[int, NDArray[np.int64], F64, F64]]:
-    """Of each thing that can be seen: id, rows of its Gaussians, their means [K, 3] and how much each counts [K]."""
+    """Yields id, rows, means [K, 3] and weights [K] of each visible thing."""
     gaussians = scene.gaussians
     weights = masses(gaussians.log_scales, gaussians.logit_opacities)
     for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(gaussians)) if scene.things else ():

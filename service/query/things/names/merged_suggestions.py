@@ -1,4 +1,4 @@
-"""What several sources suggest for one thing as one list of names, each source weighed by what people confirmed."""
+"""Merges name suggestions of several sources, weighted by their confirmed accuracy."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from fastsplat.service.scene.artefact.scene import NameSource, Thing
 from fastsplat.service.scene.artefact.suggestions import SaidName, Suggestion
 
 OWN_SOURCE = "detector"
-"""What the scene's own models and likenesses are called as a source."""
+"""Source name of the scene's own models and likenesses."""
 TAG_SOURCE = "tag"
-"""What the printed tags on things are called as a source."""
+"""Source name of printed tags."""
 _SETTLED: tuple[NameSource, ...] = ("given", "person")
-"""Beside a name by one of these no suggestion counts."""
+"""Sources beside whose names no suggestion counts."""
 _PRIOR = 4.0
-"""Confirmations that a source's own word counts for. Set, not measured."""
+"""Prior weight of a source's own probabilities, in confirmations. Set, not measured."""
 _MOST = 0.99
-"""However often sources were right, a name is suggested and not known."""
+"""Upper bound of a suggestion's probability."""
 
 Trust = Mapping[str, float]
-"""By what the probabilities of each source are multiplied; 1 for sources of which nothing is known."""
+"""Factor for each source's probabilities; 1 if unknown."""
 
 
 @dataclass(frozen=True)
 class MergedName:
-    """A name that is suggested for one thing."""
+    """A suggested name of one thing."""
 
     name: str  # as its likeliest source writes it
     aliases: tuple[str, ...]  # other words for it, of all sources
@@ -36,11 +36,10 @@ class MergedName:
 
 
 def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
-    """The names that are suggested for a thing, the most probable first; none beside one that a person gave.
+    """Ranks suggested names of a thing; none if a person or the upload named it.
 
-    Sources are taken to err independently: a name is wrong only if all that suggest it are, so two that agree count
-    more than either. Of one source the most probable word counts.
-    """
+    Sources are assumed to err independently, so agreement raises the probability. Per source the most probable word
+    counts."""
     by_name: dict[str, dict[str, Suggestion]] = {}
     for each in () if thing.source in _SETTLED else thing.suggestions:
         weighed = each
@@ -59,22 +58,17 @@ def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
 
 
 def agreed(probabilities: Sequence[float]) -> float:
-    """0..1: that a name is right which sources of these probabilities, at least one, suggest independently."""
+    """Probability 0..1 that at least one of independent sources is right."""
     if len(probabilities) == 1:
         return probabilities[0]
     return min(1.0 - prod(1.0 - each for each in probabilities), _MOST)
 
 
 def source_trust(said: Iterable[SaidName]) -> Trust:
-    """How far each source is right more or less often than it says, by the things that people named.
+    """Estimates each source's accuracy relative to its claims, from things people named.
 
-    A thing that a person named keeps what was suggested for it. Over these a source's right words, as many as it
-    claimed before anything was confirmed (`_PRIOR`), are divided by the sum of its probabilities. The scene's own
-    models are measured elsewhere, and keep their word.
-
-    Args:
-        said: of things that people named, see `Thing.said`.
-    """
+    Suggestions of a thing are kept when a person names it. A source's right words are divided by the sum of its
+    probabilities, both with the prior `_PRIOR`. The scene's own models are calibrated elsewhere and keep their word."""
     claimed: dict[str, float] = {}
     right: dict[str, int] = {}
     for each in said:

@@ -1,4 +1,4 @@
-"""Names that people gave in other scenes, suggested for the things that look like what they named."""
+"""Suggests names that people gave to similar things in other scenes."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ if TYPE_CHECKING:
     from fastsplat.service.query.things.names.look_alikes import Sizes
 
 _PER_SIZE = 0.5
-"""By how much a pair is less alike for each unit that the logarithms of its sizes differ by, up to `_MOST_APART`."""
+"""Likeness lost per unit of log size difference, up to `_MOST_APART`."""
 _MOST_APART = 1.5
 _UNKNOWN_APART = 0.25
-"""What a pair counts for of which a size is not known."""
+"""Size difference of a pair with an unknown size."""
 _NONE_OF_THESE = 0.6
-"""How much like a thing is what nobody named: where few things are known, of few names, that is the rival."""
+"""Assumed likeness of an unnamed rival, needed where few things or names are known."""
 _SCORES, _PROBABILITIES = (0.7, 0.88, 0.95, 1.2), (0.4, 0.55, 0.88, 0.95)
-"""From the first score on a name is suggested; between them the probability is interpolated. Chosen by the things that
-are found in the six validation rooms of `benchmarks.rooms`, each compared with one, five and all of the names of the
-five others; what came of it on things that nothing was chosen on is in docs/naming.md."""
+"""Thresholds for suggestions: scores and their probabilities, interpolated in between.
+
+Chosen on things found in the six validation rooms of `benchmarks.rooms`, each compared with one, five and all names of
+the five others; results on held-out things are in docs/naming.md."""
 _SMALLEST = 1e-4
-"""Meters; of a flat thing."""
+"""Least size in meters, for flat things."""
 _NO_SIZE = np.full(3, np.nan)
 _NO_SIZE_BYTES = _NO_SIZE.astype(np.float16).tobytes()
 _SIZE_BYTES = len(_NO_SIZE_BYTES)
@@ -36,8 +37,7 @@ _SIZE_BYTES = len(_NO_SIZE_BYTES)
 
 @dataclass(frozen=True)
 class KnownThing:
-    """A thing that a person named: its scene, its descriptor as in `described`, what others had said, and the tags on
-    it with their probabilities."""
+    """A thing that a person named, with its descriptor, earlier suggestions and tags."""
 
     scene_id: str
     name: str
@@ -48,8 +48,7 @@ class KnownThing:
 
 @dataclass(frozen=True)
 class NameFromScene:
-    """A name that a thing may have, because it looks like what a person named so in another scene; `source` is not ""
-    where it bears its tag."""
+    """A name suggested from another scene, by looks or, with a `source`, by tag."""
 
     name: str
     probability: float
@@ -58,26 +57,19 @@ class NameFromScene:
 
 
 def described(things: Things | None, sizes: Sizes) -> Mapping[int, bytes]:
-    """What the things that have a descriptor are known by in other scenes, by id: that (`Thing.appearance`), then the
-    size as float16 [3], if it is known."""
+    """Descriptors for other scenes: `Thing.appearance`, then the size as float16 [3] if known."""
     ends = {thing_id: size.astype(np.float16).tobytes() for thing_id, size in sizes.items()}
     table = () if things is None else things.table
     return {thing.id: thing.appearance + ends.get(thing.id, b"") for thing in table if thing.appearance}
 
 
 def names_by_looks(things: Sequence[Thing], known: Sequence[KnownThing], sizes: Sizes) -> Mapping[int, NameFromScene]:
-    """The name that each thing's looks suggest, by its id; of most things none.
+    """Suggests a name by looks for each thing, by id; for most none.
 
-    A known thing suggests its name for the one thing here that is most like it, and a thing takes the suggestion of the
-    known thing that it is most like. How alike two things are is the cosine of their descriptors, less what their sizes
-    differ by; the score is that, plus how far the likest known thing of another name is behind, or what nobody named.
-    Things that a person named keep their likeness to themselves: they get no suggestion, and nothing else gets theirs.
-
-    Args:
-        things: all of the scene, named ones, too.
-        known: of other scenes; a descriptor of another length than the things' is none.
-        sizes: of the scene's things; where one is not known, looks alone count.
-    """
+    Suggestions need mutual best matches. Likeness is the cosine of the descriptors less the size difference; the score
+    adds the lead over the best rival of another name, or over an assumed unnamed one. Things that a person named get no
+    suggestion, and no other thing gets the one they match best, so pass them, too. Descriptors of another length are
+    ignored."""
     here = [thing for thing in things if thing.appearance]
     length = len(here[0].appearance) if here else 0
     there = [thing for thing in known if len(thing.appearance) - length in (0, _SIZE_BYTES)]
@@ -102,7 +94,7 @@ def names_by_looks(things: Sequence[Thing], known: Sequence[KnownThing], sizes: 
 
 
 def _apart(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """float64 [A, B]: the mean distance of the logarithms of sizes [A, 3] and [B, 3]."""
+    """Mean absolute log size difference of sizes [A, 3] and [B, 3], float64 [A, B]."""
     logs = [np.log(np.maximum(sizes, _SMALLEST)) for sizes in (ours, theirs)]
     apart = np.minimum(np.abs(logs[0][:, None] - logs[1][None]).mean(axis=2), _MOST_APART)
     return np.where(np.isfinite(apart), apart, _UNKNOWN_APART)

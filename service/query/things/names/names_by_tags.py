@@ -1,5 +1,4 @@
-"""Names that people gave in other scenes, suggested for the things that bear the same printed tag, whose number is the
-same in every capture."""
+"""Suggests names of other scenes for things with the same printed tag."""
 
 from __future__ import annotations
 
@@ -13,16 +12,14 @@ from fastsplat.service.scene.artefact.reads import tags_of
 from fastsplat.service.scene.artefact.scene import Thing
 
 _STAYS = 0.97
-"""Probability that a tag is still on what it was on. Set, not measured."""
+"""Probability that a tag is still on the same thing. Set, not measured."""
 
 
 def names_by_tags(things: Sequence[Thing], known: Sequence[KnownThing]) -> Mapping[int, NameFromScene]:
-    """The name that the tags on each thing suggest, by its id.
+    """Suggests names by the tags on each thing, by thing id.
 
-    A tag that several things here bear, or to which one scene gives several names, tells nothing. Where scenes give it
-    different names, the one that was given last counts, as somebody moved the tag. Things that a person named get no
-    suggestion.
-    """
+    A tag on several things here, or with several names in one scene, is ignored. If scenes differ, the latest name
+    counts: somebody moved the tag. Things that a person named get no suggestion."""
     borne = {thing.id: tags_of(thing.reads) for thing in things}
     count = Counter(tag for tags in borne.values() for tag in tags)
     names: dict[int, NameFromScene] = {}
@@ -37,7 +34,7 @@ def names_by_tags(things: Sequence[Thing], known: Sequence[KnownThing]) -> Mappi
 
 
 def _last_named(tag: str, known: Sequence[KnownThing]) -> KnownThing | None:
-    """The thing that bore a tag in the scene in which that was named last; None where that is not one name."""
+    """The thing that last bore a tag; None if its name is ambiguous."""
     bearing = [one for one in known if tag in dict(one.tags)]
     there = [one for one in bearing if one.scene_id == bearing[0].scene_id]
     return there[0] if len({label_key(one.name) for one in there}) == 1 else None

@@ -1,4 +1,4 @@
-"""The names of one scene and what they belong to, without its Gaussians: the hash table that everything is asked of."""
+"""Index of a scene's names and the things that bear them, without Gaussians."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from fastsplat_contract.messages.queries import Answer, Searched
 
 _MAX_UNNAMED = 100
 _GRID, _SLACK = 5, 0.05
-"""Places along each edge of a box; by which share of its longest edge a box is taken to be larger."""
+"""Samples along each edge of a box, and its enlargement relative to its longest edge."""
 _SPECK, _AROUND = 0.125, 0.5
-"""What has less than this share of another thing's volume is a speck; the slack with which it lies in that."""
+"""Volume ratio below which a thing is a speck of another, and its slack."""
 
 
 @dataclass(frozen=True)
 class Name:
-    """One name, and what it belongs to.
+    """A name and the things that bear it.
 
     Attributes:
-        things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
-            at least half of `probability`, the likeliest first.
+        things: ids of the things, then parts, that bear it; else those for which it is suggested with at least half of
+            `probability`, likeliest first.
     """
 
     label: str  # as it is shown
@@ -44,7 +44,7 @@ class Name:
 
 @dataclass(frozen=True)
 class _SuggestedName:
-    """A name that is suggested for some things: how likely for which, and by whom."""
+    """A suggested name: probability by thing, other words and sources."""
 
     name: str
     likely: dict[int, float] = field(default_factory=dict)
@@ -54,15 +54,12 @@ class _SuggestedName:
 
 @dataclass(frozen=True)
 class ThingNames:
-    """Names of things. Threads may share it.
+    """Names of things; thread-safe.
 
     Attributes:
-        marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
-            where labels are the names of things.
-        said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
-        counts: how many Gaussians each thing and part has, by its id.
-        stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
-            of its labels.
+        marked: confidence by label id of labels that Gaussians have by themselves; empty if labels are things' names.
+        said_elsewhere: earlier suggestions for things that people named in the project's other scenes.
+        stored: the scene stores its things; if not, `present` is empty until those of its labels are computed.
     """
 
     labels: Dictionary  # the scene's dictionary
@@ -72,14 +69,14 @@ class ThingNames:
     marked: Mapping[int, float] = field(default_factory=dict)
     said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
-    counts: Mapping[int, int] = field(default_factory=dict, repr=False)
+    counts: Mapping[int, int] = field(default_factory=dict, repr=False)  # Gaussians by thing or part id
     searched_for: tuple[str, ...] = ()  # the names that were looked for, as far as somebody noted them
     boxes: Mapping[int, Box] = field(default_factory=dict, repr=False)  # of the things that can be seen, by their ids
     metric: bool = False  # whether the unit of these is the meter
 
     @cached_property
     def dictionary(self) -> Dictionary:
-        """The keys: the scene's labels, then names that it lacks and that are suggested."""
+        """The keys: the scene's labels, then suggested names that it lacks."""
         lacking = [each for each in self._suggestions.values() if self.labels.id_of(each.name) is None]
         taken = {label_key(each.name) for each in lacking}
         entries = list(self.labels.entries)
@@ -92,8 +89,7 @@ class ThingNames:
 
     @cached_property
     def table(self) -> Mapping[int, Name]:
-        """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
-        those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
+        """Owners of each name, by id in `dictionary`: borne names, surest first, then suggested."""
         sureness = {thing.id: thing.probability for thing in self._everything}
         suggested = {self.dictionary.id_of(each.name): each for each in self._suggestions.values()}
         names: dict[int, Name] = {}
@@ -118,7 +114,7 @@ class ThingNames:
 
     @cached_property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:
-        """The ids of the things and parts that bear each label, things first; of labels that one bears."""
+        """Ids of the things and parts that bear each label, things first."""
         ids: dict[int, tuple[int, ...]] = {}
         for thing in self._everything:
             if thing.name and (label_id := self.labels.id_of(thing.name)):
@@ -127,18 +123,17 @@ class ThingNames:
 
     @cached_property
     def trust(self) -> Trust:
-        """How far each source of suggestions can be trusted, by what people named here and in other scenes."""
+        """Trust in each source of suggestions, by what people named here and elsewhere."""
         return source_trust([*self.said_elsewhere, *(said for thing in self._everything for said in thing.said)])
 
     @cached_property
     def sources(self) -> frozenset[str]:
-        """Who suggested names for these things, but for the scene's own models."""
+        """Sources of suggestions, without the scene's own models."""
         return frozenset(each.source for thing in self._everything for each in thing.suggestions if each.source)
 
     @cached_property
     def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
-        """Names that are suggested for things and parts, and how likely for which; by label id, or by key where the
-        scene's dictionary lacks them."""
+        """Suggested names by label id, or by key if the dictionary lacks them."""
         names: dict[int | str, _SuggestedName] = {}
         for thing in self._everything:
             for each in merged_suggestions(thing, self.trust):
@@ -153,13 +148,12 @@ class ThingNames:
         return (*self.present, *self.parts)
 
     def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
-        """The things that these names belong to, in the order of the names."""
+        """The things that these names belong to, in order of the names."""
         ids = [thing_id for each in label_ids if each in self.table for thing_id in self.table[each].things]
         return tuple(dict.fromkeys(ids))
 
     def suggesting(self, elsewhere: Mapping[int, NameFromScene], said: Sequence[SaidName] = ()) -> ThingNames:
-        """The same with names that other scenes suggest for some things, by their ids, and with what sources said of
-        things that people named there."""
+        """Adds suggestions from other scenes, by thing id, and what sources said there."""
 
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
@@ -177,16 +171,16 @@ class ThingNames:
         )
 
     def is_borne(self, label_id: int) -> bool:
-        """Whether anything bears a name."""
+        """True if a thing or Gaussian bears a name."""
         return label_id in self.table and not self.table[label_id].suggested
 
     def picks(self, answer: Answer) -> tuple[int, ...] | None:
-        """The things that an answer is about where it picks some; None where it is about all things of its labels."""
+        """The things that an answer picks; None if all of its labels."""
         borne = any(map(self.is_borne, answer.relevant_ids))
         return answer.things if answer.phrase is not None or (answer.things and not borne) else None
 
     def counted(self, answer: Answer) -> Answer:
-        """The answer, whose relevant entries count the Gaussians of the things that it picks."""
+        """Restricts the Gaussian counts of relevant entries to the picked things."""
         picked = self.picks(answer)
         if picked is None:
             return answer
@@ -219,27 +213,26 @@ class ThingNames:
 
     @cached_property
     def called(self) -> Mapping[int, str]:
-        """The name of each thing and part, or "" for none."""
+        """The name of each thing and part; "" for none."""
         return {thing.id: thing.name for thing in self._everything}
 
     @cached_property
     def taken_for(self) -> Mapping[int, str]:
-        """What each thing is taken for, by its id: its name, or else the likeliest that is suggested, or ""; of a scene
-        that stores no things, its labels by theirs."""
+        """Each thing's name, else its likeliest suggestion or ""; without stored things, labels by id."""
         if not self.stored:
             return {number: each.label for number, each in enumerate(self.labels.entries, start=1)}
         return {each.id: each.name or next((one.name for one in each.suggestions), "") for each in self.present}
 
     @cached_property
     def searched(self) -> Searched:
-        """What this scene was searched for."""
+        """Summary of the search of this scene."""
         unnamed = [thing.id for thing in self.present if not thing.name]
         named = len(self.present) - len(unnamed) if self.stored else None
         return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
 
 
 def _lies_in(one: Box, other: Box) -> bool:
-    """Tells whether most of a box lies in another one; of a speck, in it or at it."""
+    """True if most of a box is in another one; for specks, with more slack."""
     slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
     grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
     world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
@@ -249,13 +242,7 @@ def _lies_in(one: Box, other: Box) -> bool:
 
 
 def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:
-    """The names that a scene can be asked for.
-
-    Args:
-        scene: its labels.
-        of_things: those of the things that it stores; None: it stores none.
-        counts: Gaussians of each label, 0 first.
-    """
+    """Builds the names of a scene; `counts`: Gaussians of each label, 0 first."""
     names = of_things or ThingNames(scene.dictionary, (), (), searched_names(scene), stored=False)
     entries = () if scene.label_mode == "things" else enumerate(scene.dictionary.entries, start=1)
     return replace(names, marked={label_id: entry.confidence for label_id, entry in entries if counts[label_id]})
