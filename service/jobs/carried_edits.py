@@ -26,7 +26,7 @@ from fastsplat_contract.messages.scenes import Edit
 
 _UNMOVED = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _OVERLAP = 0.25
-"""Minimum IoU of matching things: drafts know a thing from at most six masks; neighbors overlap less."""
+"""Minimum IoU of matching things; low, as drafts know a thing from six masks."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +94,8 @@ def carry_edits(
 def matched_things(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
     """Maps the draft's thing ids to the scene's by mutual best overlap.
 
-    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the thing of the nearest draft Gaussian. Parts
-    and groups are not matched.
+    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the thing of the nearest draft Gaussian.
+    Parts and groups are not matched.
     """
     return _matched(_at(draft, scene), scene.things.owner, _weights(scene))
 

@@ -22,7 +22,7 @@ from fastsplat_contract.jobs.job_watching import Provisional
 _SIDE = 320
 _ROUNDS = 1
 _FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
-"""Brief training (about 1 s), as small smooth things with few points are not found on untrained points."""
+"""Training of about 1 s: untrained points hide small smooth things, which have few."""
 
 
 def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:

@@ -80,9 +80,9 @@ def look_for(
 ) -> Sightings:
     """Searches a scene for texts with the configured open-set detector.
 
-    It looks at renderings from the few cameras that see most of the scene and of its unnamed things; each segmented region
-    votes for the thing that it overlaps most (`count_votes`). Then each thing is viewed alone in its best views. The larger
-    probability counts: small things are found only alone, coarse scenes better in large pictures.
+    It looks at renderings from the few cameras that see most of the scene and of its unnamed things; each segmented
+    region votes for the thing that it overlaps most (`count_votes`). Then each thing is viewed alone in its best views.
+    The larger probability counts: small things are found only alone, coarse scenes better in large pictures.
 
     Args:
         texts: at least one.
@@ -193,7 +193,7 @@ def _look_closer(
 def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) -> tuple[Scene, LookAgainResult]:
     """Adds names, suggestions (see `add_names`) and searched texts to a scene.
 
-    The result has no version name. `index` may be a later version than was searched: things it no longer has get no name.
+    The result has no version name. `index` may be a later version than was searched: things that it lacks get no name.
     """
     before = index.things.scene
     assert before.things is not None

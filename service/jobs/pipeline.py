@@ -79,7 +79,7 @@ class BuiltScene:
 
 
 def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress: Progress = silent) -> Capture:
-    """Validates and captures a folder of photos, a video, an archive or a posed data set.
+    """Validates and captures a folder of photos, a video, an archive or posed data.
 
     Args:
         folder: its subfolder `.validated` is written.
@@ -246,8 +246,8 @@ def assemble_scene(
         labelling: used in training; its dictionary becomes the scene's.
         capture: its cameras and scale become the scene's.
         settings: `settings.training` was used for the training, and is recorded.
-        quality: see `scene_quality`. Added if known: `searched_for` (names that were looked for), `searched_names` (their
-            number), `taken_at` (photo times by name, seconds since 1970).
+        quality: see `scene_quality`. Added if known: `searched_for` (names that were looked for), `searched_names`
+            (their number), `taken_at` (photo times by name, seconds since 1970).
         progress: stage "export".
         described: as for `find_things`.
 

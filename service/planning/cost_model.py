@@ -130,8 +130,8 @@ def fit_training(
 ) -> TrainingPlan:
     """Best run that ends within the budget, which replaces `settings.time_budget_s`.
 
-    Unless 10 steps a view (`FEWEST_STEPS` to 1,200) fit, resolution and number of Gaussians are reduced together along the
-    measured frontier; spherical harmonics stay.
+    Unless 10 steps a view (`FEWEST_STEPS` to 1,200) fit, resolution and number of Gaussians are reduced together along
+    the measured frontier; spherical harmonics stay.
 
     Args:
         time_budget_s: covers `spent_s` (already spent), the run, and `tail_s` (what follows).
@@ -208,7 +208,7 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
     """Seconds of one optimization step on the reference machine.
 
-    Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending grows with count^0.8.
+    Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending grows by count^0.8.
     """
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)

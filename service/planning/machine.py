@@ -36,9 +36,9 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     """Measures speed relative to the reference machine, in one or two seconds.
 
     `steps` renders 8,000 Gaussians with loss and backward, `serial` decodes and downscales a photo, `networks` is a
-    convolution and a matrix product. CPU time is used (wall time of steps on CUDA), as the load of this second says little
-    about the next minutes; the square root of wall over CPU time slows the result, half way between passing and lasting
-    load.
+    convolution and a matrix product. CPU time counts (wall time of steps on CUDA), as the load of this second says
+    little about the next minutes; the result is slowed by the square root of wall over CPU time, half way between
+    passing and lasting load.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # as in training; and threads that wait for each other would count as busy
