@@ -60,10 +60,8 @@ def carry_edits(
     """Reapplies a draft's edits to a new scene, omitting versions without applicable edits.
 
     Args:
-        index: the new scene.
-        draft: the draft as its job made it.
+        draft: as its job made it.
         edited: versions of the draft, each based on the one before.
-        max_gaussians: as for `apply_edit`.
     """
     ids = matched_things(draft, index)
     versions: list[CarriedVersion] = []
@@ -148,11 +146,7 @@ def _piece(before: SceneIndex, after: SceneIndex, index: SceneIndex) -> NDArray[
 
 
 def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Edit, list[int]]:
-    """Translates an edit to new ids; also returns the draft's unmatched things.
-
-    Raises:
-        NotFoundError: no thing has a match, or one with a known size has none.
-    """
+    """Translates an edit to new ids, with unmatched things; `NotFoundError` if none matches."""
     if edit.known_sizes:
         sizes = tuple(KnownSize(**{**vars(size), "thing": _known(size.thing, ids)}) for size in edit.known_sizes)
         return replace(edit, known_sizes=sizes), []

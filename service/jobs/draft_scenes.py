@@ -26,10 +26,7 @@ _FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
 
 
 def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
-    """Builds a briefly trained scene from the capture's points and the views labelled so far.
-
-    `settings` have the preset applied. Raises as `train` and `assemble_scene`.
-    """
+    """Builds a briefly trained scene from the capture's points and the views labelled so far."""
     bounds = {**_FIRST, "time_budget_s": None, "evaluations": 0, "held_out_every": 0}
     splats = train(capture, labelling.learnt(), settings.training.model_copy(update=bounds), silent)
     return training_draft(splats, capture, labelling, views, settings, Provisional("points", 0.0))

@@ -53,13 +53,12 @@ _CHOOSING, _RENDERING, _DETECTING = 0.05, 0.1, 0.5
 
 @dataclass(frozen=True)
 class Sightings:
-    """Detections of texts in a scene, seen from the cameras `views`.
+    """Detections of texts from the cameras `views`; `rendered`: in renderings, not photos.
 
     Attributes:
         found: by thing id, the probability 0..1 of each text detected there.
         regions: number of detected regions.
         unmatched: number of regions that match no thing.
-        rendered: the pictures were renderings of the scene.
     """
 
     texts: tuple[str, ...]

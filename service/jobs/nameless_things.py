@@ -51,14 +51,10 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSh
 def drawn_sheet(
     index: SceneIndex, things: Sequence[SceneThing], photos_of: Callable[[set[str]], Mapping[str, Path]]
 ) -> tuple[bytes, tuple[SheetThing, ...]]:
-    """Draws a sheet of at most `MOST_THINGS` things; empty bytes if no camera shows any.
+    """Draws at most `MOST_THINGS` things; empty bytes if no camera shows any.
 
-    Args:
-        index: has cameras.
-        photos_of: as `kept_photos`; cameras without a photo are rendered.
-
-    Raises:
-        SceneFileError: a photo is damaged.
+    Cameras without a photo in `photos_of` (see `kept_photos`) are rendered. Raises `SceneFileError` for a damaged
+    photo.
     """
     best = best_view_of_each(index, [thing.id for thing in things])
     shown = [thing for thing in things if thing.id in best]

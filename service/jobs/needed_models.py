@@ -11,10 +11,7 @@ logger = logging.getLogger(__name__)
 
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:
-    """Lists missing models of a scene's job, each with its setting.
-
-    Label maps may come with the photos (`given_labels`), and labels to look for with the request (`named`).
-    """
+    """Lists missing models with their settings; `named`: the request names labels."""
     from fastsplat.service.perception.models.model_manifest import Role, has_files  # loads with the first upload
 
     perception, roles = settings.perception, list[Role](("text_encoder",))

@@ -81,13 +81,7 @@ class BuiltScene:
 def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress: Progress = silent) -> Capture:
     """Validates and captures a folder of photos, a video, an archive or posed data.
 
-    Args:
-        folder: its subfolder `.validated` is written.
-        work: folder for the result, which must not exist.
-        progress: may raise `CancelledError`.
-
-    Raises:
-        FastSplatError: as `validate_upload` and `build_capture`.
+    Writes `folder/.validated`; `work` must not exist. Raises as `validate_upload` and `build_capture`.
     """
     return build_capture(validate_upload(folder, settings).folder, work, settings, progress)
 
@@ -109,7 +103,6 @@ def build_views(
     Args:
         validated_dir: `ValidatedUpload.folder`.
         out_dir: new, empty, or an earlier capture, which is replaced.
-        progress: stage "capture"; may raise `CancelledError`.
         up: up axis of a splat without photos; None: estimated.
         on_placed, exclude: as for `build_capture`.
         movers, privacy: redaction of photos, see `SceneOptions`; pictures of a splat are used whole.
@@ -139,7 +132,6 @@ def label_views(
     Args:
         settings: with the preset applied.
         labels: names to look for; empty: open search.
-        progress: an event per view; may raise `CancelledError`.
         time_budget_s: seconds for perception, training and export together; None: no bound.
         early: as for `label_capture`, also errors.
     """
@@ -164,7 +156,6 @@ def train_scene(
     Args:
         labelling: one label map per view.
         settings: with the preset and the training plan applied.
-        progress: stage "training"; may raise `CancelledError`.
         checkpoint_dir, watch: as for `train`; unused for an imported splat.
 
     Raises:
@@ -193,9 +184,8 @@ def build_scene(
         settings: with the preset applied (`service.planning.presets.apply_preset`).
         labels: names to look for; empty: open search.
         labelling: replaces perception.
-        preset: recorded in the scene.
+        preset, capture_seconds: recorded in the scene.
         time_budget_s: seconds for perception, training and export together; None: only the settings' own bound.
-        capture_seconds: recorded in the scene.
         progress: events of every stage; may raise `CancelledError`.
 
     Raises:
@@ -244,11 +234,9 @@ def assemble_scene(
 
     Args:
         labelling: used in training; its dictionary becomes the scene's.
-        capture: its cameras and scale become the scene's.
         settings: `settings.training` was used for the training, and is recorded.
         quality: see `scene_quality`. Added if known: `searched_for` (names that were looked for), `searched_names`
             (their number), `taken_at` (photo times by name, seconds since 1970).
-        progress: stage "export".
         described: as for `find_things`.
 
     Raises:

@@ -46,7 +46,6 @@ def find_things(
     Without detected regions, things are discovered only if `settings.discovery.things` is "on".
 
     Args:
-        labelling: used in training.
         capture: if `is_private`, no text is read and no image-text model is run.
         progress: stage "export", up to `THINGS_SHARE`.
         described: also compute appearances and read text.

@@ -106,11 +106,9 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
 def views_within_budget(
     requested: int, views: int, time_budget_s: float, *, overhead_s: float, cost: PerceptionCost
 ) -> tuple[int, tuple[str, ...]]:
-    """Number of views for perception within 40 % of the budget, and tradeoffs.
+    """Number of views (at least 3) for perception within 40 % of the budget, and tradeoffs.
 
-    Args:
-        requested: 0: all. At least 3 views remain.
-        time_budget_s: counted from the start of perception, `overhead_s` of it already spent.
+    `requested` 0 is all. The budget counts from the start of perception, `overhead_s` of it already spent.
     """
     requested = min(requested or views, views)
     bound = _PERCEPTION_SHARE * time_budget_s - overhead_s
@@ -131,10 +129,7 @@ def fit_training(
     """Best run that ends within the budget, which replaces `settings.time_budget_s`.
 
     Unless 10 steps a view (`FEWEST_STEPS` to 1,200) fit, resolution and number of Gaussians are reduced together along
-    the measured frontier; spherical harmonics stay.
-
-    Args:
-        time_budget_s: covers `spent_s` (already spent), the run, and `tail_s` (what follows).
+    the measured frontier; spherical harmonics stay. The budget covers `spent_s`, the run, and `tail_s` after it.
 
     Raises:
         InvalidInputError: a budget or speed that is not positive, or negative seconds.
@@ -183,10 +178,7 @@ def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tu
 def run_seconds_left(
     settings: TrainingSettings, scene: SceneSize, speed: Speed, iteration: int, elapsed_s: float
 ) -> float:
-    """Seconds until a run is written, after `iteration` steps in `elapsed_s`.
-
-    The predicted speed weighs as much as a twentieth of the run does when measured.
-    """
+    """Seconds until a run is written; the prediction weighs as much as 5 % of it."""
     steps = _steps_of_run(settings, scene)
 
     def until(bound: int) -> float:

@@ -123,10 +123,7 @@ def _reduced(photos: PhotoSet, side: int) -> tuple[int, int]:
 
 
 def times_as_long(ran: Iterable[tuple[float, float, float]]) -> float:
-    """Slowdown of the next stages, from those that `ran` (see `JobTime`).
-
-    The most likely value if the errors of speed and stages are log-normal.
-    """
+    """Slowdown of the next stages by those that `ran`, most likely under log-normal errors."""
     seen = [(math.log(actual / expected), share) for expected, actual, share in ran if min(expected, actual) > 0]
     return math.exp(sum(ratio * share for ratio, share in seen) / (1 / _TRUST + sum(share for _, share in seen)))
 

@@ -55,11 +55,7 @@ def chosen_settings(settings: Settings, options: SceneOptions) -> Settings:
 
 
 def preset_name(text: str) -> PresetName:
-    """Validates the name of a preset.
-
-    Raises:
-        InvalidInputError: no preset of this name.
-    """
+    """Validates the name of a preset; raises `InvalidInputError`."""
     for name in PRESETS:
         if name == text:
             return name

@@ -43,10 +43,7 @@ def plan_perception(
     *,
     started: float,
 ) -> StagePlan[PerceptionSettings]:
-    """Plans perception; with a budget and a detector, labels one view as a trial.
-
-    The budget covers everything after the capture, since `started` (`time.monotonic()`).
-    """
+    """Plans perception; a budget, counted from `started` (monotonic), costs a trial view."""
     perception = settings.perception
     if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
         return StagePlan(perception)
@@ -67,10 +64,7 @@ def plan_training(
     spent_s: float,
     speed_of: Callable[[Backend], Speed] = machine_speed,
 ) -> StagePlan[TrainingSettings]:
-    """Plans training within the budget (see `plan_perception`), `spent_s` of it already spent.
-
-    `speed_of` benchmarks this machine, only if there is a budget; its time counts as spent.
-    """
+    """Plans training within the budget; benchmarking by `speed_of` counts as spent."""
     if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
         return StagePlan(settings.training)
     begun = time.monotonic()
