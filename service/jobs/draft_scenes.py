@@ -49,7 +49,7 @@ def training_draft(
         update={
             "max_side": min(_SIDE, settings.discovery.max_side),
             "refinement_rounds": min(_ROUNDS, settings.discovery.refinement_rounds),
-            **({} if known else {"things": "off"}),  # nobody looks for masks meanwhile
+            **({} if known else {"things": "off"}),  # no mask proposals for drafts
         }
     )
     early = settings.model_copy(update={"discovery": discovery})

@@ -136,7 +136,7 @@ def look_for(
     used = list(zip(views, labelling.regions, strict=True))
     votes = votes_of_views(things, scene.gaussians, used, len(names), settings.discovery, backend=backend)
     assert votes.voted is not None
-    # Few views are looked at: one that names a thing of which it sees a part must not count for more than one view.
+    # With few views, one that names a partly visible thing must not count for more than one.
     votes = replace(votes, able=np.maximum(votes.able, votes.voted))
     found = {
         thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}

@@ -30,7 +30,7 @@ _MOST_LINES = 200
 
 def said_by(namer: NamerSettings, sheets: Iterable[ThingSheet]) -> NamedSheets:
     """Asks the configured namer about a scene's sheets; raises as `ask_namer`."""
-    # Here, as servers without a namer need nothing of the client.
+    # Imported lazily: servers without a namer do not need the client.
     from fastsplat_client.namer import Namer, ask_namer
 
     return ask_namer(Namer(namer.url, namer.model, namer.key, namer.request_s, namer.total_s), sheets)
@@ -62,7 +62,7 @@ def drawn_sheet(
         return b"", ()
     photos = photos_of({best[thing.id].name for thing in shown})
     side, cells = cell_side(len(shown)), {}
-    for name in sorted({best[thing.id].name for thing in shown}):  # one whole picture at a time
+    for name in sorted({best[thing.id].name for thing in shown}):  # one full picture in memory at a time
         check_cancelled()
         if name in photos:
             whole = read_photo(photos[name], SHEET_PHOTO_SIDE)

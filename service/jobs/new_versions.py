@@ -41,7 +41,7 @@ def new_version(
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
         quality={"changed_by": changed} if changed else {},
-        # All versions of a draft stay: they are made again on the scene that takes its place.
+        # All versions of a draft are kept, to be reapplied to the scene that replaces it.
         max_versions=None if provisional_of(scene.quality) else limits.max_versions,
         **row,
     )

@@ -131,7 +131,7 @@ def label_views(
 
     Args:
         settings: with the preset applied.
-        labels: names to look for; empty: open search.
+        labels: names to look for; empty: anything.
         time_budget_s: seconds for perception, training and export together; None: no bound.
         early: as for `label_capture`, also errors.
     """
@@ -182,7 +182,7 @@ def build_scene(
 
     Args:
         settings: with the preset applied (`service.planning.presets.apply_preset`).
-        labels: names to look for; empty: open search.
+        labels: names to look for; empty: anything.
         labelling: replaces perception.
         preset, capture_seconds: recorded in the scene.
         time_budget_s: seconds for perception, training and export together; None: only the settings' own bound.

@@ -20,22 +20,19 @@ from fastsplat.service.splatting.training.schedule import image_level, image_sca
 from fastsplat.service.splatting.training_views import split_views
 from fastsplat_contract.errors import InvalidInputError
 
-_SHARES = 40  # points at which the cost of a step is taken along a run
+_SHARES = 40  # samples of the step cost along a run
 _STEPS_A_VIEW, _ENOUGH_STEPS = 10, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
-_SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
+_SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # per level of reduction
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
-_DRAWN_A_VIEW = 6  # in times that a training step takes
+_DRAWN_A_VIEW = 6  # in training steps
 _BELIEVED = 0.05
-_LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
+_LEAST_SHARE = 0.1  # of the budget for optimization, however long loading and writing take
 
 
 @dataclass(frozen=True)
 class Speed:
-    """Speed relative to the reference machine; at 0.5 everything takes twice as long.
-
-    `steps` (rendering and backward) and `networks` use all threads, everything else (`serial`) one.
-    """
+    """Speed factors against the reference machine; only `serial` work uses a single thread."""
 
     steps: float = 1.0
     serial: float = 1.0
@@ -106,9 +103,10 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
 def views_within_budget(
     requested: int, views: int, time_budget_s: float, *, overhead_s: float, cost: PerceptionCost
 ) -> tuple[int, tuple[str, ...]]:
-    """Number of views (at least 3) for perception within 40 % of the budget, and tradeoffs.
+    """Number of views for perception within 40 % of the budget, and tradeoffs.
 
-    `requested` 0 is all. The budget counts from the start of perception, `overhead_s` of it already spent.
+    `requested` 0 is all; 3 are kept if there are as many. `overhead_s` of the budget, which counts from the start of
+    perception, are already spent.
     """
     requested = min(requested or views, views)
     bound = _PERCEPTION_SHARE * time_budget_s - overhead_s
@@ -178,7 +176,7 @@ def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tu
 def run_seconds_left(
     settings: TrainingSettings, scene: SceneSize, speed: Speed, iteration: int, elapsed_s: float
 ) -> float:
-    """Seconds until a run is written; the prediction weighs as much as 5 % of it."""
+    """Seconds until a run is written; the prediction weighs like 5 % of it."""
     steps = _steps_of_run(settings, scene)
 
     def until(bound: int) -> float:
@@ -198,10 +196,8 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
 
 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
-    """Seconds of one optimization step on the reference machine.
-
-    Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending grows by count^0.8.
-    """
+    """Seconds of one optimization step on the reference machine."""
+    # Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending ~ count^0.8.
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)
     return 1e-3 * (1.8 + (1.9e-4 + harmonics) * gaussians + blended * (0.8 + 0.025 * channels))

@@ -29,7 +29,7 @@ _STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
-_SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
+_SEARCH_SHARE = 0.1  # detection time of a view, relative to segmentation
 
 
 def machine_speed(backend: Backend = "cpu") -> Speed:
@@ -41,7 +41,7 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     passing and lasting load.
     """
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as in training; and threads that wait for each other would count as busy
+    torch.set_num_threads(1)  # as in training; threads waiting for each other would count as busy
     try:
         network, network_wall = _mean(_network())
         step, step_wall = _mean(_step(backend))
@@ -49,7 +49,7 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     finally:
         torch.set_num_threads(threads)
     step = step_wall if backend == "cuda" else step
-    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views are looked at side by side
+    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views run in parallel
     return alone.slowed(math.sqrt(max(1.0, (network_wall + image_wall) / (network + image))))
 
 
@@ -67,7 +67,7 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
     label_capture(one_view, settings.perception, settings.models, tuple(labels), listen, masks=masks)
     total = time.monotonic() - begun
-    # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
+    # The last event follows segmentation of the view, the one before follows model loading and detection.
     alone = times[-1] - times[-2]
     segment = alone / side_by_side(settings.perception)[0]
     search = _SEARCH_SHARE * segment

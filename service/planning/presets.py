@@ -11,7 +11,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import PresetName as PresetName
 from fastsplat_contract.jobs.operations import SceneOptions
 
-if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
+if TYPE_CHECKING:  # clients load the names, but not the settings
     from fastsplat.service.settings import Settings
 
 

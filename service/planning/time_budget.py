@@ -65,7 +65,7 @@ def plan_training(
     speed_of: Callable[[Backend], Speed] = machine_speed,
 ) -> StagePlan[TrainingSettings]:
     """Plans training within the budget; benchmarking by `speed_of` counts as spent."""
-    if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
+    if time_budget_s is None or capture.splat is not None:  # imported splats are not trained
         return StagePlan(settings.training)
     begun = time.monotonic()
     speed = speed_of(settings.training.backend)
@@ -85,7 +85,7 @@ def clock_tradeoff(
 ) -> tuple[str, ...]:
     """Tradeoff message if the requested time ended training before its minimum of steps."""
     fewest = min(requested.min_iterations, requested.iterations)
-    steps = quality.get("iterations", math.inf)  # a splat of another tool is not trained
+    steps = quality.get("iterations", math.inf)  # imported splats are not trained
     if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:
         return ()
     return (f"training ended by the time asked for, after {steps:.0f} steps in place of at least {fewest:,}",)
