@@ -86,7 +86,7 @@ class ProjectKeys:
     def revoke(self, caller_role: Role, key_id: str) -> AccessKey:
         """Revokes a key within the caller's role; running calls end within seconds."""
         self._get(caller_role, key_id)
-        # Taking a key back must work on a full disk.
+        # Revocation must work on a full disk.
         self._store.reserve.lend(lambda: self._keys.revoke(key_id))
         return as_key(self._get(caller_role, key_id), time.time())
 

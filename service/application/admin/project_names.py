@@ -93,7 +93,7 @@ class KnownNames:
         keys, known = self._kept.get(project, ((), ()))
         current = self._store.known_names.keys()
         if list(keys) != list(current):
-            # What is written in between is found by the next question: these keys are then no longer the current ones.
+            # Concurrent writes are picked up by the next query, as they change the keys.
             keys, records = current, self._store.known_names.all()
             known = tuple(
                 KnownThing(

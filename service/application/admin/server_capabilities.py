@@ -107,7 +107,7 @@ def page_addresses(settings: Settings) -> tuple[str, ...]:
         return ()
     try:
         host = ipaddress.ip_address(settings.host.strip("[]"))
-    except ValueError:  # a name: localhost, or one that the network knows
+    except ValueError:  # a host name
         if settings.host.lower() == "localhost":
             return ()
         return (_url(settings, settings.host),)
@@ -150,7 +150,7 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = False  # what scores of such a model mean is not measured
+        calibrated = False  # scores of such models are not calibrated
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 

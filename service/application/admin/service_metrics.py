@@ -9,7 +9,7 @@ from typing import Any
 
 from fastsplat.service.store.queue.job_metrics import JobMetrics
 
-_OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
+_OVERLAP_S = 120.0  # clocks of other machines may be behind
 
 
 class ServiceMetrics:

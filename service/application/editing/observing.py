@@ -74,7 +74,7 @@ class Observations:
     def observe(self, request: ObserveRequest, author: str = "") -> Observation:
         """Compares photos of another day with a scene, stored as its current version. Durable.
 
-        `author` is the id of the caller's key, "" for none. Raises as `Localizing.localize`, and:
+        `author` is the id of the caller's key, "" for none. Errors as `Localizing.localize`, and:
 
         Raises:
             InvalidInputError: fewer than two localized photos; a time without a time zone, or in the future.
@@ -102,7 +102,7 @@ class Observations:
             check_cancelled()
             try:
                 self._publish(request, observation, pictures, index, current, digest, author)
-            except ConflictError:  # an edit was faster; this is compared again with its result
+            except ConflictError:  # a concurrent edit: compare with its result
                 if not remaining:
                     raise
                 continue

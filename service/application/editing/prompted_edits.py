@@ -63,7 +63,7 @@ class PromptedEdits:
 
     @contextmanager
     def running(self, edits: Sequence[Edit]) -> Iterator[None]:
-        """Context that reserves `bytes` and makes these edits."""
+        """Context for reserving `bytes` and making these edits."""
         if any(edit.action in PROMPTED for edit in edits):
             with self._segmenter.used():
                 yield

@@ -74,7 +74,7 @@ class SegmenterCache:
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        """Context that reserves `bytes` and uses the segmenter, which stays open if there is room."""
+        """Context for reserving `bytes` and using the segmenter, kept open if there is room."""
         try:
             yield
         finally:

@@ -97,7 +97,7 @@ class Versions:
         self._prompted.check(edits)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
-        with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
+        with self._store.blobs.exclusive(scene_id):  # serialized per machine to avoid conflicts
             for remaining in reversed(range(_TRIES)):
                 earlier = self._store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
@@ -107,13 +107,13 @@ class Versions:
                     return self._make(
                         VersionOrder(scene_id, edits, rows, digest, request_id, looked_at, author), current
                     )
-                except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
+                except ConflictError:  # a concurrent undo, job or machine: retry on its result
                     if not remaining:
                         raise
         raise AssertionError
 
     def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
-        """Gaussians that edits would remove, by the same code; raises as `edit`."""
+        """Gaussians that edits would remove, by the code that removes them; raises as `edit`."""
         check_edits(edits)
         check_texts(version, "version")
 
@@ -126,7 +126,7 @@ class Versions:
         return self._scenes.reading(scene_id, version, read)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Goes back from the current version, `version` if given; raises `ConflictError` if impossible."""
+        """Makes the current version's parent current; `ConflictError` unless `version` ("": any) is current."""
         self._scenes.version(scene_id, "")
         return version_of(self._store.versions.step_back(scene_id, version))
 
@@ -156,7 +156,7 @@ class Versions:
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
         versions = tuple(version_of(record) for record in self._store.versions.of(scene))
-        # Who follows a link to one scene is a stranger to those who made it.
+        # Users of a link to one scene must not see who made it.
         return tuple(replace(version, author="") for version in versions) if self._store.only_scene else versions
 
     def resolve(self, scene_id: str, version: str = "") -> str:
@@ -182,7 +182,7 @@ class Versions:
         if order.looked_at:
             seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
         before = self._scenes.reading(order.scene_id, parent, lambda index, _: index)
-        sources = self._sources(order.edits)  # first: opening a scene has its own share of the memory
+        sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
         with self._prompted.running(order.edits), self._memory.reserve(size, "edits"):
@@ -243,13 +243,13 @@ class Versions:
                 )
             )
         except BaseException:
-            # The database may have done what was asked though its answer was lost: then the folder is needed. Where it
-            # does not answer now either, a worker's cleanup decides.
+            # The transaction may have committed though its answer was lost: then the folder is needed. If the database
+            # still does not answer, a worker's cleanup decides.
             with suppress(DatabaseError):
                 if not self._store.versions.is_published(scene_id, version):
                     self._store.blobs.drop_version(scene_id, version)
             raise
-        with suppress(ObjectStoreError):  # what stays, a worker's cleanup removes
+        with suppress(ObjectStoreError):  # leftovers are removed by a worker's cleanup
             for old in removed:
                 self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)

@@ -84,7 +84,7 @@ class RunningJobs:
             content = self._store.blobs.read_progress_file(record.run_id, entry["file"])
             if content is not None:
                 return entry["info"], content
-            before = entry  # replaced since the row was read: then there is a newer one
+            before = entry  # replaced since the row was read: read again
 
     def _ahead_of(self, records: Sequence[OperationRecord]) -> Mapping[str, Ahead]:
         """Queue position and expected start of waiting jobs; empty if none waits."""
@@ -99,7 +99,7 @@ class RunningJobs:
         for job in self._store.jobs.in_turn():
             ahead[job.id] = number, ends[0]
             number += not job.cancel_requested
-            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # who is free first takes it
+            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # the first free worker takes it
         return ahead
 
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:

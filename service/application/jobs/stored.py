@@ -113,7 +113,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """Converts a scene row, with at most `max_listed` labels and cameras."""
     unit = None if record.scaling is None else record.scaling["meters_per_unit"]
     alignment = alignment_from_json(record.alignment)
-    frame = frame_similarity(unit, alignment)  # rows have that of the trained version
+    frame = frame_similarity(unit, alignment)  # rows are in the trained version's frame
     cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
