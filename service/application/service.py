@@ -1,4 +1,4 @@
-"""The service layer: all calls in one place. Both transports call this and nothing else."""
+"""The service layer: all calls in one place, the only entry point of both transports."""
 
 from __future__ import annotations
 
@@ -66,17 +66,16 @@ from fastsplat_contract.server.keys import Role
 from fastsplat_contract.server.server_status import ServerStatus
 
 MAX_LISTED = 5_000
-"""Labels and cameras of a scene that are told in one piece."""
+"""Limit of a scene's labels and cameras in one response."""
 
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
 
 class SceneService:
-    """Scenes, operations and questions of one project. Synchronous; every method is safe from any thread.
+    """Scenes, operations and queries of one project (initially the default). Thread-safe.
 
-    What is another project's does not exist here; see `in_project`. It begins in the default project.
-    Raises nothing but `FastSplatError`s for anything a user can cause. Any number of these, in any number of
-    processes, may share a data folder.
+    Synchronous. Other projects' data is invisible, see `in_project`. User-caused errors are `FastSplatError`s. Any
+    number of instances and processes may share a data folder.
     """
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
@@ -87,41 +86,42 @@ class SceneService:
         self._prompted = PromptedEdits(settings, self._memory)
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.estimates = JobEstimates(settings)
-        """How long jobs would take."""
         files = settings.uploads
         self.resumable = ResumableUploads(
             store.blobs, settings.capture.max_upload_bytes, files.expiry_s, self._quotas, files.min_free_bytes
         )
-        """Files that come in pieces, to be adopted by an upload once they are whole."""
+        """Files uploaded in pieces, adopted by an upload once complete."""
         mine = store.in_project(DEFAULT_PROJECT)
         scenes = OpenScenes(mine, settings, self._memory)
         self.known_names = KnownNames(mine, settings)
         self.exports = Exports(mine, scenes, self._memory)
         self.localizing = Localizing(mine, settings, scenes, self._memory)
         self.admin = Admin(store, settings, scenes.count)
-        """What those who run the service ask of it."""
+        """Operator functions."""
         self._bind(DEFAULT_PROJECT, mine, scenes)
 
     def _bind(self, project: str, store: Store, scenes: OpenScenes) -> None:
-        """Make each part that belongs to one project; what keeps something open over projects is there already."""
+        """Creates the parts that belong to one project; shared caches exist already."""
         settings, memory = self._settings, self._memory
         self.project, self._store, self._scenes = project, store, scenes
         self.answers = Answers(store, settings, scenes, memory, self.known_names)
-        """Questions, pictures and files of finished scenes."""
+        """Queries, pictures and files of finished scenes."""
         self.detections = Detections(settings, scenes, self.known_names)
         self.versions = Versions(store, settings, scenes, memory, self._prompted)
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
-        """Photos of finished scenes, and which cameras show a thing best."""
+        """Photos of finished scenes, and best views of things."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
         self.namer = OwnNamer(store, settings, scenes, self._quotas, project)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
-        """What jobs show of their scenes while they run."""
+        """Views into running jobs."""
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
-        """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,
-        open scenes and limits are shared, so close one of them."""
+        """This service for another project, or for one scene alone with `scene_id`.
+
+        Threads, open scenes and limits are shared, so only one of them must be closed.
+        """
         if (project, scene_id) == (self.project, self._store.only_scene):
             return self
         other = copy.copy(self)
@@ -140,21 +140,21 @@ class SceneService:
         self.close()
 
     def close(self) -> None:
-        """Let go of scenes and connections."""
+        """Releases scenes and connections."""
         self.localizing.close()
         self._scenes.close()
         self._store.close()
 
     @property
     def heartbeat_s(self) -> float:
-        """A standing question says that it lives after so long a silence, if it does not choose."""
+        """Default heartbeat of a standing query after silence, in seconds."""
         return self._settings.calls.heartbeat_s
 
     def new_upload(self) -> UploadSession:
-        """A place for the files of a new scene: `write` them, then `commit`; leaving it uncommitted removes all.
+        """Session for a new scene's files; leaving it before `create_scene` removes them.
 
         Raises:
-            QuotaError: the project holds all that it may.
+            QuotaError: the project is full.
             ResourceError: the disk is almost full.
         """
         self._quotas.check_room(self.project, 0)
@@ -166,21 +166,18 @@ class SceneService:
     def create_scene(
         self, upload: UploadSession, name: str, request_id: str, options: SceneOptions, upload_key: str = ""
     ) -> Operation:
-        """Check what came, and queue its job. Durable once this returns; the upload is over either way.
+        """Validates an upload, which ends in any case, and queues its job; durable.
 
         Args:
-            upload: the files, see `new_upload`.
-            name: the scene's name for people; may be empty.
+            name: for people; may be empty.
             request_id: the same id with the same content returns the same operation; "" for none.
-            options: see `SceneOptions`.
-            upload_key: id of the key for one upload that this uses up; "" for none.
+            upload_key: id of the upload key that this uses up; "" for none.
 
         Raises:
-            ConflictError: the request id was used before for other content, or the key has made a scene before.
-            InvalidInputError: names to look for that the configured detectors cannot know, where no label maps came.
-            ModelUnavailableError: a model that the job would open is missing; or people or movers are to be withheld,
-                and no configured detector knows them.
-            FastSplatError: the files are refused by `validate_upload`; nothing is left.
+            ConflictError: the request id was used for other content, or the key for another scene.
+            InvalidInputError: labels that the configured detectors cannot know, without label maps.
+            ModelUnavailableError: a model of the job is missing, or a detector for the redaction of people or movers.
+            FastSplatError: the files are refused by `validate_upload`; nothing is kept.
         """
         with upload.committing():
             check_request(name, request_id, options, self._settings.store)
@@ -198,7 +195,7 @@ class SceneService:
             predicted = self.estimates.predicted(validated, options)
             upload.replace_files(validated.folder)
             self._store.blobs.keep_upload(upload.id)
-            check_cancelled()  # from here on the scene is made, whether or not somebody still waits to hear of it
+            check_cancelled()  # no cancellation after this point
             job = NewJob(
                 scene_id=uuid.uuid4().hex,
                 operation_id=uuid.uuid4().hex,
@@ -227,41 +224,37 @@ class SceneService:
             return self.jobs.operation(record)
 
     def open_sample(self) -> Scene:
-        """The project's copy of the sample scene, made where there is none. Errors as `copy_sample`."""
+        """The project's copy of the sample scene, created if missing; raises as `copy_sample`."""
         return self.get_scene(copy_sample(self._store, self._quotas, self.project))
 
     @property
     def max_entries(self) -> int:
-        """Files of an upload at most."""
+        """Limit of files in an upload."""
         return self._settings.capture.max_entries
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
-        """What this server can do, and how much room the project has left, as a caller of this role may know it."""
+        """Server capabilities and remaining quotas, as visible to the caller's role."""
         return server_status(self._store, self._settings, self.project, role, key_id)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
-        """Queue a job that searches a finished scene for more names. Durable once this returns.
+        """Queues a job that searches a finished scene for more names; durable on return.
 
         Raises:
-            NotFoundError, NotReadyError: there is no such scene, or it is not ready.
-            ModelUnavailableError, InvalidInputError, LimitExceededError: as `look_again_job`.
-            ConflictError, QuotaError: as `place_order`.
+            NotFoundError, NotReadyError: no such scene, or it is not ready.
+            FastSplatError: as `look_again_job` and `place_order`.
         """
         self._scenes.finished(scene_id)
         job = look_again_job(scene_id, request, self.project, self._settings)
         return self.jobs.operation(place_order(job, self._store, self._quotas))
 
     def get_operation(self, operation_id: str) -> Operation:
-        """Where a job stands. Raises `NotFoundError`: there is none of that id."""
+        """State of a job; raises `NotFoundError`."""
         return self.jobs.operation(self._store.scenes.operation(operation_id))
 
     def cancel_operation(self, operation_id: str) -> Operation:
-        """Ask a job to stop: a queued one is CANCELLED on return, a running one once its worker has looked again.
+        """Cancels a queued job at once, a running one at its worker's next check.
 
-        A job that is over stays as it is. Returns the operation as it now stands.
-
-        Raises:
-            NotFoundError: there is none of that id.
+        A finished job is unchanged. Raises `NotFoundError`.
         """
         record = self._store.reserve.lend(lambda: self._store.scenes.cancel(operation_id))
         if record.state == "CANCELLED" and record.options.get("privacy"):
@@ -269,10 +262,7 @@ class SceneService:
         return self.jobs.operation(record)
 
     def retry_operation(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
-        """Queue a failed or cancelled job again, with the upload that it had, or without some of its photos.
-
-        Its scene is TRAINING again. Returns the operation as it now stands. Errors as `retries.retry`.
-        """
+        """Queues a failed or cancelled job again, without excluded photos; raises as `retries.retry`."""
         retention_s = self._settings.uploads.failed_retention_s
         record = retry(operation_id, exclude, self._store, self._quotas, self.project, retention_s)
         return self.jobs.operation(record)
@@ -280,29 +270,21 @@ class SceneService:
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
     ) -> OperationList:
-        """Operations, newest first, in pages as `list_scenes`; only those in `state`, if given.
-
-        Raises:
-            InvalidInputError: a negative size, or a token that no page returned.
-        """
+        """Operations (in `state`, if given), newest first, paged as `list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         records = self._store.scenes.list_operations(size + 1, read_page_token(page_token), state)
         return OperationList(self.jobs.operations(records[:size]), _next(records, size))
 
     def get_scene(self, scene_id: str) -> Scene:
-        """One scene with its dictionary, cameras and quality; of very many labels and cameras the first.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
+        """Scene with its first `MAX_LISTED` labels and cameras; raises `NotFoundError`."""
         return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
-        """Rename a scene, in whatever state it is. Returns it as `get_scene`.
+        """Renames a scene in any state.
 
         Raises:
-            NotFoundError: there is none of that id.
-            InvalidInputError, LimitExceededError: a name that no scene may have.
+            NotFoundError: no such scene.
+            InvalidInputError, LimitExceededError: an unusable name.
             ConflictError: its name is not the expected one.
         """
         check_scene_name(update.name)
@@ -310,74 +292,59 @@ class SceneService:
         return self.get_scene(scene_id)
 
     def list_labels(self, scene_id: str, page_size: int = 0, page_token: str = "") -> LabelList:
-        """A scene's dictionary by label id, in pages as `list_scenes`.
-
-        Raises:
-            NotFoundError: there is no such scene.
-            InvalidInputError: a negative size, or a token that no page returned.
-        """
+        """A scene's dictionary by label id, paged as `list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(labels_of(scene, page), token)
 
     def list_photo_verdicts(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoVerdictList:
-        """What became of each photo of a scene's capture, in pages as `list_scenes`; the scene need not be ready.
-
-        Raises:
-            NotFoundError: there is no such scene.
-            InvalidInputError: a negative size, or a token that no page returned.
-        """
+        """Registration result of each photo of a scene in any state, paged as `list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         quality = self._store.scenes.scene(scene_id).quality
         return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
-        """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
+        """Scenes, newest first, in pages, without dictionary, cameras and quality.
 
         Args:
-            page_size: at most this many; 0 for the server's default, larger values than its limit are cut to it.
-            page_token: "" for the first page, then what the page before returned.
+            page_size: 0: the server's default; capped at its limit.
+            page_token: "" for the first page, then the previous page's token.
 
         Raises:
-            InvalidInputError: a negative size, or a token that no page returned.
+            InvalidInputError: a negative size, or an unknown token.
         """
         size = check_page_size(page_size, self._settings.store)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         return SceneList(summaries_of(records[:size]), _next(records, size))
 
     def delete_scene(self, scene_id: str) -> None:
-        """Forget a scene: its files go, its job stops, its request id is free again.
-
-        Raises:
-            NotFoundError: there is none of that id.
-        """
-        # On a full disk the row that frees space needs a little first.
+        """Deletes a scene, stops its job and frees its request id; raises `NotFoundError`."""
+        # On a full disk, even deletion needs some space for its row.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         for kept in (self._scenes, self.exports, self.localizing):
             kept.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)
-        if operation is not None and operation.state != "RUNNING":  # else its worker cleans up behind its trainer
+        if operation is not None and operation.state != "RUNNING":  # else its worker cleans up
             self._store.blobs.drop_upload(operation.upload_id)
             self._store.blobs.drop_job(operation.run_id)
             remove(self._store.blobs.log(operation.id))
 
 
 def open_service(settings: Settings, admit: Admit | None = None) -> SceneService:
-    """The service over `settings.data_dir`; `close` it when done.
+    """Opens the service over `settings.data_dir`; `close` it when done.
 
     Args:
-        settings: the operator's.
-        admit: what checks an upload before it is acknowledged; by default `validate_in_sandbox`.
+        admit: upload validation; by default `validate_in_sandbox`.
 
     Raises:
-        InvalidInputError: the database URL cannot be read.
-        ResourceError: the data folder or the database cannot be used.
+        InvalidInputError: the database URL is malformed.
+        ResourceError: the data folder or the database is unusable.
     """
     return SceneService(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, admit)
 
 
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:
-    """The token of the page after the first `size` records; "" if there are no more."""
+    """Token of the page after the first `size` records; "" if there are no more."""
     return write_page_token(records[size - 1].created_at, records[size - 1].id) if len(records) > size else ""

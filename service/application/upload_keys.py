@@ -1,4 +1,4 @@
-"""The service for a key of one upload: files may come, one scene is made of them, and its job may be watched."""
+"""Service facade for an upload key: one upload, one scene, and watching its job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fastsplat_contract.jobs.operations import Operation, SceneOptions
 
 
 class OneUpload:
-    """The calls that a key for one upload may make; anything else of the service is refused here, too."""
+    """The calls permitted to an upload key; all others are refused."""
 
     def __init__(self, service: SceneService, key_id: str) -> None:
         self._service = service
@@ -23,41 +23,35 @@ class OneUpload:
         raise PermissionDeniedError("a key for one upload does no more than that", field="authorization")
 
     def new_upload(self) -> UploadSession:
-        """As `SceneService.new_upload`, while the key has made no scene; from then on it is valid for a day."""
+        """As `SceneService.new_upload`, extending an unused key to a day after its creation."""
         self._service.keys.begin_upload(self._key_id)
         return self._service.new_upload()
 
     def create_scene(self, upload: UploadSession, name: str, request_id: str, options: SceneOptions) -> Operation:
-        """As `SceneService.create_scene`; the key makes no second one.
-
-        Raises:
-            ConflictError: it has made one before.
-        """
+        """As `SceneService.create_scene`; raises `ConflictError` if the key was used before."""
         return self._service.create_scene(upload, name, request_id, options, upload_key=self._key_id)
 
     @property
     def resumable(self) -> _OwnUploads:
-        """As `SceneService.resumable`, of which there are none but the key's own."""
+        """As `SceneService.resumable`, restricted to the key's own uploads."""
         own = self._service.resumable.of_key(self._key_id, self._service.max_entries)
         return _OwnUploads(self._service, self._key_id, own)
 
     def get_operation(self, operation_id: str) -> Operation:
-        """The operation that the key has made. Raises `NotFoundError`: it has made none of that id."""
+        """The key's own operation; raises `NotFoundError` for any other."""
         self._service.keys.check_made(self._key_id, operation_id)
         return self._service.get_operation(operation_id)
 
     @property
     def estimates(self) -> JobEstimates:
-        """As `SceneService.estimates`."""
         return self._service.estimates
 
     def status(self, *caller: Any) -> Any:
-        """As `SceneService.status`."""
         return self._service.status(*caller)
 
 
 class _OwnUploads:
-    """The resumable uploads of the key, of which each new one begins the upload that the key is for."""
+    """Resumable uploads of a key; each new one begins the key's upload."""
 
     def __init__(self, service: SceneService, key_id: str, uploads: ResumableUploads) -> None:
         self._service, self._key_id, self._uploads = service, key_id, uploads
@@ -66,6 +60,6 @@ class _OwnUploads:
         return getattr(self._uploads, name)
 
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
-        """As `ResumableUploads.create`. Raises `ConflictError`: the key has made a scene before, too."""
+        """As `ResumableUploads.create`; raises `ConflictError` if the key was used before."""
         self._service.keys.begin_upload(self._key_id)
         return self._uploads.create(project, name, length, metadata)

@@ -1,9 +1,8 @@
-"""Edits that people made on a draft of a scene, made again on what takes its place.
+"""Reapplication of a draft's edits to the scene that replaces it.
 
-Both scenes are of one capture and lie in one world frame, so a thing of the one is that of the other which fills the
-same space (`matched_things`). From then on ids are followed edit by edit: a thing that an edit makes here is the one
-that the same edit made there. What a prompt showed there is here what lies in the same place; what was inserted there
-is taken from there.
+Both share one capture and world frame, so things match by the space they fill (`matched_things`). From then on, a thing
+made by an edit corresponds to the one made by its counterpart. Prompted pieces are transferred by position; insertions
+are copied from the draft.
 """
 
 from __future__ import annotations
@@ -27,13 +26,12 @@ from fastsplat_contract.messages.scenes import Edit
 
 _UNMOVED = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _OVERLAP = 0.25
-"""Least share of the space of two things together that both fill, for them to be one. Drafts know a thing by six views'
-masks at most, so its rims are not the finished one's; two things that stand side by side share less."""
+"""Minimum IoU of matching things; low, as drafts know a thing from six masks."""
 
 
 @dataclass(frozen=True)
 class DraftVersion:
-    """A version that people made of a draft: by which edits, and what came of them."""
+    """A version of a draft made by people: its edits and the resulting scene."""
 
     edits: Sequence[Edit]
     index: SceneIndex
@@ -41,13 +39,7 @@ class DraftVersion:
 
 @dataclass(frozen=True)
 class CarriedVersion:
-    """The same made again.
-
-    Attributes:
-        number: of the `DraftVersion`, from 0.
-        edits: those that could be made, in the ids of the new scene.
-        index: what came of them.
-    """
+    """Version `number` (from 0) of a draft made again: applicable edits in new ids."""
 
     number: int
     edits: Sequence[Edit]
@@ -56,7 +48,7 @@ class CarriedVersion:
 
 @dataclass(frozen=True)
 class Carried:
-    """What became of edits; `lost`: those that could not be made again, in words."""
+    """Reapplied versions; `lost`: messages on edits that could not be made again."""
 
     versions: Sequence[CarriedVersion]
     lost: Sequence[str] = field(default_factory=list)
@@ -65,14 +57,11 @@ class Carried:
 def carry_edits(
     index: SceneIndex, draft: SceneIndex, edited: Sequence[DraftVersion], *, max_gaussians: int | None = None
 ) -> Carried:
-    """The edits of a draft made again on what takes its place, a version for each; one without an edit that can be made
-    is left out.
+    """Reapplies a draft's edits to a new scene, omitting versions without applicable edits.
 
     Args:
-        index: of the new scene.
-        draft: of the draft as its job made it.
-        edited: what people made of it, each of the one before.
-        max_gaussians: as for `apply_edit`.
+        draft: as its job made it.
+        edited: versions of the draft, each based on the one before.
     """
     ids = matched_things(draft, index)
     versions: list[CarriedVersion] = []
@@ -101,17 +90,16 @@ def carry_edits(
 
 
 def matched_things(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
-    """For each thing of a draft that one thing of a scene is, the id of that: both fill the same space for the larger
-    part, and each is the other's best. Parts and groups are not matched.
+    """Maps the draft's thing ids to the scene's by mutual best overlap.
 
-    Space is measured in the scene's Gaussians, by the pixels that each fills; a Gaussian is in the draft's thing that
-    the draft's nearest Gaussian is of.
+    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the thing of the nearest draft Gaussian.
+    Parts and groups are not matched.
     """
     return _matched(_at(draft, scene), scene.things.owner, _weights(scene))
 
 
 def _matched(there: NDArray[np.int32], here: NDArray[np.int32], weights: NDArray[np.float64]) -> dict[int, int]:
-    """Which ids of `there` [G] are which of `here` [G], 0 being none."""
+    """Matches ids of `there` [G] to ids of `here` [G]; 0 is none."""
     if not len(here):
         return {}
     shared = np.zeros((int(there.max()) + 1, int(here.max()) + 1))
@@ -125,7 +113,7 @@ def _matched(there: NDArray[np.int32], here: NDArray[np.int32], weights: NDArray
 
 
 def _at(source: SceneIndex, scene: SceneIndex) -> NDArray[np.int32]:
-    """int32 [G]: the thing that `source` has where each Gaussian of `scene` is, 0 for none."""
+    """Thing id in `source` at each Gaussian of `scene`, int32 [G]; 0 for none."""
     owner = source.things.owner
     if not len(owner):
         return np.zeros(len(scene.scene.gaussians), np.int32)
@@ -138,7 +126,7 @@ def _weights(index: SceneIndex) -> NDArray[np.float64]:
 
 
 def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneIndex, max_gaussians: int | None) -> Scene:
-    """The scene of `index` after an edit by which `before` became `after`."""
+    """Applies to `index` the edit by which `before` became `after`."""
     if edit.prompt is not None:
         return apply_edit(index, edit, piece=_piece(before, after, index))
     if edit.source is None:
@@ -153,16 +141,12 @@ def _made(before: SceneIndex, after: SceneIndex) -> tuple[int, ...]:
 
 
 def _piece(before: SceneIndex, after: SceneIndex, index: SceneIndex) -> NDArray[np.int64]:
-    """int64 [K]: the Gaussians of `index` that lie where those lie which an edit has made a new thing of."""
+    """Gaussians of `index` located in the thing that an edit made there, int64 [K]."""
     return np.flatnonzero(np.isin(_at(after, index), _made(before, after)))
 
 
 def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Edit, list[int]]:
-    """An edit in the new scene's ids, and the things of the draft that it is about and that are not known there.
-
-    Raises:
-        NotFoundError: none of them is; or one whose size says the scene's scale.
-    """
+    """Translates an edit to new ids, with unmatched things; `NotFoundError` if none matches."""
     if edit.known_sizes:
         sizes = tuple(KnownSize(**{**vars(size), "thing": _known(size.thing, ids)}) for size in edit.known_sizes)
         return replace(edit, known_sizes=sizes), []

@@ -1,6 +1,6 @@
-"""Drafts of a scene, assembled as every scene is, of less: a few views, and masks at a smaller size.
+"""Draft scenes: assembled like any scene, from few views and smaller masks.
 
-Things are found and named; what they look like, and what is written on them, took more than half of a draft's time.
+Things are found and named, but not described or read, which took more than half of a draft's time.
 """
 
 from __future__ import annotations
@@ -22,21 +22,11 @@ from fastsplat_contract.jobs.job_watching import Provisional
 _SIDE = 320
 _ROUNDS = 1
 _FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
-"""The training of the first draft, a second long: on bare points small smooth things, which have few, are not found."""
+"""Training of about 1 s: untrained points hide small smooth things, which have few."""
 
 
 def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
-    """A scene of the capture's points, trained for a moment, with what was seen in some views.
-
-    Args:
-        capture: registered images.
-        labelling: as far as it has come.
-        views: numbers of the views that it knows.
-        settings: of all rooms, with the preset applied.
-
-    Raises:
-        FastSplatError: as `train` and `assemble_scene`.
-    """
+    """Builds a briefly trained scene from the capture's points and the views labelled so far."""
     bounds = {**_FIRST, "time_budget_s": None, "evaluations": 0, "held_out_every": 0}
     splats = train(capture, labelling.learnt(), settings.training.model_copy(update=bounds), silent)
     return training_draft(splats, capture, labelling, views, settings, Provisional("points", 0.0))
@@ -50,16 +40,7 @@ def training_draft(
     settings: Settings,
     provisional: Provisional,
 ) -> Scene:
-    """A scene of Gaussians as they are; arguments as for `first_draft`.
-
-    Args:
-        splats: the Gaussians.
-        capture, labelling, views, settings: as for `first_draft`.
-        provisional: what the draft is made of.
-
-    Raises:
-        FastSplatError: as `assemble_scene`.
-    """
+    """Builds a draft from the current Gaussians; other arguments and errors as for `first_draft`."""
     chosen, masks = set(views), labelling.masks
     known = tuple(mask if number in chosen else None for number, mask in enumerate(masks))
     if not any(mask is not None for mask in known):
@@ -68,7 +49,7 @@ def training_draft(
         update={
             "max_side": min(_SIDE, settings.discovery.max_side),
             "refinement_rounds": min(_ROUNDS, settings.discovery.refinement_rounds),
-            **({} if known else {"things": "off"}),  # nobody looks for masks meanwhile
+            **({} if known else {"things": "off"}),  # no mask proposals for drafts
         }
     )
     early = settings.model_copy(update={"discovery": discovery})

@@ -1,7 +1,6 @@
-"""Looking again: a finished scene is searched for texts, by an open-set detector in a few views, to name its things.
+"""Second search of a finished scene for texts, to name its things.
 
-What the detector sees are renderings from the scene's own cameras, also where the scene keeps its photos: these do not
-show what edits have moved or removed, and scenes need not keep them.
+The open-set detector sees renderings even if photos are kept: photos do not show edits, and may be missing.
 """
 
 from __future__ import annotations
@@ -41,28 +40,25 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.look_again import FoundName, LookAgainResult
 
 _CLOSER_SIDE = 640
-"""Pixels of the longer side of such a picture, never more than the camera has there."""
+"""Longer side of a close-up in pixels, at most the camera's resolution."""
 _CANDIDATE_VIEWS = 60
-"""Of so many of the scene's cameras, evenly spread, these views are chosen; each costs one rasterization."""
+"""Candidate cameras, evenly spread; each costs one rasterization."""
 _PICTURE_SIDE = 1024
-"""Pixels of the longer side of the pictures that are rendered, never more than the camera has."""
+"""Longer side of the renderings in pixels, at most the camera's."""
 
 STAGE = "looking"
 _CHOOSING, _RENDERING, _DETECTING = 0.05, 0.1, 0.5
-"""Of the stage's progress, after the views are chosen, the pictures rendered, the texts searched for in them."""
+"""Progress of the stage after choosing views, rendering and detection."""
 
 
 @dataclass(frozen=True)
 class Sightings:
-    """What a detector found of some texts.
+    """Detections of texts from the cameras `views`; `rendered`: in renderings, not photos.
 
     Attributes:
-        texts: that were looked for.
-        views: names of the cameras from which it looked.
-        found: for ids of things the probability of each text that anything was found of there, 0..1.
-        regions: number of regions that were found.
-        unmatched: number of those that are no thing's.
-        rendered: whether renderings of the scene were looked at.
+        found: by thing id, the probability 0..1 of each text detected there.
+        regions: number of detected regions.
+        unmatched: number of regions that match no thing.
     """
 
     texts: tuple[str, ...]
@@ -81,26 +77,22 @@ def look_for(
     progress: Progress,
     paint: Paint | None = None,
 ) -> Sightings:
-    """What the configured open-set detector finds of some texts in a scene.
+    """Searches a scene for texts with the configured open-set detector.
 
-    It looks at renderings from the few cameras that see most of the scene, and of its unnamed things; what it finds
-    there are regions, by the segmenter, and each region votes for the thing that it overlaps most (`count_votes`). Then
-    it looks at each thing alone, in the views that show it best. The larger probability counts: small things are found
-    alone only, and of a coarse scene large pictures show more than small ones.
+    It looks at renderings from the few cameras that see most of the scene and of its unnamed things; each segmented
+    region votes for the thing that it overlaps most (`count_votes`). Then each thing is viewed alone in its best views.
+    The larger probability counts: small things are found only alone, coarse scenes better in large pictures.
 
     Args:
-        index: of the scene.
         texts: at least one.
-        settings: of all rooms.
-        folder: empty; gets the pictures.
-        progress: hears of the stage "looking"; may raise `CancelledError`.
-        paint: makes the pictures that are looked at, of the scene's own cameras and of parts of their views; None:
-            renderings of the scene.
+        folder: empty; receives the pictures.
+        progress: stage "looking"; may raise `CancelledError`.
+        paint: renders a camera or a crop of its view; None: renderings of the scene.
 
     Raises:
-        ModelUnavailableError: no open-set detector is configured, or a model of the settings is missing or damaged.
+        ModelUnavailableError: no open-set detector is configured, or a model is missing or damaged.
         InvalidInputError: a text that the detector cannot read.
-        NotFoundError: the scene has no camera that sees anything.
+        NotFoundError: no camera of the scene sees anything.
     """
     check_open_set_detector(settings.perception)
     detector = open_open_set_detector(settings.perception, settings.models)
@@ -144,7 +136,7 @@ def look_for(
     used = list(zip(views, labelling.regions, strict=True))
     votes = votes_of_views(things, scene.gaussians, used, len(names), settings.discovery, backend=backend)
     assert votes.voted is not None
-    # Few views are looked at: one that names a thing of which it sees a part must not count for more than one view.
+    # With few views, one that names a partly visible thing must not count for more than one.
     votes = replace(votes, able=np.maximum(votes.able, votes.voted))
     found = {
         thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
@@ -170,7 +162,7 @@ def _look_closer(
     settings: Settings,
     progress: Progress,
 ) -> dict[int, dict[str, float]]:
-    """For each thing that was looked at alone the mean score of each text in these pictures."""
+    """Mean score of each text in close-ups, by thing id."""
     if not settings.look_again.closer_views:
         return {}
     backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
@@ -198,14 +190,9 @@ def _look_closer(
 
 
 def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) -> tuple[Scene, LookAgainResult]:
-    """The scene with the names and suggestions of a look, see `add_names`, and with its texts among the names that it
-    was searched for; and what that changed, without the new version's name.
+    """Adds names, suggestions (see `add_names`) and searched texts to a scene.
 
-    Args:
-        index: of the scene as it is now, which may be a later version than the one that was looked at: what it has no
-            more of stays without a name.
-        sightings: see `look_for`.
-        settings: of all rooms.
+    The result has no version name. `index` may be a later version than was searched: things that it lacks get no name.
     """
     before = index.things.scene
     assert before.things is not None
@@ -241,7 +228,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
 
 
 def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:
-    """How many names the scene was searched for, and which, with some more."""
+    """Updated list and number of searched names."""
     names = scene.quality.get("searched_for")
     listed = [str(name) for name in names] if isinstance(names, (list, tuple)) else []
     known = {label_key(name) for name in listed}

@@ -1,4 +1,4 @@
-"""Things without a name: drawn on sheets for whoever can tell what they are, as the settings' namer."""
+"""Unnamed things, drawn on sheets for the configured namer."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from fastsplat_client.namer import NamedSheets
 
 SHEET_PHOTO_SIDE = 1_024
-"""Pixels of the longer side that a photo or a rendering has at most before things are cut from it."""
+"""Maximum longer side in pixels of a photo or rendering from which things are cropped."""
 _NEIGHBORS = 3
 _MOST_LINES = 200
 
 
 def said_by(namer: NamerSettings, sheets: Iterable[ThingSheet]) -> NamedSheets:
-    """What the namer of the settings says of a scene's sheets, see `ask_namer`: its errors are raised."""
-    # Here, as servers without a namer need nothing of the client.
+    """Asks the configured namer about a scene's sheets; raises as `ask_namer`."""
+    # Imported lazily: servers without a namer do not need the client.
     from fastsplat_client.namer import Namer, ask_namer
 
     return ask_namer(Namer(namer.url, namer.model, namer.key, namer.request_s, namer.total_s), sheets)
 
 
 def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSheet]:
-    """All sheets of a version of which nothing else is known but what its folder holds."""
+    """Yields all sheets of a version, using only its folder."""
     nameless = [thing for thing in index.things.listed if not thing.name]
     for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_THINGS):
         things = nameless[first : first + MOST_THINGS]
@@ -51,15 +51,10 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSh
 def drawn_sheet(
     index: SceneIndex, things: Sequence[SceneThing], photos_of: Callable[[set[str]], Mapping[str, Path]]
 ) -> tuple[bytes, tuple[SheetThing, ...]]:
-    """The picture of some things, empty if no camera shows any, and what it shows.
+    """Draws at most `MOST_THINGS` things; empty bytes if no camera shows any.
 
-    Args:
-        index: of the scene, which has cameras.
-        things: at most `MOST_THINGS`.
-        photos_of: see `kept_photos`; cameras of which it knows no photo are rendered.
-
-    Raises:
-        SceneFileError: a photo is damaged.
+    Cameras without a photo in `photos_of` (see `kept_photos`) are rendered. Raises `SceneFileError` for a damaged
+    photo.
     """
     best = best_view_of_each(index, [thing.id for thing in things])
     shown = [thing for thing in things if thing.id in best]
@@ -67,7 +62,7 @@ def drawn_sheet(
         return b"", ()
     photos = photos_of({best[thing.id].name for thing in shown})
     side, cells = cell_side(len(shown)), {}
-    for name in sorted({best[thing.id].name for thing in shown}):  # one whole picture at a time
+    for name in sorted({best[thing.id].name for thing in shown}):  # one full picture in memory at a time
         check_cancelled()
         if name in photos:
             whole = read_photo(photos[name], SHEET_PHOTO_SIDE)
@@ -93,20 +88,14 @@ def drawn_sheet(
 
 
 def written_on(things: Sequence[SceneThing]) -> tuple[str, ...]:
-    """The lines of text that are read on things, at most `_MOST_LINES`, the likeliest first, each once."""
+    """Distinct text lines read on things, most probable first, at most `_MOST_LINES`."""
     lines = [read for thing in things for read in thing.reads if read.kind == "text"]
     ranked = sorted(lines, key=lambda one: -one.probability)
     return tuple(dict.fromkeys(read.text for read in ranked))[:_MOST_LINES]
 
 
 def kept_photos(index: SceneIndex, folder: Path, views: set[str]) -> Mapping[str, Path]:
-    """The photos of some views that show what the version shows, by the views' names.
-
-    Args:
-        index: of the version.
-        folder: of the version, on this machine.
-        views: names of cameras.
-    """
+    """Kept photos by view name, from the version's folder; none once edits changed views."""
     if changed_views(index.scene.quality):
         return {}
     numbered = ((posed.name, photo_path(folder, n)) for n, posed in enumerate(index.scene.cameras))
@@ -114,7 +103,7 @@ def kept_photos(index: SceneIndex, folder: Path, views: set[str]) -> Mapping[str
 
 
 def _neighbors(thing: SceneThing, listed: Sequence[SceneThing]) -> tuple[NeighborThing, ...]:
-    """At most three things by the distance of their middles."""
+    """At most three nearest things by centroid distance."""
     if thing.centroid is None:
         return ()
     others = [each for each in listed if each.id != thing.id and each.centroid is not None]

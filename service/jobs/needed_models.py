@@ -1,4 +1,4 @@
-"""Models that a new scene needs, and which of them the model directory lacks."""
+"""Models required for new scenes, and those missing from the model directory."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ logger = logging.getLogger(__name__)
 
 
 def missing_models(settings: Settings, *, given_labels: bool = False, named: bool = False) -> list[str]:
-    """Name the models that the job of a scene would open and that have no files, each with its setting; label maps may
-    come with the photos (`given_labels`), and the poster may say what is looked for (`named`)."""
+    """Lists missing models with their settings; `named`: the request names labels."""
     from fastsplat.service.perception.models.model_manifest import Role, has_files  # loads with the first upload
 
     perception, roles = settings.perception, list[Role](("text_encoder",))
@@ -29,7 +28,7 @@ def missing_models(settings: Settings, *, given_labels: bool = False, named: boo
 
 
 def check_models(settings: Settings, *, given_labels: bool, named: bool) -> None:
-    """Raise `ModelUnavailableError`, with their settings, where `missing_models` names any."""
+    """Raises `ModelUnavailableError` if `missing_models` lists any."""
     if missing := missing_models(settings, given_labels=given_labels, named=named):
         raise ModelUnavailableError(
             f"a scene needs models that are not in the server's model directory: {', '.join(missing)}",
@@ -39,7 +38,7 @@ def check_models(settings: Settings, *, given_labels: bool, named: bool) -> None
 
 
 def log_missing_models(settings: Settings) -> None:
-    """Warn once of what this process's model directory lacks for new scenes."""
+    """Logs a warning if the model directory lacks models for new scenes."""
     if missing := missing_models(settings):
         lack = f"{settings.models} (FASTSPLAT_MODELS) lacks {', '.join(missing)}"
         logger.warning("new scenes will fail: %s; run: fastsplat models pull", lack)

@@ -1,4 +1,4 @@
-"""Rows of new versions: one function assembles them for all who make versions, so that none leaves a part out."""
+"""Rows of new versions, assembled in one place so that none is incomplete."""
 
 from __future__ import annotations
 
@@ -26,14 +26,13 @@ from fastsplat.service.store.repositories.version_repository import NewVersion
 def new_version(
     before: Things | None, scene: Scene, limits: CallSettings, sizes: Sizes | None = None, **row: Any
 ) -> NewVersion:
-    """The row of a version, with all that follows from its scene.
+    """Builds the row of a version, with all values derived from its scene.
 
     Args:
-        before: the things of its parent.
-        scene: of the version.
-        limits: how many versions, and names of people, are kept.
-        sizes: see `sizes_in_meters`; None: not known yet.
-        row: the other fields of `NewVersion`: who made it of what by which edits, and what `content_of` says.
+        before: things of the parent version.
+        limits: maximum numbers of versions and of names given by people.
+        sizes: see `sizes_in_meters`; None: computed here.
+        row: remaining fields of `NewVersion`: author, parent, edits, `content_of`.
     """
     appearances = described(scene.things, sizes_in_meters(scene) if sizes is None else sizes)
     changed = list(changed_views(scene.quality))
@@ -42,15 +41,14 @@ def new_version(
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
         quality={"changed_by": changed} if changed else {},
-        # All versions of a draft stay: they are made again on the scene that takes its place.
+        # All versions of a draft are kept, to be reapplied to the scene that replaces it.
         max_versions=None if provisional_of(scene.quality) else limits.max_versions,
         **row,
     )
 
 
 def content_of(scene: Scene, counts: Sequence[int] | None = None) -> dict[str, Any]:
-    """What stands in a version's row of what it holds: "gaussians" and "things", their numbers, and "dictionary", its
-    rows by label id; `counts` are the Gaussians of each, if they are known."""
+    """Content columns of a version's row; `counts` are Gaussians per label, if known."""
     if counts is None:
         counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1).tolist()
     dictionary = [

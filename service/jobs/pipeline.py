@@ -1,8 +1,8 @@
-"""Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
+"""Stages of scene creation (capture, labels, training, scene) as functions.
 
-Around a splat of another tool pictures are rendered where it has none, and labels are lifted onto it, not trained.
-A worker calls the stages one by one and keeps the result of each (`workers.kinds.create_scene_stages`); benchmarks and
-library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+For an imported splat, missing pictures are rendered, and labels are lifted onto it instead of trained. Workers call the
+stages one by one and keep each result (`workers.kinds.create_scene_stages`); benchmarks and library users call
+`build_scene`. All use `assemble_scene`.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.jobs.operations import Movers, Privacy, UpAxis
 
 LabelSource = Literal["none", "given", "detected"]
-"""Where a scene's labels come from: it has none, label maps came with the capture, models detected them."""
+"""Origin of a scene's labels: none, the capture's label maps, or detection."""
 
 
 @dataclass(frozen=True)
 class LabelledViews:
-    """The result of perception; `tradeoffs`: what the time budget reduced, in words."""
+    """Perception result; `tradeoffs`: reductions due to the time budget, in words."""
 
     labelling: Labelling
     tradeoffs: tuple[str, ...] = ()
@@ -56,13 +56,11 @@ class LabelledViews:
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a scene came about, beside what training measured.
+    """Origin of a scene, beside training metrics.
 
     Attributes:
-        preset: that was applied to the settings, or None.
-        tradeoffs: what the time budget reduced, in words.
-        stage_seconds: by stage.
-        time_asked_s: seconds for everything after the capture stage, or None where nobody asked for a time.
+        tradeoffs: reductions due to the time budget, in words.
+        time_asked_s: requested seconds for everything after the capture stage, if any.
     """
 
     preset: PresetName | None = None
@@ -73,13 +71,7 @@ class Provenance:
 
 @dataclass(frozen=True)
 class BuiltScene:
-    """A scene with what it was made of.
-
-    Attributes:
-        scene: ready to be stored and asked.
-        labelling: what it was trained on.
-        stage_seconds: by stage: perception, training, export.
-    """
+    """A scene with its labelling and seconds by stage (capture only if known)."""
 
     scene: Scene
     labelling: Labelling
@@ -87,16 +79,9 @@ class BuiltScene:
 
 
 def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress: Progress = silent) -> Capture:
-    """The capture of a folder of photos, a video, an archive or a posed data set, checked as any upload is.
+    """Validates and captures a folder of photos, a video, an archive or posed data.
 
-    Args:
-        folder: the files; its subfolder `.validated` is written.
-        work: a folder for the result, which must not exist.
-        settings: limits, and how poses are found.
-        progress: hears of the stage; may raise `CancelledError`.
-
-    Raises:
-        FastSplatError: as `validate_upload` and `build_capture`.
+    Writes `folder/.validated`; `work` must not exist. Raises as `validate_upload` and `build_capture`.
     """
     return build_capture(validate_upload(folder, settings).folder, work, settings, progress)
 
@@ -113,20 +98,17 @@ def build_views(
     privacy: Privacy | None = None,
     exclude: Collection[str] = (),
 ) -> Capture:
-    """The capture of any validated upload: of its images, or of pictures rendered around a splat that came alone.
+    """Builds the capture of a validated upload, rendering pictures around a splat without photos.
 
     Args:
         validated_dir: `ValidatedUpload.folder`.
         out_dir: new, empty, or an earlier capture, which is replaced.
-        settings: of all rooms.
-        progress: hears of the stage "capture"; may raise `CancelledError`.
-        up: for a splat alone: which axis of its world is up; None: estimated.
-        on_placed: as for `build_capture`.
-        movers, privacy: what to leave out of the photos, see `SceneOptions`; pictures of a splat are used whole.
-        exclude: as for `build_capture`.
+        up: up axis of a splat without photos; None: estimated.
+        on_placed, exclude: as for `build_capture`.
+        movers, privacy: redaction of photos, see `SceneOptions`; pictures of a splat are used whole.
 
     Raises:
-        FastSplatError: the device is missing, said first; as `build_capture`, `open_withholding`, `render_views`.
+        FastSplatError: the device is missing (checked first); as `build_capture`, `open_withholding`, `render_views`.
     """
     backend = settings.training.backend
     device_of(backend)
@@ -145,18 +127,13 @@ def label_views(
     time_budget_s: float | None = None,
     early: ShowEarly | None = None,
 ) -> LabelledViews:
-    """Label maps of the capture's views, from the capture itself or from detection.
+    """Labels the capture's views, from supplied label maps or by detection.
 
     Args:
-        capture: registered images.
-        settings: of all rooms, with the preset applied.
-        labels: names to look for; empty: whatever is there.
-        progress: hears of every view; may raise `CancelledError`.
+        settings: with the preset applied.
+        labels: names to look for; empty: anything.
         time_budget_s: seconds for perception, training and export together; None: no bound.
-        early: as for `label_capture`.
-
-    Raises:
-        FastSplatError: as `label_capture`.
+        early: as for `label_capture`, also errors.
     """
     plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
     masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
@@ -174,15 +151,12 @@ def train_scene(
     checkpoint_dir: Path | None = None,
     watch: TrainingWatch = UNWATCHED,
 ) -> TrainedSplats:
-    """Trained Gaussians, with their labels where label maps came with the capture; those of the capture's splat, in its
-    order, where it brought one.
+    """Trains Gaussians, or lifts labels onto the capture's own splat, keeping its order.
 
     Args:
-        capture: registered images.
         labelling: one label map per view.
-        settings: of all rooms, with the preset applied and the training planned.
-        progress: hears of the stage "training"; may raise `CancelledError`.
-        checkpoint_dir, watch: as for `train`; a splat that was brought along is not trained, and shows nothing.
+        settings: with the preset and the training plan applied.
+        checkpoint_dir, watch: as for `train`; unused for an imported splat.
 
     Raises:
         FastSplatError: as `train` and `lift_labels`.
@@ -204,21 +178,19 @@ def build_scene(
     capture_seconds: float | None = None,
     progress: Progress = silent,
 ) -> BuiltScene:
-    """A scene of a capture: labelled, trained and assembled in this process.
+    """Labels, trains and assembles a scene in this process.
 
     Args:
-        capture: registered images.
-        settings: of all rooms, with the preset applied (`service.planning.presets.apply_preset`).
-        labels: names to look for; empty: whatever is there.
-        labelling: in place of perception, where the labels are known.
-        preset: recorded in the scene.
-        time_budget_s: seconds for perception, training and export together; None: no bound beside the settings' own.
-        capture_seconds: what the capture took, recorded in the scene.
-        progress: hears of every stage; may raise `CancelledError`.
+        settings: with the preset applied (`service.planning.presets.apply_preset`).
+        labels: names to look for; empty: anything.
+        labelling: replaces perception.
+        preset, capture_seconds: recorded in the scene.
+        time_budget_s: seconds for perception, training and export together; None: only the settings' own bound.
+        progress: events of every stage; may raise `CancelledError`.
 
     Raises:
-        ModelUnavailableError: the training's device or a model that is needed is missing, said before all else.
-        FastSplatError: whatever the stages raise.
+        ModelUnavailableError: the training device or a required model is missing (checked first).
+        FastSplatError: as the stages.
     """
     device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
@@ -258,21 +230,17 @@ def assemble_scene(
     *,
     described: bool = True,
 ) -> Scene:
-    """The scene of a finished training, its labels embedded and, if `settings.discovery` asks for it, with things.
+    """Assembles a trained scene: embeds its labels and adds discovered things.
 
     Args:
-        trained: Gaussians, head and evidence.
-        labelling: what they were trained on; its dictionary becomes the scene's.
-        capture: its cameras and scale become the scene's.
-        settings: of all rooms; `settings.training` is what was trained with, and is recorded.
-        quality: figures and facts, ready for JSON, see `scene_quality`; the scene's also has `searched_for`, the names
-            that were looked for, and `searched_names`, how many they are, if that is known; and `taken_at`, when the
-            photos were taken, by name, seconds since 1970, of those that say it.
-        progress: hears of the stage "export".
+        labelling: used in training; its dictionary becomes the scene's.
+        settings: `settings.training` was used for the training, and is recorded.
+        quality: see `scene_quality`. Added if known: `searched_for` (names that were looked for), `searched_names`
+            (their number), `taken_at` (photo times by name, seconds since 1970).
         described: as for `find_things`.
 
     Raises:
-        ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
+        ModelUnavailableError: the text encoder is missing, or the segmenter that discovery needs.
     """
     things, gaussians = find_things(trained, labelling, capture, settings, progress, described=described)
     learnt = labelling.learnt() is labelling and (things is None or things.head is None)
@@ -297,7 +265,7 @@ def assemble_scene(
 
 
 def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
-    """When photos were taken, by name, if they say it; of none where no photo is to stay, or people are withheld."""
+    """Photo times by name; empty where photos are not kept or people are redacted."""
     if is_private(capture, settings):
         return {}
     times = {view.posed.name: view.taken_at for view in capture.views if view.taken_at is not None}
@@ -312,14 +280,13 @@ def _searched(labelling: Labelling) -> dict[str, Any]:
 def scene_quality(
     trained: TrainedSplats, labelling: Labelling, capture: Capture, provenance: Provenance
 ) -> dict[str, Any]:
-    """What a scene's manifest says of how well it was made, ready for JSON.
+    """Quality entries of a scene's manifest, ready for JSON.
 
-    What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
-    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, left_out (why, by file),
-    source, splat, warnings, mean_reprojection_error_px, stage_seconds; where meters were measured, scale_source and
-    scale_error_95 (half of the 95 % interval of a length, as a share of it); where pixels were left out of the photos,
-    withheld (`WithheldReport`); of a world made upright, vertical_source and vertical_deviation_deg; where photos were
-    corrected, photometric (see `TrainedSplats`); where a time was asked for, time_asked_s.
+    Training metrics, and: stopped_early (training was ended by request), preset, tradeoffs, label_source, gaussians,
+    held_out_views, images, registered, unregistered, left_out (reason by file), source, splat, warnings,
+    mean_reprojection_error_px, stage_seconds. If applicable: scale_source, scale_error_95 (half the 95 % interval of a
+    length, relative), withheld (`WithheldReport`), vertical_source, vertical_deviation_deg, photometric (see
+    `TrainedSplats`), time_asked_s.
     """
     report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
@@ -352,7 +319,7 @@ def scene_quality(
 
 
 def _photometric(trained: TrainedSplats) -> dict[str, Any]:
-    """The photos' corrections as a scene's manifest has them."""
+    """Photometric corrections in the manifest's form."""
     rows = trained.photometric
     return {"photometric": {name: [round(value, 4) for value in row] for name, row in rows.items()}} if rows else {}
 

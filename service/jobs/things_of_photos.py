@@ -1,4 +1,4 @@
-"""The things of a scene from its photos: found, described by their looks, and what is written on them read."""
+"""Discovery, appearance and reading of a scene's things, from its photos."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
 
 THINGS_SHARE = 0.3
-"""Of the export's progress."""
+"""Share of the export's progress."""
 _LOOKING_SHARE = 0.85
-"""Of `THINGS_SHARE`, for masks that perception did not look for."""
+"""Share of `THINGS_SHARE` for proposing masks that perception did not."""
 _READING_FROM = 0.95
-"""As `_LOOKING_SHARE`, where reading begins."""
+"""Share of `THINGS_SHARE` at which reading begins."""
 
 
 def is_private(capture: Capture, settings: Settings) -> bool:
-    """Whether nothing that photos say beside what is where may be kept: no photo is to stay, or people are withheld."""
+    """True if photos are not kept, or people are redacted."""
     withheld = capture.report.withheld
     return settings.photos.keep == "off" or (withheld is not None and withheld.privacy is not None)
 
@@ -41,15 +41,14 @@ def find_things(
     *,
     described: bool = True,
 ) -> tuple[Things | None, Gaussians]:
-    """Discovered things, and the Gaussians with their codes; no things where the objects of given label maps are.
+    """Discovers things, if any; also returns the Gaussians with their codes.
+
+    Without detected regions, things are discovered only if `settings.discovery.things` is "on".
 
     Args:
-        trained: Gaussians, head and evidence.
-        labelling: what they were trained on.
-        capture: registered images; where `is_private`, nothing is read in them, and no image-text model looks at them.
-        settings: of all rooms.
-        progress: hears of the stage "export", up to `THINGS_SHARE`.
-        described: whether things are also described by their looks, and what is written on them is read.
+        capture: if `is_private`, no text is read and no image-text model is run.
+        progress: stage "export", up to `THINGS_SHARE`.
+        described: also compute appearances and read text.
 
     Raises:
         ModelUnavailableError: the segmenter that discovery needs is missing, or another model's file is damaged.

@@ -1,8 +1,7 @@
-"""The cost of a training run on a machine, and the settings with which a run ends within a time budget.
+"""Cost model of training runs, and settings that fit a time budget.
 
-The optimization stops by the clock; what comes before and after it is predicted, and so is the time of a step, which
-decides resolution and number of Gaussians. Seconds are those of the reference machine (2 CPU threads with AVX-512),
-divided by `Speed`.
+Training stops by the clock; the other stages and the step time, which decides resolution and number of Gaussians, are
+predicted. Seconds are of the reference machine (2 CPU threads with AVX-512), divided by `Speed`.
 """
 
 from __future__ import annotations
@@ -21,36 +20,32 @@ from fastsplat.service.splatting.training.schedule import image_level, image_sca
 from fastsplat.service.splatting.training_views import split_views
 from fastsplat_contract.errors import InvalidInputError
 
-_SHARES = 40  # points at which the cost of a step is taken along a run
+_SHARES = 40  # samples of the step cost along a run
 _STEPS_A_VIEW, _ENOUGH_STEPS = 10, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
-_SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
+_SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # per level of reduction
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
-_DRAWN_A_VIEW = 6  # in times that a training step takes
+_DRAWN_A_VIEW = 6  # in training steps
 _BELIEVED = 0.05
-_LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
+_LEAST_SHARE = 0.1  # of the budget for optimization, however long loading and writing take
 
 
 @dataclass(frozen=True)
 class Speed:
-    """How many times as fast as the reference machine a machine is: at 0.5 everything takes twice as long.
-
-    `steps` of rendering and differentiating and `networks` run on all threads, everything else (`serial`) on one.
-    """
+    """Speed factors against the reference machine; only `serial` work uses a single thread."""
 
     steps: float = 1.0
     serial: float = 1.0
     networks: float = 1.0
 
     def slowed(self, times: float) -> Speed:
-        """Of a machine on which everything takes so many times as long."""
+        """Returns the speed of a machine on which everything takes `times` as long."""
         return Speed(self.steps / times, self.serial / times, self.networks / times)
 
 
 @dataclass(frozen=True)
 class SceneSize:
-    """What decides how long a training takes: pixels of the largest image, points of the sparse reconstruction, labels
-    that codes learn (those of the capture's own label maps)."""
+    """Scene size: images, pixels of the largest, sparse points, labels learned as codes."""
 
     views: int
     width: int
@@ -61,8 +56,7 @@ class SceneSize:
 
 @dataclass(frozen=True)
 class PerceptionCost:
-    """Seconds that perception takes on a machine: to load models, for each view that is searched, and for each of the
-    `segmented` (0: all) that are segmented as well."""
+    """Seconds to load models, search a view and segment one of `segmented` views (0: all)."""
 
     overhead_s: float
     search_s: float
@@ -70,7 +64,7 @@ class PerceptionCost:
     segmented: int = 0
 
     def seconds(self, views: int) -> float:
-        """Of so many views."""
+        """Total seconds for a number of views."""
         return self.overhead_s + self.search_s * views + self.segment_s * min(views, self.segmented or views)
 
 
@@ -79,13 +73,12 @@ _REFERENCE = Speed()
 
 @dataclass(frozen=True)
 class TrainingPlan:
-    """Settings of a run that fits a budget, with its predicted cost.
+    """Training settings that fit a budget, with predicted cost.
 
     Attributes:
-        settings: of the run; its `time_budget_s` are the seconds of optimization that fit.
-        seconds: of everything that the budget covers; in `parts`: spent, load, optimize, finish (measure, write), tail.
-        steps: that fit.
-        tradeoffs: what is reduced against the requested settings, in words.
+        settings: `time_budget_s` holds the seconds of optimization that fit.
+        seconds: sum of `parts`: spent, load, optimize, finish (measure, write), tail.
+        tradeoffs: reductions against the requested settings, in words.
     """
 
     settings: TrainingSettings
@@ -96,7 +89,7 @@ class TrainingPlan:
 
 
 def scene_size(capture: Capture, labels: int) -> SceneSize:
-    """The size of a capture with `labels` entries in its dictionary; codes learn them where label maps came with it."""
+    """Size of a capture whose dictionary has `labels` entries."""
     cameras = [view.posed.camera for view in capture.views]
     return SceneSize(
         len(cameras),
@@ -110,13 +103,10 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
 def views_within_budget(
     requested: int, views: int, time_budget_s: float, *, overhead_s: float, cost: PerceptionCost
 ) -> tuple[int, tuple[str, ...]]:
-    """The number of views that perception may look at within 40 % of the budget, 3 at least; and what that reduces.
+    """Number of views for perception within 40 % of the budget, and tradeoffs.
 
-    Args:
-        requested: views it would look at; 0: all.
-        time_budget_s: for everything from the start of perception on.
-        overhead_s: seconds that are spent already.
-        cost: of perception on this machine.
+    `requested` 0 is all; 3 are kept if there are as many. `overhead_s` of the budget, which counts from the start of
+    perception, are already spent.
     """
     requested = min(requested or views, views)
     bound = _PERCEPTION_SHARE * time_budget_s - overhead_s
@@ -134,15 +124,10 @@ def fit_training(
     spent_s: float = 0.0,
     tail_s: float = 0.0,
 ) -> TrainingPlan:
-    """The best run that ends within the budget, which replaces `settings.time_budget_s`.
+    """Best run that ends within the budget, which replaces `settings.time_budget_s`.
 
-    Where fewer than `FEWEST_STEPS` fit for the requested resolution and number of Gaussians, these are reduced together
-    along the measured frontier until they fit; spherical harmonics stay.
-
-    Args:
-        settings: as requested.
-        time_budget_s: for everything: what is spent already (`spent_s`), the run, and what follows it (`tail_s`).
-        speed: of this machine.
+    Unless 10 steps a view (`FEWEST_STEPS` to 1,200) fit, resolution and number of Gaussians are reduced together along
+    the measured frontier; spherical harmonics stay. The budget covers `spent_s`, the run, and `tail_s` after it.
 
     Raises:
         InvalidInputError: a budget or speed that is not positive, or negative seconds.
@@ -171,14 +156,13 @@ def fit_training(
 
 
 def run_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
-    """Seconds that a whole run of `settings` takes on a machine: loading, optimization, measuring and writing."""
+    """Predicted seconds of a whole run: loading, optimization, measuring and writing."""
     optimize, _ = _optimized(settings, scene, speed)
     return load_seconds(scene) / speed.serial + optimize + finish_seconds(settings, scene, speed)
 
 
 def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tuple[float, int]:
-    """Seconds and steps until a run ends by one of its bounds, see `schedule.run_progress`. Where steps decide how far
-    it has come, and not the clock, most of its seconds go to the late ones, which take longest."""
+    """Seconds and steps until a run reaches a bound, see `schedule.run_progress`."""
     mean_s = mean(_steps_of_run(settings, scene)) / speed.steps
     clock_s, bound = settings.time_budget_s, settings.iterations
     if clock_s is None or bound * mean_s <= clock_s:
@@ -192,8 +176,7 @@ def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tu
 def run_seconds_left(
     settings: TrainingSettings, scene: SceneSize, speed: Speed, iteration: int, elapsed_s: float
 ) -> float:
-    """Seconds until a run is written whose `iteration` steps took `elapsed_s`: later ones take longer as the model
-    says. The measured speed is believed as much as a twentieth of the run."""
+    """Seconds until a run is written; the prediction weighs like 5 % of it."""
     steps = _steps_of_run(settings, scene)
 
     def until(bound: int) -> float:
@@ -208,25 +191,25 @@ def run_seconds_left(
 
 
 def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
-    """Seconds of a run after its last step, on a machine."""
+    """Seconds after the last training step: measuring and writing."""
     return measure_seconds(settings, scene) / speed.steps + write_seconds(settings) / speed.serial
 
 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
-    """One optimization step on the reference machine, fitted to 15 pairs of image size and number of Gaussians of the
-    table-top benchmark within 20 %; what a pixel blends grows with the number of Gaussians to the 0.8."""
+    """Seconds of one optimization step on the reference machine."""
+    # Fitted within 20 % to 15 pairs of image size and Gaussian count (table-top benchmark); blending ~ count^0.8.
     blended = 1.09e-4 * pixels + 4.05e-8 * pixels * math.pow(gaussians, 0.8)
     harmonics = 5e-6 * ((sh_degree + 1) ** 2 - 4)
     return 1e-3 * (1.8 + (1.9e-4 + harmonics) * gaussians + blended * (0.8 + 0.025 * channels))
 
 
 def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Mean over a run of `settings`, bounded by time, on the reference machine; schedules as in training."""
+    """Mean step rate of a time-bounded run on the reference machine."""
     return mean(1 / seconds for seconds in _steps_of_run(settings, scene))
 
 
 def _steps_of_run(settings: TrainingSettings, scene: SceneSize) -> list[float]:
-    """Seconds of a step at evenly spaced shares of a run."""
+    """Seconds per step at evenly spaced shares of a run."""
     start = max(1, min(scene.points, settings.max_gaussians))
     width, height = _size(settings, scene)
     scales = image_scales(settings)
@@ -241,19 +224,18 @@ def _steps_of_run(settings: TrainingSettings, scene: SceneSize) -> list[float]:
 
 
 def load_seconds(scene: SceneSize) -> float:
-    """Everything before the first step: images decoded and reduced, Gaussians and codes initialized."""
+    """Seconds before the first step: decoding, downscaling, initialization of Gaussians and codes."""
     pixels = scene.width * scene.height
     return 0.1 + scene.views * (0.002 + 2.5e-8 * pixels) + 2e-6 * scene.points + (0.2 if scene.labels else 0.0)
 
 
 def write_seconds(settings: TrainingSettings) -> float:
-    """The last checkpoint and the result, gathered and written."""
+    """Seconds to gather and write the last checkpoint and the result."""
     return 0.1 + 5e-6 * settings.max_gaussians
 
 
 def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Renderings after the last step: for pruning, for label evidence, for the labels' last fit, and the held-out views
-    to be measured."""
+    """Seconds of rendering after the last step: pruning, label evidence, label refit, held-out views."""
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
@@ -274,8 +256,7 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
 def export_seconds(
     settings: TrainingSettings, scene: SceneSize, labels: int, views: int, proposed: int, speed: Speed
 ) -> float:
-    """The last stage: the dictionary of so many labels embedded and the scene written; and the things that `views`
-    tell of lifted, grouped and encoded, of which masks of `proposed` views are looked for first."""
+    """Seconds of the export stage; `proposed` of the `views` need mask proposals first."""
     written = (1.0 + 0.01 * labels) / speed.serial
     if not views:
         return written
@@ -295,7 +276,7 @@ def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> Train
 
 
 def _round_number(value: float) -> int:
-    """Two significant digits."""
+    """Rounds to two significant digits."""
     return int(float(f"{value:.1e}"))
 
 

@@ -1,5 +1,4 @@
-"""How long a job takes from photos to a scene, before it begins and while it runs: the reference machine's seconds of
-each stage, divided by the machine's `Speed`, which every stage that ran here corrects."""
+"""Prediction of job time: reference seconds per stage, corrected by completed stages."""
 
 from __future__ import annotations
 
@@ -24,28 +23,28 @@ from fastsplat.service.splatting.settings import TrainingSettings
 
 STAGES = ("capture", "perception", "training", "export")
 PACED = ("capture", "perception")
-"""Stages whose time tells how fast the machine is; the clock ends a training."""
+"""Stages whose time reveals the machine's speed; training ends by the clock."""
 
 _USUAL_LABELS = 30
-"""In a dictionary that a detector has yet to fill."""
+"""Dictionary size assumed before detection."""
 _POINTS_A_PHOTO = 130
 _PROMISING_PAIRS = 0.65
-"""Of the pairs that are asked for an image, as two images often choose each other."""
+"""Share of requested image pairs that remain, as two images often choose each other."""
 _SEARCH_S, _SEGMENT_S, _MODELS_S = 0.11, 1.5, 1.2
 _DRAFT_S = 3.5
-"""Of the scene on the capture's points, which is made while the first views are known."""
+"""Seconds of the draft on the capture's points, made while the first views are labelled."""
 
 _TRUST = 2.0
-"""Variance of the logarithm of a measured speed's error, in times that of a stage's."""
+"""Variance of the log error of a measured speed, relative to that of a stage."""
 _LEAST_FRACTION, _LEAST_SECONDS = 0.05, 1.0
-"""Before that, the rate of a stage says nothing."""
+"""Before this fraction and time, a stage's rate is not used."""
 _LEAST_SHARE = 0.5
-"""A stage that takes longer than expected is said to need this part of what the rest of it takes at its rate."""
+"""Least share of an overrunning stage's remaining time at its rate."""
 
 
 @dataclass(frozen=True)
 class PhotoSet:
-    """Photos of which no more is known than their number and the pixels of most."""
+    """Number of photos and their usual size in pixels."""
 
     count: int
     width: int
@@ -54,14 +53,13 @@ class PhotoSet:
 
 @dataclass(frozen=True)
 class JobTime:
-    """What is known of a job's time when one of its stages begins.
+    """Known timing of a job when one of its stages begins.
 
     Attributes:
-        seconds: of each stage at a speed, by name; one that cannot be predicted, as the capture of a video, is missing.
-        speed: measured when the job began.
-        ran: expected and actual seconds of the stages before, and the share of each that was seen, 0..1.
-        run: what trains, and the size of its scene; None: not known yet.
-        budget_s: what is left of the seconds for all stages after the capture; None: no bound.
+        seconds: per stage at a speed; unpredictable stages (capture of a video) are missing.
+        ran: completed stages: expected seconds, actual seconds, observed share 0..1.
+        run: settings and scene size of the training; None: not known yet.
+        budget_s: seconds left for all stages after the capture; None: no bound.
     """
 
     seconds: Callable[[Speed], Mapping[str, float]]
@@ -72,12 +70,12 @@ class JobTime:
 
     @property
     def speed_now(self) -> Speed:
-        """The speed that was measured, corrected by the stages before."""
+        """The measured speed, corrected by the completed stages."""
         return self.speed.slowed(times_as_long(self.ran))
 
 
 def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str, float]:
-    """Seconds of each stage of photos without poses, by its name, in order; `settings` have the preset applied."""
+    """Seconds of each stage, in order, for photos without poses; `settings` have the preset applied."""
     capture, count = settings.capture, photos.count
     width, height = _reduced(photos, capture.sfm_max_side)
     megapixels, sent = width * height / 1e6, photos.width * photos.height / 1e6
@@ -96,8 +94,7 @@ def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str,
 def placed_seconds(
     capture: Capture, settings: Settings, training: TrainingSettings, speed: Speed, labels: int = 0
 ) -> dict[str, float]:
-    """As `job_seconds`, of the stages after the capture, with so many labels in the dictionary if that is known; of a
-    splat that is imported, of the export alone."""
+    """Seconds of the stages after the capture; for an imported splat only the export."""
     given = capture.given_labels is not None
     labels = labels or _USUAL_LABELS
     stages = _placed_seconds(scene_size(capture, labels), settings, training, speed, labels, given)
@@ -107,7 +104,7 @@ def placed_seconds(
 def _placed_seconds(
     size: SceneSize, settings: Settings, training: TrainingSettings, speed: Speed, labels: int, has_maps: bool = False
 ) -> dict[str, float]:
-    """Where label maps came with the capture (`has_maps`), masks are looked for in the export."""
+    """With `has_maps` (label maps came with the capture), masks are proposed during export."""
     perception, views = settings.perception, size.views
     masks = settings.discovery.proposes(given_labels=has_maps)
     seen = min(perception.proposal_views or views, views) if masks or not has_maps else 0
@@ -126,14 +123,13 @@ def _reduced(photos: PhotoSet, side: int) -> tuple[int, int]:
 
 
 def times_as_long(ran: Iterable[tuple[float, float, float]]) -> float:
-    """How many times as long as expected the next stages take, by those that `ran`, see `JobTime`: the likeliest value
-    where the errors of a speed and of a stage are log-normal."""
+    """Slowdown of the next stages by those that `ran`, most likely under log-normal errors."""
     seen = [(math.log(actual / expected), share) for expected, actual, share in ran if min(expected, actual) > 0]
     return math.exp(sum(ratio * share for ratio, share in seen) / (1 / _TRUST + sum(share for _, share in seen)))
 
 
 class _TimeLeft:
-    """When a stage ends: by the steps of a training, or between what was expected and its rate, by how far it is."""
+    """Estimates a stage's end from training steps, or from expected time and rate."""
 
     def __init__(self, stage: str, known: JobTime) -> None:
         self._stage, self._known = stage, known
@@ -143,7 +139,7 @@ class _TimeLeft:
         self._fraction = 0.0
 
     def seconds(self, event: ProgressEvent, elapsed_s: float) -> float | None:
-        """Seconds until the whole job is done, `elapsed_s` seconds after the stage began; None: unknown."""
+        """Seconds until the job is done, `elapsed_s` into the stage; None: unknown."""
         self._hear(event, elapsed_s)
         known, ran, left = self._known, self._known.ran, None
         if self._stage in PACED and self._at_first and self._ends_s:
@@ -173,8 +169,7 @@ class _TimeLeft:
 def with_time_left(
     progress: Progress, stage: str, known: JobTime, clock: Callable[[], float] = time.monotonic
 ) -> Progress:
-    """A `Progress` of a stage that begins now, whose events say how long the whole job still takes, as the metric
-    job_seconds_left; -1 where that cannot be predicted."""
+    """Adds the metric job_seconds_left (-1: unknown) to the events of a beginning stage."""
     started, time_left = clock(), _TimeLeft(stage, known)
 
     def tell(event: ProgressEvent) -> None:

@@ -1,4 +1,4 @@
-"""Short measurements of this machine: its speed at training, and what perception costs on it."""
+"""Short benchmarks of this machine: training speed and perception cost."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041
-"""CPU seconds of a round of each kind, by whole jobs on other machines (`benchmarks.estimates`)."""
+"""Reference CPU seconds per round, derived from whole jobs on other machines (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
-_SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
+_SEARCH_SHARE = 0.1  # detection time of a view, relative to segmentation
 
 
 def machine_speed(backend: Backend = "cpu") -> Speed:
-    """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
+    """Measures speed relative to the reference machine, in one or two seconds.
 
-    A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
-    photo; one of `networks` is a convolution and a product of matrices. The CPU's clock counts, as what else runs in
-    this second says little of the minutes to come. Of how many times as long the rounds took by the wall's clock, the
-    square root counts: half way between other work that ends and other work that stays.
+    `steps` renders 8,000 Gaussians with loss and backward, `serial` decodes and downscales a photo, `networks` is a
+    convolution and a matrix product. CPU time counts (wall time of steps on CUDA), as the load of this second says
+    little about the next minutes; the result is slowed by the square root of wall over CPU time, half way between
+    passing and lasting load.
     """
     threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # as in training; and threads that wait for each other would count as busy
+    torch.set_num_threads(1)  # as in training; threads waiting for each other would count as busy
     try:
         network, network_wall = _mean(_network())
         step, step_wall = _mean(_step(backend))
@@ -49,13 +49,12 @@ def machine_speed(backend: Backend = "cpu") -> Speed:
     finally:
         torch.set_num_threads(threads)
     step = step_wall if backend == "cuda" else step
-    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views are looked at side by side
+    alone = Speed(_STEP_S / step, _IMAGE_S / image, _NETWORK_S * threads / network)  # views run in parallel
     return alone.slowed(math.sqrt(max(1.0, (network_wall + image_wall) / (network + image))))
 
 
 def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str], progress: Progress) -> PerceptionCost:
-    """What perception of this capture costs on this machine, measured by labelling its middle view; `progress` hears
-    of that at fraction 0. Errors as `label_capture`."""
+    """Measures perception by labelling the capture's middle view; raises as `label_capture`."""
     middle = len(capture.views) // 2
     one_view = replace(capture, views=capture.views[middle : middle + 1])
     times: list[float] = []
@@ -68,7 +67,7 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
     label_capture(one_view, settings.perception, settings.models, tuple(labels), listen, masks=masks)
     total = time.monotonic() - begun
-    # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
+    # The last event follows segmentation of the view, the one before follows model loading and detection.
     alone = times[-1] - times[-2]
     segment = alone / side_by_side(settings.perception)[0]
     search = _SEARCH_SHARE * segment
@@ -78,7 +77,7 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
 
 
 def _mean(work: Callable[[], None]) -> tuple[float, float]:
-    """Seconds of a round by the clock of this thread's CPU, and by the wall's."""
+    """Seconds per round: thread CPU time, wall time."""
     work()
     rounds, begun, cpu_begun = 0, time.monotonic(), time.thread_time()
     while rounds < _FEWEST_ROUNDS or time.monotonic() - begun < _SECONDS:

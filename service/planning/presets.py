@@ -1,5 +1,4 @@
-"""Three named choices between speed and quality, read off the frontier that `make bench NAME=trade` measures and chosen
-again on validation views."""
+"""Presets between speed and quality, from `make bench NAME=trade` and validation views."""
 
 from __future__ import annotations
 
@@ -12,7 +11,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import PresetName as PresetName
 from fastsplat_contract.jobs.operations import SceneOptions
 
-if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
+if TYPE_CHECKING:  # clients load the names, but not the settings
     from fastsplat.service.settings import Settings
 
 
@@ -25,7 +24,7 @@ _VALUES: Mapping[PresetName, tuple[Any, ...]] = {
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {preset: MappingProxyType(dict(zip(_FIELDS, values, strict=True))) for preset, values in _VALUES.items()}
 )
-"""What each preset changes of `TrainingSettings`; "balanced" is the settings' own defaults."""
+"""Changes to `TrainingSettings` by preset; "balanced" is the settings' own defaults."""
 
 PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
@@ -34,15 +33,11 @@ PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
         "best": MappingProxyType({"max_views": 0, "closer_look": True}),
     }
 )
-"""What each preset changes of `service.perception.settings.PerceptionSettings`."""
+"""Changes to `service.perception.settings.PerceptionSettings` by preset."""
 
 
 def apply_preset(settings: Settings, name: str | None) -> Settings:
-    """The settings with a preset's values for training and perception in place of their own; None changes nothing.
-
-    Raises:
-        InvalidInputError: no preset of this name.
-    """
+    """Applies a preset for training and perception, if any; raises as `preset_name`."""
     if name is None:
         return settings
     preset = preset_name(name)
@@ -52,7 +47,7 @@ def apply_preset(settings: Settings, name: str | None) -> Settings:
 
 
 def chosen_settings(settings: Settings, options: SceneOptions) -> Settings:
-    """The operator's settings with the preset, the lens and the limit of Gaussians that a user chose for a scene."""
+    """Applies a user's preset, lens and limit of Gaussians to the operator's settings."""
     settings = apply_preset(settings, options.preset)
     lens = {name: value for name in ("lens", "nadir_deg") if (value := getattr(options, name)) is not None}
     settings = settings.model_copy(update={"capture": settings.capture.model_copy(update=lens)})
@@ -60,11 +55,7 @@ def chosen_settings(settings: Settings, options: SceneOptions) -> Settings:
 
 
 def preset_name(text: str) -> PresetName:
-    """`text` as the name of a preset.
-
-    Raises:
-        InvalidInputError: no preset of this name.
-    """
+    """Validates the name of a preset; raises `InvalidInputError`."""
     for name in PRESETS:
         if name == text:
             return name
@@ -72,6 +63,6 @@ def preset_name(text: str) -> PresetName:
 
 
 def override_training(settings: Settings, **values: Any) -> Settings:
-    """The settings with `values` in place of the fields of `settings.training`; a value of None changes nothing."""
+    """Replaces fields of `settings.training`; a value of None changes nothing."""
     changes = {name: value for name, value in values.items() if value is not None}
     return settings.model_copy(update={"training": settings.training.model_copy(update=changes)})

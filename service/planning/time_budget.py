@@ -1,5 +1,7 @@
-"""How a job's time budget (`SceneOptions.time_budget_s`) is divided over perception, training and export. It starts to
-count when poses are there: how long these take cannot be predicted."""
+"""Division of `SceneOptions.time_budget_s` over perception, training and export.
+
+It starts to count when poses are known, as the time of pose estimation cannot be predicted.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ _FEW_VIEWS = 3
 
 @dataclass(frozen=True)
 class StagePlan(Generic[S]):
-    """How a stage runs, and what the time budget reduces against the requested settings, in words."""
+    """Settings of a stage, and reductions due to the time budget, in words."""
 
     settings: S
     tradeoffs: tuple[str, ...] = ()
@@ -41,8 +43,7 @@ def plan_perception(
     *,
     started: float,
 ) -> StagePlan[PerceptionSettings]:
-    """How perception runs; with a budget for everything after the capture, which began to count at `started`
-    (`time.monotonic()`), one view is labelled on trial where a detector will run."""
+    """Plans perception; a budget, counted from `started` (monotonic), costs a trial view."""
     perception = settings.perception
     if time_budget_s is None or capture.given_labels is not None or len(capture.views) <= _FEW_VIEWS:
         return StagePlan(perception)
@@ -63,14 +64,8 @@ def plan_training(
     spent_s: float,
     speed_of: Callable[[Backend], Speed] = machine_speed,
 ) -> StagePlan[TrainingSettings]:
-    """How training runs.
-
-    Args:
-        time_budget_s: as of `plan_perception`.
-        spent_s: seconds of the budget that are spent already.
-        speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.
-    """
-    if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
+    """Plans training within the budget; benchmarking by `speed_of` counts as spent."""
+    if time_budget_s is None or capture.splat is not None:  # imported splats are not trained
         return StagePlan(settings.training)
     begun = time.monotonic()
     speed = speed_of(settings.training.backend)
@@ -88,16 +83,16 @@ def plan_training(
 def clock_tradeoff(
     requested: TrainingSettings, time_budget_s: float | None, quality: Mapping[str, float]
 ) -> tuple[str, ...]:
-    """How many steps a time that was asked for has cost a training of this `quality`, in words, if any."""
+    """Tradeoff message if the requested time ended training before its minimum of steps."""
     fewest = min(requested.min_iterations, requested.iterations)
-    steps = quality.get("iterations", math.inf)  # a splat of another tool is not trained
+    steps = quality.get("iterations", math.inf)  # imported splats are not trained
     if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:
         return ()
     return (f"training ended by the time asked for, after {steps:.0f} steps in place of at least {fewest:,}",)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:
-    """A `Progress` whose every message ends with the tradeoffs."""
+    """Appends the tradeoffs to every progress message."""
     if not tradeoffs:
         return progress
     suffix = f" (to end in time: {', '.join(tradeoffs)})"

@@ -22,13 +22,7 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,62}")
 
 
 class Admin:
-    """Administration of one service, for its operators.
-
-    Attributes:
-        keys: who may call.
-        projects: whose scenes are apart from each other.
-        metrics: of jobs and scenes.
-    """
+    """Administration of one service: keys, projects, metrics and readiness."""
 
     def __init__(self, store: Store, settings: Settings, open_scenes: Callable[[], int]) -> None:
         self._store = store
@@ -38,12 +32,12 @@ class Admin:
         self.metrics = ServiceMetrics(store.job_metrics, open_scenes)
 
     def check_ready(self) -> None:
-        """Return if a request could be answered now.
+        """Checks that a request could be answered now.
 
         Raises:
             DatabaseError: the database does not answer.
-            ResourceError: the data folder cannot be written.
-            ModelUnavailableError: the text encoder is not in the model directory.
+            ResourceError: the data folder is not writable.
+            ModelUnavailableError: the text encoder is missing.
         """
         with transaction(self._store.engine.execution_options(read_only=True)) as connection:
             connection.execute(text("SELECT 1"))
@@ -78,12 +72,7 @@ class Projects:
         self._rows = rows
 
     def create(self, name: str) -> Project:
-        """Make a project, empty and without keys.
-
-        Raises:
-            InvalidInputError: an unusable name.
-            ConflictError: there is one of that name.
-        """
+        """Creates an empty project; raises `ConflictError` for a taken, `InvalidInputError` for an unusable name."""
         if not _NAME.fullmatch(name):
             raise InvalidInputError(
                 f"{name[:80]!r} cannot name a project",
@@ -94,12 +83,11 @@ class Projects:
         return next(project for project in self.all().projects if project.name == name)
 
     def all(self) -> ProjectList:
-        """Every project, by name."""
+        """Lists all projects by name."""
         rows = self._rows.all()
         return ProjectList(
             tuple(Project(row.name, datetime.fromtimestamp(row.created_at, UTC), row.scenes, row.keys) for row in rows)
         )
 
     def exists(self, name: str) -> bool:
-        """Whether there is a project of that name."""
         return self._rows.exists(name)

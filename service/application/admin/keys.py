@@ -1,7 +1,6 @@
-"""Access keys: made once, shown once, kept as hashes, found in constant time.
+"""Access keys `fsk_<id>_<secret>`: shown once, stored as hashes, compared in constant time.
 
-A key is `fsk_<id>_<secret>`; the secret has 256 random bits, so a plain sha256 is as good at rest as a slow hash is for
-passwords.
+The secret has 256 random bits, so plain sha256 suffices, unlike for passwords.
 """
 
 from __future__ import annotations
@@ -38,18 +37,14 @@ class Keys:
     def create(
         self, name: str, role: Role, lifetime_s: float | None = None, project: str = DEFAULT_PROJECT, scene_id: str = ""
     ) -> tuple[KeyRecord, str]:
-        """Make a key. Returns its record, and the key itself, which nobody can tell again.
+        """Creates a key; returns its record and the key, which is not stored.
 
         Args:
-            name: for people.
-            role: what it may do, see `KeyRecord`.
-            lifetime_s: seconds until it expires; None: never.
-            project: whose scenes it sees.
-            scene_id: the one scene of the project that it sees, if not all; then it is a reader's, and expires.
+            scene_id: restricts the key to one scene; such a key is a reader's and expires.
 
         Raises:
             InvalidInputError: an unusable name, role or lifetime.
-            NotFoundError: there is no such project.
+            NotFoundError: no such project.
         """
         if not 0 < len(name) <= _MAX_NAME or not name.isprintable():
             raise InvalidInputError("the name is empty, too long or not printable", field="name")
@@ -77,26 +72,24 @@ class Keys:
         return record, key
 
     def all(self) -> tuple[KeyRecord, ...]:
-        """Every key ever made, oldest first."""
+        """Every key ever created, oldest first."""
         return tuple(self._rows.all())
 
     def revoke(self, key_id: str) -> None:
-        """Take a key back. Raises `NotFoundError`: there is none of that id."""
+        """Revokes a key; `NotFoundError` if there is none of that id."""
         self._rows.revoke(key_id, time.time())
 
     def valid(self) -> KeyRing:
-        """The keys that open something now."""
+        """The currently valid keys."""
         now = time.time()
         by_id = {record.id: record for record in self._rows.valid(now)}
         return KeyRing(by_id, frozenset(self._projects.names()))
 
     def ensure_first(self, path: Path) -> bool:
-        """If no key was ever made, make an operator's of the default project, and leave it in `path` (mode 0600).
+        """Creates an operator key in `path` (mode 0600) if no key was ever created.
 
-        Any number of processes may do this at once: they agree on one key. Returns whether the file holds a new key.
-
-        Raises:
-            ResourceError: the file cannot be written.
+        Concurrent processes agree on one key. Returns whether the file holds a new key; raises `ResourceError` on
+        failure.
         """
         if self._rows.all():
             return False
@@ -113,23 +106,22 @@ class Keys:
 
 
 class KeyRing:
-    """Valid keys in memory, enough to judge a key without a look into the database."""
+    """Valid keys in memory, checked without database access."""
 
     def __init__(self, by_id: Mapping[str, KeyRecord], projects: Set[str] = frozenset()) -> None:
         self._by_id = by_id
         self.projects = projects
-        """The names of all projects."""
+        """All project names."""
 
     def __contains__(self, key_id: object) -> bool:
         return key_id in self._by_id
 
     def is_valid(self, key_id: str) -> bool:
-        """Whether the key of this id is valid now."""
         record = self._by_id.get(key_id)
         return record is not None and record.valid(time.time())
 
     def find(self, key: str) -> KeyRecord | None:
-        """The record of a key that is valid now. Takes as long for a wrong secret as for the right one."""
+        """Record of a currently valid key; the secret is compared in constant time."""
         match = _KEY.fullmatch(key)
         record = self._by_id.get(match[1]) if match else None
         same = hmac.compare_digest(_hash(key), record.hash if record else _NOBODY)
@@ -137,7 +129,7 @@ class KeyRing:
 
 
 def key_id_of(key: str) -> str:
-    """The id inside a key; "" if it has not the shape of one."""
+    """Id inside a key; "" if malformed."""
     match = _KEY.fullmatch(key)
     return match[1] if match else ""
 
@@ -157,7 +149,7 @@ def _record(key: str, name: str, role: Role, lifetime_s: float | None, project: 
 
 
 def _shared_secret(path: Path) -> str:
-    """The key in `path`; whoever is first writes it, whole or not at all."""
+    """Key in `path`; the first process writes it atomically."""
     partial = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
     handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:

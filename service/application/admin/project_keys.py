@@ -1,4 +1,4 @@
-"""Access keys of one project for its admins and operators, whose own role bounds them."""
+"""Access keys of one project, managed by its admins and operators."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDe
 from fastsplat_contract.server.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
 
 MAX_KEYS = 1_000
-"""Valid keys of a project, and those made in a day: every server has all valid keys in memory."""
+"""Limit of valid and recent keys of a project; servers keep all in memory."""
 
 _DAY_S = 86_400.0
 
 
 class ProjectKeys:
-    """The keys of one project. A key of a higher role than the caller's does not exist for the caller."""
+    """Keys of one project; keys of a higher role are hidden from the caller."""
 
     def __init__(self, store: Store, settings: Settings, project: str) -> None:
         self._store = store
@@ -33,14 +33,14 @@ class ProjectKeys:
         self._keys = Keys(store.keys, store.projects)
 
     def create(self, caller_role: Role, request: KeyIn) -> NewKey:
-        """Make a key of the project; nobody can tell its secret again.
+        """Creates a key of the project; its secret is shown only here.
 
         Raises:
-            PermissionDeniedError: its role would be higher than the caller's.
-            InvalidInputError: an unusable name; a key of one scene that is no reader's, or does not expire.
-            NotFoundError: the project has no such scene.
-            ConflictError: a key of one scene, where nobody needs a key.
-            QuotaError: the project has, or was given in the last day, as many keys as may be.
+            PermissionDeniedError: the role is higher than the caller's.
+            InvalidInputError: an unusable name; a key of one scene with another role than reader, or without expiry.
+            NotFoundError: no such scene in the project.
+            ConflictError: a key of one scene, on a server without authentication.
+            QuotaError: `MAX_KEYS` is reached.
         """
         if request.role not in _up_to(caller_role):
             raise PermissionDeniedError(
@@ -70,20 +70,11 @@ class ProjectKeys:
         return NewKey(as_key(record, now), secret)
 
     def create_for_upload(self, request: UploadKeyIn) -> NewKey:
-        """Make a key with which one scene may be posted; nobody can tell its secret again.
-
-        Raises:
-            QuotaError: as `create`.
-        """
+        """Creates a key that permits one upload; raises `QuotaError` as `create`."""
         return self.create("uploader", KeyIn("one upload", "uploader", request.lifetime_s or UPLOAD_KEY_S))
 
     def list(self, caller_role: Role, page_size: int = 0, page_token: str = "", scene_id: str = "") -> KeyList:
-        """Keys of the project, newest first, in pages as `SceneService.list_scenes`; never a secret. With a scene, only
-        those that show it alone.
-
-        Raises:
-            InvalidInputError: a negative size, or a token that no page returned.
-        """
+        """Lists keys (of `scene_id`, if given), newest first, paged as `SceneService.list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         after = read_page_token(page_token)
         records = self._store.keys.of_project(self._project, _up_to(caller_role), size + 1, after, scene_id)
@@ -93,33 +84,21 @@ class ProjectKeys:
         return KeyList(tuple(as_key(record, now) for record in records[:size]), token)
 
     def revoke(self, caller_role: Role, key_id: str) -> AccessKey:
-        """Take a key back, for ever; what it has under way ends within seconds. Returns the key as it now stands.
-
-        Raises:
-            NotFoundError: the project has none of that id, or the caller's role is lower.
-        """
+        """Revokes a key within the caller's role; running calls end within seconds."""
         self._get(caller_role, key_id)
-        # Taking a key back must work on a full disk.
+        # Revocation must work on a full disk.
         self._store.reserve.lend(lambda: self._keys.revoke(key_id))
         return as_key(self._get(caller_role, key_id), time.time())
 
     def begin_upload(self, key_id: str) -> None:
-        """Let a key for one upload be valid for a day from its making, as its upload begins.
-
-        Raises:
-            ConflictError: it has made a scene before.
-        """
+        """Extends an unused upload key to one day after creation; raises `ConflictError` otherwise."""
         record = self._store.keys.find(key_id)
         if record is None or record.operation_id is not None:
             raise _used()
         self._store.keys.prolong(key_id, record.created_at + _DAY_S)
 
     def check_made(self, key_id: str, operation_id: str) -> None:
-        """Check that a key for one upload has made this operation.
-
-        Raises:
-            NotFoundError: it has made none of that id.
-        """
+        """Raises `NotFoundError` unless an upload key created this operation."""
         record = self._store.keys.find(key_id)
         if record is None or record.operation_id != operation_id:
             raise no_operation(operation_id)
@@ -132,10 +111,9 @@ class ProjectKeys:
 
 
 def check_unused(connection: Connection, key_id: str, operation_id: str) -> None:
-    """Note that a key for one upload makes an operation, in the transaction that makes it.
+    """Binds an upload key to an operation, inside the transaction that creates it.
 
-    Raises:
-        ConflictError: it has made one before, or is not valid any more; the transaction must not be committed.
+    Raises `ConflictError` for a used or invalid key; the transaction must not be committed then.
     """
     if not use_key(connection, key_id, operation_id, time.time()):
         raise _used()
@@ -150,12 +128,12 @@ def _used() -> ConflictError:
 
 
 def _up_to(role: Role) -> tuple[Role, ...]:
-    """The roles that are not higher than this one."""
+    """Roles up to and including this one."""
     return ROLES[: ROLES.index(role) + 1]
 
 
 def as_key(record: KeyRecord, now: float) -> AccessKey:
-    """A key as its project's admins see it at time `now`: without its hash."""
+    """Converts a key record for its project's admins, without its hash."""
     state: KeyState = "VALID" if record.valid(now) else "EXPIRED" if record.revoked_at is None else "REVOKED"
     return AccessKey(
         id=record.id,

@@ -1,4 +1,4 @@
-"""Known names of one project: listed, forgotten, suggested for things that look alike."""
+"""Known names of one project: list, removal, and suggestions for similar things."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from fastsplat_contract.messages.known_names import EVERY_NAME, KnownName, Known
 from fastsplat_contract.messages.things import NameSuggestion, SceneThing, SuggestionSource
 
 _KEPT_PROJECTS = 64
-"""Those whose names are kept in memory, 1 to 2 MB each at most."""
+"""Projects whose names are cached, at most 1 to 2 MB each."""
 
 
 class KnownNames:
-    """The names of one project; no other project has them. Every method is safe from any thread."""
+    """Names given in one project, invisible to others. Thread-safe."""
 
     def __init__(self, store: Store, settings: Settings) -> None:
         self._store = store
@@ -36,17 +36,13 @@ class KnownNames:
         self._lock = threading.Lock()
 
     def over(self, store: Store) -> KnownNames:
-        """The same, and what it keeps in memory, for another view of the store."""
+        """Same object and cache for another view of the store."""
         other = copy.copy(self)
         other._store = store
         return other
 
     def list(self, page_size: int = 0, page_token: str = "") -> KnownNameList:
-        """The names that people gave and that stand, newest first, in pages as `SceneService.list_scenes`.
-
-        Raises:
-            InvalidInputError: a negative size, or a token that no page returned.
-        """
+        """Lists names given by people, newest first, paged as `SceneService.list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         records = self._store.known_names.page(size + 1, read_page_token(page_token))
         more = len(records) > size
@@ -66,17 +62,12 @@ class KnownNames:
         return KnownNameList(tuple(names), token)
 
     def forget(self, name_id: str) -> None:
-        """Suggest a name, or with `EVERY_NAME` each of the project, no more, and remove it from the list; its scene
-        keeps the name.
-
-        Raises:
-            NotFoundError: the project has none of that id.
-        """
+        """Stops suggesting a name (`EVERY_NAME`: all); scenes keep it. Raises `NotFoundError`."""
         forgotten = None if name_id == EVERY_NAME else name_id
         self._store.reserve.lend(lambda: self._store.known_names.forget(forgotten))
 
     def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
-        """Listed things with the names of other scenes among their suggestions."""
+        """Adds names from other scenes to the suggestions of listed things."""
         weighed = self.suggesting(scene_id, ranked)
         if weighed is ranked:
             return tuple(listed)
@@ -90,20 +81,19 @@ class KnownNames:
         return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
 
     def suggesting(self, scene_id: str, ranked: RankedScene) -> RankedScene:
-        """A version of a scene with what other scenes suggest for its things, and say of its sources; where there is
-        one scene alone, as it is: what others are called is nothing to show."""
+        """Adds suggestions and source trust from other scenes, hidden from keys of one scene."""
         looks = any(thing.appearance or tags_of(thing.reads) for thing in ranked.names.present)
         if self._store.only_scene or not (looks or ranked.names.sources):
             return ranked
         return ranked.suggesting(self._known(), scene_id)
 
     def _known(self) -> Sequence[KnownThing]:
-        """All names of the project; the same sequence until there are others."""
+        """All names of the project; the same sequence until they change."""
         project = self._store.project
         keys, known = self._kept.get(project, ((), ()))
         current = self._store.known_names.keys()
         if list(keys) != list(current):
-            # What is written in between is found by the next question: these keys are then no longer the current ones.
+            # Concurrent writes are picked up by the next query, as they change the keys.
             keys, records = current, self._store.known_names.all()
             known = tuple(
                 KnownThing(

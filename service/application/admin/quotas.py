@@ -1,4 +1,4 @@
-"""Quotas of projects, checked before bytes are taken and again in the transaction that makes a scene."""
+"""Project quotas, checked before upload and in the transaction that creates a scene."""
 
 from __future__ import annotations
 
@@ -10,40 +10,31 @@ from fastsplat_contract.errors import QuotaError
 
 
 class Quotas:
-    """Quotas of every project, all of them alike."""
+    """The same quotas for every project."""
 
     def __init__(self, usage: QuotaUsage, settings: QuotaSettings) -> None:
         self._usage = usage
         self._settings = settings
 
     def check_room(self, project: str, pending_bytes: int) -> None:
-        """Return if `project` may make one scene more, beside `pending_bytes` of unfinished uploads.
-
-        Raises:
-            QuotaError: they may not; says which bound it is.
-            DatabaseError: the database does not answer.
-        """
+        """Raises `QuotaError` unless one more scene fits beside `pending_bytes` of unfinished uploads."""
         if not self.bounded:
             return
         usage = self._usage.of(project)
         self._check(Usage(usage.scenes + 1, usage.stored_bytes + pending_bytes, usage.queued_jobs + 1))
 
     def check_retry(self, project: str) -> None:
-        """Return if `project` may have one job more that waits or runs. Raises `QuotaError`: it may not."""
+        """Raises `QuotaError` unless one more active job fits."""
         usage = self._usage.of(project)
         self._check(Usage(usage.scenes, usage.stored_bytes, usage.queued_jobs + 1))
 
     def reserve(self, connection: Connection, project: str, scene_id: str, size: int) -> None:
-        """Count a scene against its project, in the transaction that makes it.
-
-        Raises:
-            QuotaError: it would pass a bound; the transaction must not be committed.
-        """
+        """Counts a scene in the transaction that creates it, to be aborted on `QuotaError`."""
         self._check(reserve(connection, project, scene_id, size))
 
     @property
     def bounded(self) -> bool:
-        """Whether there is any bound."""
+        """True if any quota is set."""
         return bool(self._settings.scenes or self._settings.stored_bytes or self._settings.queued_jobs)
 
     def _check(self, usage: Usage) -> None:

@@ -1,4 +1,4 @@
-"""Capabilities and health of this server, as one of its callers may know them."""
+"""Capabilities and health of this server, as visible to a caller."""
 
 from __future__ import annotations
 
@@ -34,21 +34,15 @@ from fastsplat_contract.server.server_status import (
 )
 
 _SOMEWHERE = ("192.0.2.1", 9)
-"""An address of the documentation's (RFC 5737), to which nothing is sent."""
+"""Documentation address (RFC 5737); nothing is sent to it."""
 
 
 def server_status(store: Store, settings: Settings, project: str, role: Role, key_id: str) -> ServerStatus:
-    """The status as a caller of this role may know it.
+    """Status of the server, limited to what the caller's role may see.
 
     Args:
         store: of all projects.
-        settings: of this server.
-        project: whose quotas are told.
-        role: the caller's.
         key_id: the caller's; "" without keys.
-
-    Raises:
-        DatabaseError: the database does not answer.
     """
     now = time.time()
     record = store.keys.find(key_id) if key_id else None
@@ -81,14 +75,7 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
 
 
 def _health(store: Store, settings: Settings) -> ServerHealth:
-    """The health of the workers and the queue of this database, and of this server's disk, now.
-
-    Seconds are by this machine's clock: they are wrong by as much as a worker's differs.
-
-    Raises:
-        DatabaseError: the database does not answer.
-        OSError: the data folder is gone.
-    """
+    """Health of workers, queue and disk; seconds include clock differences between machines."""
     now, timeout_s = time.time(), settings.jobs.stalled_worker_timeout_s
     registered = [worker for worker in store.workers.list_workers() if worker.heartbeat_at > 0]
     jobs, since = store.job_metrics.jobs_by_state(), store.job_metrics.waits_since()
@@ -110,9 +97,9 @@ def _health(store: Store, settings: Settings) -> ServerHealth:
 
 
 def page_addresses(settings: Settings) -> tuple[str, ...]:
-    """Where other machines reach the page: the address of the settings, or this machine's own in its network.
+    """URLs of the page for other machines, configured or by this machine's network address.
 
-    Empty where it listens on loopback alone, on a port that the system chose, or in no network.
+    Empty if the server listens only on loopback or on a port chosen by the system, or has no network.
     """
     if settings.page_address:
         return (settings.page_address.rstrip("/") + "/",)
@@ -120,7 +107,7 @@ def page_addresses(settings: Settings) -> tuple[str, ...]:
         return ()
     try:
         host = ipaddress.ip_address(settings.host.strip("[]"))
-    except ValueError:  # a name: localhost, or one that the network knows
+    except ValueError:  # a host name
         if settings.host.lower() == "localhost":
             return ()
         return (_url(settings, settings.host),)
@@ -136,7 +123,7 @@ def _url(settings: Settings, host: str) -> str:
 
 
 def _own_address() -> str:
-    """The address with which this machine would begin a connection to elsewhere; "" without a network."""
+    """This machine's address for outgoing connections; "" without a network."""
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect(_SOMEWHERE)
@@ -163,13 +150,12 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = False  # what scores of such a model mean is not measured
+        calibrated = False  # scores of such models are not calibrated
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 
 def weighed_with_encoder(settings: Settings) -> bool:
-    """Whether answers weigh what the lexicon of the settings says: whether it was measured with their text encoder,
-    templates and score, and no threshold of cosines is set."""
+    """True if answers use the lexicon: measured with this encoder, without cosine threshold."""
     query, perception = settings.query, settings.perception
     digest = _digest(perception.text_encoder, settings.models)
     return (
@@ -182,13 +168,13 @@ def weighed_with_encoder(settings: Settings) -> bool:
 def _calibrated(
     name: str, models: Path, score: Score, templates: Sequence[str], negatives: Sequence[str]
 ) -> bool | None:
-    """Whether answers by this encoder have measured probabilities; None if it cannot be opened."""
+    """True if this encoder's scores are calibrated; None if it cannot be opened."""
     digest = _digest(name, models)
     return None if digest is None else calibration_for(name, digest, score, templates, negatives) is not None
 
 
 def _digest(name: str, models: Path) -> str | None:
-    """The hash of an encoder's weights; None if it cannot be opened, now."""
+    """Hash of an encoder's weights; None if it cannot be opened now."""
     try:
         return _opened_digest(name, models)
     except FastSplatError:
@@ -203,7 +189,7 @@ def _opened_digest(name: str, models: Path) -> str:
 
 
 def namer_status(store: Store, settings: Settings, project: str) -> NamerStatus | None:
-    """The namer of the settings, and whether the project agreed to its host; None where there is none."""
+    """Configured namer, and the project's consent to its host; None without a namer."""
     namer = settings.namer
     if not namer.url:
         return None

@@ -9,11 +9,11 @@ from typing import Any
 
 from fastsplat.service.store.queue.job_metrics import JobMetrics
 
-_OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
+_OVERLAP_S = 120.0  # clocks of other machines may be behind
 
 
 class ServiceMetrics:
-    """Jobs by state, and the seconds of every stage of the jobs that ended since this object was made."""
+    """Job counts by state, and stage durations of jobs that ended since construction."""
 
     def __init__(self, rows: JobMetrics, open_scenes: Callable[[], int]) -> None:
         self.open_scenes = open_scenes
@@ -23,11 +23,11 @@ class ServiceMetrics:
         self._seen = {operation_id: at for operation_id, at, _ in self._ended()}
 
     def jobs(self) -> Mapping[str, int]:
-        """How many jobs are in each state."""
+        """Number of jobs by state."""
         return self._rows.jobs_by_state()
 
     def newly_ended_stages(self) -> Sequence[tuple[str, float]]:
-        """(stage, seconds) of the jobs that ended since the last call; each job is told once."""
+        """(stage, seconds) of jobs that ended since the last call, each reported once."""
         with self._lock:
             now = time.time()
             stages: list[tuple[str, float]] = []

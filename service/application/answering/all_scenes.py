@@ -1,4 +1,4 @@
-"""Search over all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
+"""Search over all scenes of a project; only answers that need Gaussians open a scene."""
 
 from __future__ import annotations
 
@@ -35,20 +35,11 @@ MAX_SKIPPED = 1_000
 _OF_GAUSSIANS = frozenset({"mask3d", "objects"})
 
 AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
-"""The answers of one scene, opened, whatever the outputs."""
+"""Answers one scene, opening it for any output."""
 
 
 class AllScenes:
-    """Queries to all scenes at once.
-
-    Args:
-        store: of one project.
-        calls: the limits.
-        scenes: of that store.
-        memory: that answers are made in.
-        known_names: of that store.
-        ask_one: opens the scene that a request names.
-    """
+    """Queries to all scenes of one project."""
 
     def __init__(
         self,
@@ -67,11 +58,12 @@ class AllScenes:
         self._ask_one = ask_one
 
     def query(self, query: TextQuery, request: QueryRequest) -> QueryOut:
-        """The answers of the READY scenes, newest first, and those scenes that were not asked: damaged ones, and those
-        beyond the limit. Those that are deleted meanwhile are in neither.
+        """Answers of the READY scenes, newest first, and the skipped ones.
+
+        Damaged scenes and those over the limit are reported as skipped; scenes deleted meanwhile are not.
 
         Raises:
-            InvalidInputError: the request holds what belongs to one scene.
+            InvalidInputError: the request has options of a single scene.
             LimitExceededError, CancelledError: as `Answers.query`.
         """
         _check_everywhere(request)
@@ -93,7 +85,7 @@ class AllScenes:
         return QueryOut(tuple(answers), tuple(skipped[:MAX_SKIPPED]), len(skipped))
 
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
+        """Answers of one scene; masks and objects need its Gaussians unless all are "absent"."""
         version, ranked = self._scenes.ranked(request.scene_id)
         answers = self._known_names.suggesting(request.scene_id, ranked).answer(
             query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
@@ -122,7 +114,7 @@ def completed(
     mask3d: bytes | None = None,
     objects: tuple[SceneThing, ...] | None = None,
 ) -> Answer:
-    """An answer as it is sent: of which scene and version, with as many matches as are shown, and the outputs."""
+    """Completes an answer with scene, version, outputs, and the number of matches to show."""
     shown = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
@@ -137,7 +129,7 @@ def completed(
 
 
 def _check_everywhere(request: QueryRequest) -> None:
-    """Refuse what belongs to one scene."""
+    """Rejects options of a single scene."""
     if "mask2d" in request.outputs:
         raise InvalidInputError(
             '"mask2d" needs one scene: cameras belong to a scene', field="outputs", hint="Name the scene."

@@ -1,4 +1,4 @@
-"""Queries to finished scenes: which artefact, asked what, in which form."""
+"""Queries to finished scenes: answers, pictures, things, picking, measuring."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from fastsplat_contract.messages.things import PickedThing, PickRequest, ThingLi
 from fastsplat_contract.photos.pictures import PictureRequest
 
 _Camera = tuple[str, int, PosedCamera]
-"""Name of the scene's own view or "", number in the request, and the view."""
+"""View name ("": not the scene's own), number in the request, and camera."""
 
 
 class Answers:
-    """Queries to finished scenes. Every method is safe from any thread."""
+    """Queries to finished scenes. Thread-safe."""
 
     def __init__(
         self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
@@ -47,18 +47,17 @@ class Answers:
         self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
 
     def query(self, request: QueryRequest) -> QueryOut:
-        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first:
-        then those that were not asked are named, too, damaged ones or too many.
+        """Answers one scene, by text, or without a scene id every READY scene, newest first.
 
-        Cameras, views and versions belong to one scene.
+        Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped.
 
         Raises:
             NotFoundError: unknown scene, version or view.
             NotReadyError: the scene's training has not finished, or has failed.
             InvalidInputError: an empty text, or "mask2d" without a camera or view.
             LimitExceededError: too many or too long texts, too many or too large cameras.
-            ModelUnavailableError: the scene's text encoder is not in the model directory.
-            CancelledError: nobody waits for the answer any more.
+            ModelUnavailableError: the scene's text encoder is missing.
+            CancelledError: the caller stopped waiting.
         """
         query = self._check(request)
         if request.scene_id:
@@ -66,11 +65,7 @@ class Answers:
         return self._all_scenes.query(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
-        """One view of a scene as a picture, or as an array file.
-
-        Raises:
-            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
-        """
+        """A view of a scene as a picture or array file; raises as `query`."""
         question = question_of(request)
         query = check_query((question,), self._settings.query) if question else None
         check_texts(dataclasses.replace(request, scene_id=""))
@@ -86,11 +81,11 @@ class Answers:
         return self._scenes.reading(request.scene_id, request.version, read)
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
-        """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
+        """Path of the scene's 3DGS PLY file, immutable until deletion, and its version.
 
         Raises:
             NotFoundError, NotReadyError: as `query`.
-            SceneFileError: its bytes are not those that were published.
+            SceneFileError: the file's digest is wrong.
         """
         version = self._scenes.version(scene_id, version)
         folder = self._scenes.folder(scene_id, version)
@@ -107,17 +102,7 @@ class Answers:
     def list_things(
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
     ) -> ThingList:
-        """Every thing of a scene, with or without a name, by id, in pages as `list_scenes`.
-
-        Args:
-            version: of the scene; "" is the current one.
-            page_size, page_token: as `SceneService.list_scenes`.
-            parts: whether each thing is followed by its parts.
-
-        Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
-        """
+        """Every thing of a scene by id, paged as `SceneService.list_scenes`; `parts` includes parts."""
         size = check_page_size(page_size, self._settings.store)
 
         def read(index: SceneIndex, read_version: str) -> ThingList:
@@ -130,14 +115,15 @@ class Answers:
         return self._scenes.reading(scene_id, version, read)
 
     def pick(self, request: PickRequest) -> PickedThing:
-        """The thing at a pixel or in a box of a view, or at a point of the scene, the part of it there and the group
-        that it is in; with the mask of the level that is asked for.
+        """Picks the thing, part and group at a pixel, box or point.
+
+        The mask is of the requested level.
 
         Raises:
-            NotFoundError: unknown scene, version or view; no thing is there, or no part or group that is asked for.
+            NotFoundError: unknown scene, version or view; no thing there, or no part or group as requested.
             NotReadyError: as `query`.
-            InvalidInputError: not exactly one of pixel, box and point; a pixel or a box outside the picture; not
-                exactly one of camera and view with a pixel or a box.
+            InvalidInputError: not exactly one of pixel, box and point; a pixel or box outside the picture, or without
+                exactly one of camera and view.
             LimitExceededError: too large a camera.
         """
         check_pick(request)
@@ -171,12 +157,12 @@ class Answers:
         return self._scenes.reading(request.scene_id, request.version, read)
 
     def measure(self, request: MeasureRequest) -> Measurement:
-        """How far two places are from each other, how large a thing is, or where a place is.
+        """Measures the distance of two places, or the size or position of one.
 
         Raises:
             NotFoundError: unknown scene, version, view or thing; nothing is seen at a pixel.
             NotReadyError: as `query`.
-            InvalidInputError: not one or two places, or one that makes no sense.
+            InvalidInputError: not one or two places, or an invalid one.
         """
         check_texts(dataclasses.replace(request, scene_id=""))
 
@@ -230,7 +216,7 @@ class Answers:
         check_encodings(query)
         if "mask2d" in request.outputs:
             check_pixels(request.cameras, len(request.texts))
-        check_texts(dataclasses.replace(request, scene_id=""))  # whatever id there is not is not found
+        check_texts(dataclasses.replace(request, scene_id=""))  # an unknown id is a NotFoundError
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(
                 '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."
@@ -269,7 +255,7 @@ def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: Q
 
 
 def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:
-    """The estimated peak of an answer in bytes, and the field that has most of it."""
+    """Estimated peak of an answer in bytes, and the field that dominates it."""
     texts, gaussians = len(request.texts), index.scene.gaussians
     mask2d = mask3d = 0
     if "mask2d" in request.outputs:

@@ -1,4 +1,4 @@
-"""Cost of a request, computed from its arguments and bounded before any work is done."""
+"""Cost limits of a request, checked before any work."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _MAX_ENCODINGS = 1_024
-"""Sentences that one question may have encoded: (texts + negatives) x templates."""
+"""Limit of sentences to encode per query: (texts + negatives) x templates."""
 _MAX_QUESTION_PIXELS = 2**27
-"""Pixels that one question may have rendered: views x texts."""
+"""Limit of pixels to render per query: views x texts."""
 
 
 def check_encodings(query: TextQuery) -> None:
-    """Raise if a question has too many sentences to encode: (texts + negatives) times templates.
-
-    Raises:
-        LimitExceededError: more than `_MAX_ENCODINGS`.
-    """
+    """Raises `LimitExceededError` for more than `_MAX_ENCODINGS` sentences to encode."""
     texts, negatives, templates = len(query.texts), len(query.negatives), len(query.templates)
     count = (texts + negatives) * templates
     if count > _MAX_ENCODINGS:
@@ -32,15 +28,7 @@ def check_encodings(query: TextQuery) -> None:
 
 
 def check_pixels(cameras: Iterable[PosedCamera], masks: int) -> None:
-    """Raise if a question has too many pixels to render: those of its views, for every text.
-
-    Args:
-        cameras: the views.
-        masks: how many texts each is rendered for.
-
-    Raises:
-        LimitExceededError: more than `_MAX_QUESTION_PIXELS`.
-    """
+    """Raises `LimitExceededError` for more than `_MAX_QUESTION_PIXELS`; `masks` is the number of texts."""
     views = [posed.camera for posed in cameras]
     pixels = masks * sum(camera.width * camera.height for camera in views)
     if pixels > _MAX_QUESTION_PIXELS:

@@ -1,4 +1,4 @@
-"""The things of finished scenes as robots need them."""
+"""Things of finished scenes as detections for robots."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastsplat_contract.messages.detections import DetectionList
 
 
 class Detections:
-    """Records of things with all that is known of them. Every method is safe from any thread."""
+    """Full records of things. Thread-safe."""
 
     def __init__(self, settings: Settings, scenes: OpenScenes, known_names: KnownNames) -> None:
         self._settings = settings
@@ -20,16 +20,7 @@ class Detections:
         self._known_names = known_names
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
-        """Every thing of a scene, by id, in pages as `SceneService.list_scenes`; its parts are not among them.
-
-        Args:
-            version: of the scene; "" is the current one.
-            page_size, page_token: as `SceneService.list_scenes`.
-
-        Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
-        """
+        """Every thing of a scene by id, without parts, paged as `SceneService.list_scenes`."""
         from fastsplat.service.query.measures.thing_detections import detections_of  # scipy loads with the first call
 
         check_texts(version, "version")

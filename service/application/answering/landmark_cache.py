@@ -1,4 +1,4 @@
-"""Cache of scenes' landmarks between requests to localize photos."""
+"""Cache of scenes' landmarks for photo localization."""
 
 from __future__ import annotations
 
@@ -27,13 +27,11 @@ from fastsplat_contract.errors import NotReadyError
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _KEPT = 2
-"""Versions."""
+"""Number of cached versions."""
 
 
 class LandmarkCache:
-    """Cache of the landmarks of the versions that photos were last localized in, until others need the memory. Threads
-    may share it.
-    """
+    """Landmarks of recently used versions, until their memory is needed. Thread-safe."""
 
     def __init__(self, settings: LocalizationSettings, memory: MemoryBudget) -> None:
         self._settings = settings
@@ -43,19 +41,13 @@ class LandmarkCache:
         self._kept: LeastRecentlyUsed[tuple[str, str], Landmarks] = LeastRecentlyUsed(_KEPT * self._largest)
 
     def of(self, scene_id: str, version: str, index: SceneIndex, folder: Path, blobs: Blobs) -> Landmarks:
-        """The landmarks of a version: found by the first request, which takes some tenths of a second a photo.
+        """Landmarks of a version; computing them takes some tenths of a second per photo.
 
-        Args:
-            scene_id: of which scene.
-            version: its name.
-            index: of that version.
-            folder: of that version.
-            blobs: whose digests the photos are checked by.
+        `blobs` checks the photos' digests.
 
         Raises:
-            NotReadyError: no photo is kept with the scene.
+            NotReadyError: the scene keeps no photos.
             SceneFileError: a photo is damaged.
-            CancelledError: see `service.common.cancellation`.
         """
 
         def find() -> Landmarks:
@@ -71,7 +63,7 @@ class LandmarkCache:
         return landmarks
 
     def forget(self, scene_id: str) -> None:
-        """Let go of one scene."""
+        """Drops one scene."""
         self._kept.drop(lambda key: key[0] == scene_id)
 
     @property
@@ -85,17 +77,11 @@ class LandmarkCache:
 
 
 def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:
-    """The photos that are kept with a version, to be read one by one.
-
-    Args:
-        cameras: of the scene, in order.
-        folder: of the version.
-        side: they are reduced to so many pixels on the longer side.
-        blobs: whose digests they are checked by; None: by none.
+    """Lazy readers of a version's kept photos, downscaled to `side` pixels (longer side).
 
     Raises:
         NotReadyError: there are none.
-        SceneFileError: one is damaged.
+        SceneFileError: one is damaged; checked by `blobs`, if given.
     """
     paths = [(posed, photo_path(folder, number)) for number, posed in enumerate(cameras)]
     there = [(posed, path) for posed, path in paths if path.is_file()]

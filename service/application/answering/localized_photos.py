@@ -1,5 +1,4 @@
-"""Localization of decoded photos: places in a scene, what is seen from there, and what they show that the scene does
-not."""
+"""Localization of decoded photos: poses, visible things, and differences from the scene."""
 
 from __future__ import annotations
 
@@ -24,11 +23,10 @@ from fastsplat_contract.photos.localization import Localization, LocalizedPhoto,
 
 @dataclass(frozen=True)
 class LocalizedPictures:
-    """What became of the photos of a request, and their pixels.
+    """Localization results and the photos' pixels.
 
     Attributes:
-        answer: what is said of them.
-        pictures: uint8 [H, W, 3] each, undistorted, as they were compared with the scene; None without a place.
+        pictures: uint8 [H, W, 3] each, undistorted, as compared with the scene; None without a pose.
         taken_at: see `SentPhoto`.
     """
 
@@ -49,18 +47,11 @@ def localized_photos(
     rough: Sequence[NDArray[np.float64]],
     version: str,
 ) -> LocalizedPictures:
-    """One answer for each photo, in order, and what two of them agree has changed.
+    """Localizes photos, in order, and finds changes on which two of them agree.
 
     Args:
-        index: of the scene's version.
-        landmarks: of that version.
-        sent: the photos.
-        focals: pixels of each photo as it was sent; None: the photo's own, or unknown.
-        rough: float64 [4, 4] each, world from camera; none, or one for each photo.
-        version: the name of the scene's version.
-
-    Raises:
-        CancelledError: see `service.common.cancellation`.
+        focals: pixels of each photo as sent; None: from the photo, or unknown.
+        rough: float64 [4, 4] each, world from camera; one per photo, or none.
     """
     photos = [_photo(one, focal) for one, focal in zip(sent, focals, strict=True)]
     placed = place_photos(photos, landmarks, index.geometry, rough)

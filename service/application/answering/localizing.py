@@ -1,4 +1,4 @@
-"""Localization requests: checks, cost, and answer."""
+"""Photo localization requests: validation, memory, and answer."""
 
 from __future__ import annotations
 
@@ -27,20 +27,14 @@ if TYPE_CHECKING:  # torch and pycolmap load when they are used
     Located = tuple[SceneIndex, LocalizedPictures]
 
 MAX_PHOTOS_BYTES = 32 * 2**20
-"""Bytes of all photos of a request over REST; over gRPC a message has at most 4 MiB."""
+"""Limit of all photos of a REST request; gRPC messages have at most 4 MiB."""
 
 _WORK_BYTES = 192 << 20
-"""Of finding keypoints and matches of one photo after the other, at the default sizes."""
+"""Keypoints and matches of one photo at a time, at the default sizes."""
 
 
 class Localizing:
-    """Localization of photos in finished scenes. Every method is safe from any thread.
-
-    Args:
-        store, scenes: of a project.
-        settings: the server's.
-        memory: counts what is held and kept.
-    """
+    """Localization of photos in finished scenes. Thread-safe."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
         self._store = store
@@ -51,36 +45,35 @@ class Localizing:
         self._decoder = SparePhotoDecoder(settings.capture)
 
     def over(self, store: Store, scenes: OpenScenes) -> Localizing:
-        """The same, and what it keeps, with the scenes of another view of the store."""
+        """Same caches for another view of the store."""
         other = copy.copy(self)
         other._store, other._scenes = store, scenes
         return other
 
     def close(self) -> None:
-        """End what waits for the next request."""
+        """Stops the spare decoder."""
         self._decoder.close()
 
     def forget(self, scene_id: str) -> None:
-        """Let go of one scene."""
+        """Drops one scene."""
         self._landmarks.forget(scene_id)
 
     def localize(self, request: LocalizeRequest) -> Localization:
-        """Where photos were taken, what is seen from there, and what they show that the scene does not.
+        """Localizes photos: pose, visible things, and differences from the scene.
 
-        A photo that finds no place it can be sure of is answered with the reason, and without a pose.
+        A photo without a reliable pose gets a refusal with its reason.
 
         Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError: it is still being made, or no photos are kept with it.
-            InvalidInputError: no photo, an empty or damaged one, other numbers of focal lengths or poses than photos,
-                or focal lengths that cannot be.
+            NotFoundError: no such scene or version.
+            NotReadyError: it is still being made, or keeps no photos.
+            InvalidInputError: no photo, an empty or damaged one, or invalid or mismatched focal lengths or poses.
             LimitExceededError: too many photos, or too large ones.
-            ResourceError: decoding a photo took more than it may.
+            ResourceError: decoding a photo exceeded its limits.
         """
         return self.locate(request)[1].answer
 
     def locate(self, request: LocalizeRequest) -> Located:
-        """As `localize`, with the version that was read, and the photos' pixels."""
+        """As `localize`, with the scene's index and the photos' pixels."""
         from fastsplat.service.application.answering.localized_photos import localized_photos
 
         check_photos(request, self._settings)
@@ -108,11 +101,7 @@ class Localizing:
 
 
 def check_photos(request: LocalizeRequest, settings: Settings) -> None:
-    """Raise unless the photos of a request may be looked at; nothing is decoded.
-
-    Raises:
-        InvalidInputError, LimitExceededError: with the field.
-    """
+    """Validates a request without decoding photos; errors name the field."""
     check_texts(request.version, "version")
     limits, count = settings.localization, len(request.photos)
     if not count:
@@ -153,7 +142,7 @@ def check_photos(request: LocalizeRequest, settings: Settings) -> None:
 
 
 def too_many_bytes(size: int) -> LimitExceededError:
-    """The error of photos that are too large together."""
+    """Error for photos over `MAX_PHOTOS_BYTES`."""
     return LimitExceededError(
         f"photos of {size} bytes",
         field="photos",

@@ -1,4 +1,4 @@
-"""Masks of an answer in the encodings that a request may ask for."""
+"""Encodings of answer masks."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from fastsplat_contract.messages.queries import Answer
 def view_mask(
     index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
 ) -> ViewMask:
-    """Where an answer is in one camera."""
+    """Mask of an answer in one camera."""
     return encoded_mask(index.mask(answer, posed), view, camera_index, encoding)
 
 
 def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding: MaskEncoding) -> ViewMask:
-    """A bool [H, W] mask as it travels."""
+    """Encodes a bool [H, W] mask."""
     area = int(mask.sum())
     if encoding == "png":
         return ViewMask(view, camera_index, None, png_bytes(mask.astype(np.uint8) * 255), area)
@@ -34,12 +34,12 @@ def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding
 
 
 def encode_mask3d(mask: NDArray[np.bool_], encoding: Mask3dEncoding, gaussians: Gaussians) -> bytes:
-    """A bool [G] mask as `QueryRequest.mask3d_encoding` describes."""
+    """Encodes a bool [G] mask, see `QueryRequest.mask3d_encoding`."""
     return mask_ply(gaussians, mask) if encoding == "ply" else pack_mask3d(mask, encoding)
 
 
 def mask_ply(gaussians: Gaussians, mask: NDArray[np.bool_]) -> bytes:
-    """Just these Gaussians as a 3DGS PLY."""
+    """3DGS PLY of the masked Gaussians."""
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
         path = Path(folder) / "mask.ply"
         write_ply(gaussians, path, rows=mask)

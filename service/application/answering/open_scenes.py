@@ -1,4 +1,4 @@
-"""Cache of open scenes: mapped from disk with the first query, kept under a memory budget, one entry a version."""
+"""Memory-bounded cache of open scene versions, memory-mapped on first use."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the ser
 T = TypeVar("T")
 _TRIES = 3
 _COPIES = 2
-"""A scene weighs its mapped pages and the renderer's own activated arrays; and, open, the maps that it keeps."""
+"""Mapped pages, and the renderer's activated arrays; open scenes also keep maps."""
 
 
 class OpenScenes:
-    """Cache of open scenes, text encoders with their recent embeddings, and the lexicon, shared by all threads."""
+    """Cache of open scenes, text encoders, embeddings and the lexicon. Thread-safe."""
 
     def __init__(self, store: Store, settings: Settings, memory: MemoryBudget) -> None:
         self._store = store
@@ -52,32 +52,32 @@ class OpenScenes:
         self._encoder_lock = threading.Lock()
 
     def over(self, store: Store) -> OpenScenes:
-        """The same memory, encoders and lexicon, with the scenes, and the embeddings, of another view of the store."""
+        """Same memory, encoders and lexicon for another view of the store."""
         other = copy.copy(self)
         other._store = store
         return other
 
     def count(self) -> int:
-        """How many are open."""
+        """Number of open scenes."""
         return len(self._open)
 
     def close(self) -> None:
-        """Let go of every open scene."""
+        """Drops every open scene."""
         self._open.drop(lambda key: True)
         self._ranked.drop(lambda key: True)
 
     def forget(self, scene_id: str) -> None:
-        """Let go of one scene."""
+        """Drops one scene."""
         self._open.drop(lambda key: key[0] == scene_id)
         self._ranked.drop(lambda key: key[0] == scene_id)
 
     def reading(self, scene_id: str, version: str, use: Callable[[SceneIndex, str], T]) -> T:
-        """Call `use` with an open version of a scene, and its name; "" is the current one.
+        """Calls `use` with an open version ("": the current one) and its name.
 
         Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError: nothing of it can be asked yet, or its job ended before anything could.
-            SceneFileError: its files are damaged, or missing.
+            NotFoundError: no such scene or version.
+            NotReadyError: nothing of it can be queried yet, or its job ended before.
+            SceneFileError: its files are damaged or missing.
             LimitExceededError, CancelledError, DeadlineExceededError, CallAgainError: as `MemoryBudget.opening`.
         """
         name = self.version(scene_id, version)
@@ -86,12 +86,10 @@ class OpenScenes:
         return use(index, name)
 
     def ranked(self, scene_id: str) -> tuple[str, RankedScene]:
-        """The name of a scene's current version, and what that answers without its Gaussians. It is kept under a memory
-        budget of its own: the version is opened for it with the first question, and may leave before it.
+        """Current version and its answers without Gaussians; raises as `reading`.
 
-        Raises:
-            NotFoundError, NotReadyError, SceneFileError, LimitExceededError, CancelledError, DeadlineExceededError,
-                CallAgainError: as `reading`.
+        These answers have a memory budget of their own: the version opens with the first query, and may be evicted
+        earlier.
         """
         name = self.version(scene_id, "")
         made: list[RankedScene] = []
@@ -103,16 +101,12 @@ class OpenScenes:
         return name, self._ranked.get((scene_id, name), weigh, lambda: made[0])
 
     def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
-        """Hold a version open that was just written, so that the first question does not read it back."""
+        """Caches a version that was just written, so that it is not read back."""
         folder = self.folder(scene_id, version)
         self._open.get((scene_id, version), lambda: _weigh_open(folder), lambda: index)
 
     def version(self, scene_id: str, version: str) -> str:
-        """The name of a version that can be read; "" stands for the current one.
-
-        Raises:
-            NotFoundError, NotReadyError: as `reading`.
-        """
+        """Name of a readable version ("": the current one); raises as `reading`."""
         state, current, operation_id = self._store.scenes.current_version(scene_id)
         if not current:
             raise _not_ready(scene_id, state, operation_id)
@@ -125,26 +119,21 @@ class OpenScenes:
         return version or current
 
     def finished(self, scene_id: str) -> str:
-        """The name of the current version of a scene that is no draft.
-
-        Raises:
-            NotFoundError: there is no such scene.
-            NotReadyError: it is still being made, or its job has not succeeded.
-        """
+        """Current version of a READY scene; raises `NotReadyError` or `NotFoundError`."""
         state, current, operation_id = self._store.scenes.current_version(scene_id)
         if state != "READY":
             raise _not_ready(scene_id, state, operation_id)
         return current
 
     def folder(self, scene_id: str, version: str) -> Path:
-        """Where a version's files are. Raises `NotFoundError`: the scene was deleted meanwhile."""
+        """Folder of a version; raises `NotFoundError` if the scene was deleted."""
         folder = self._store.blobs.fetch_version(scene_id, version)
         if folder is None:
             raise _deleted(scene_id)
         return folder
 
     def _load(self, scene_id: str, version: str) -> SceneIndex:
-        for _ in range(_TRIES):  # this machine's copy may leave, for others', before it is open
+        for _ in range(_TRIES):  # the local copy may be evicted before it is opened
             folder = self.folder(scene_id, version)
             with self._memory.opening(_weigh(folder)):
                 try:
@@ -161,7 +150,7 @@ class OpenScenes:
         raise _deleted(scene_id)
 
     def index_of(self, scene: Scene) -> SceneIndex:
-        """A scene, from no folder, ready to be asked; it is not kept."""
+        """Index of a scene that is not stored or cached."""
         encoder = self._encoder(scene.text_encoder[0])
         caches = self._caches_of(encoder)
         return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
@@ -191,11 +180,11 @@ class OpenScenes:
 
 
 def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
-    """float64 [4, 4], where who asks stands: world from camera, OpenCV axes; None where the request does not say.
+    """Asker's pose, float64 [4, 4], world from camera, OpenCV axes; None if absent.
 
     Raises:
-        InvalidInputError: it says it twice.
-        NotFoundError: the scene has no such view.
+        InvalidInputError: asker and asker_view are both set.
+        NotFoundError: no such view.
     """
     if request.asker is not None and request.asker_view is not None:
         raise InvalidInputError("asker and asker_view at once", field="asker_view", hint="Send one of them.")
@@ -210,7 +199,7 @@ def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
 def _weigh(folder: Path) -> int:
     try:
         return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
-    except FileNotFoundError:  # being removed, as reading it will tell
+    except FileNotFoundError:  # being removed; reading will raise
         return 0
 
 

@@ -1,4 +1,4 @@
-"""The photos that are stored with finished scenes, and which of a scene's cameras show some things best."""
+"""Photos kept with finished scenes, and the best views of things."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from fastsplat_contract.photos.photo_verdicts import PhotoVerdict, PhotoVerdictL
 from fastsplat_contract.photos.scene_photos import BestView, BestViewList, PhotoList, ScenePhoto
 
 _OBSERVED = re.compile(r"(e[0-9a-f]{16})/([0-9]{1,4})")
-"""Names of photos of observations, see `ObservedPhoto.view`."""
+"""Photo names of observations, see `ObservedPhoto.view`."""
 _USUAL_VIEWS = 3
 _MAX_NAMED = 20
 
 
 class Photos:
-    """The photos of scenes. Every method is safe from any thread."""
+    """Photos of scenes. Thread-safe."""
 
     def __init__(
         self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
@@ -48,13 +48,7 @@ class Photos:
         self._known_names = known_names
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
-        """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
-        none where the settings store none.
-
-        Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
-        """
+        """Photos kept with a scene, in camera order, paged as `SceneService.list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         version, names, folder = self._cameras(scene_id, version)
         page, token = page_of(tuple(enumerate(names)), size, page_token, f"photos {scene_id} {version}")
@@ -62,13 +56,12 @@ class Photos:
         return PhotoList(tuple(ScenePhoto(name, size) for name, size in sizes if size), token, version)
 
     def path(self, scene_id: str, view: str, version: str = "") -> tuple[Path, str]:
-        """The JPEG file of a camera's photo, or of an observation's, and its version; gone with the scene, never
-        changed.
+        """JPEG file of a camera's or an observation's photo, immutable until deletion, and its version.
 
         Raises:
-            NotFoundError: there is no such scene, version or view, or no photo of it is stored.
+            NotFoundError: no such scene, version or view, or it has no photo.
             NotReadyError: as `Answers.query`.
-            SceneFileError: its bytes are not those that were published.
+            SceneFileError: the file's digest is wrong.
         """
         check_texts(view, "view")
         version, names, folder = self._cameras(scene_id, version)
@@ -100,12 +93,9 @@ class Photos:
         )
 
     def next_photos(self, scene_id: str, version: str = "") -> NextPhotoList:
-        """Where to stand for the next photos of a scene: at most three places, the most useful first; none where no
-        place would add much, and for a scene without cameras.
+        """At most three useful viewpoints for further photos, best first; raises as `Answers.query`.
 
-        Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError: as `Answers.query`.
+        None where no viewpoint would add much, and for scenes without cameras.
         """
         from fastsplat.service.query.measures.next_viewpoints import next_photos  # scipy loads with the first call
 
@@ -115,18 +105,17 @@ class Photos:
     def best_views(
         self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
     ) -> BestViewList:
-        """Which of a scene's cameras show some things best: by the share of their pictures that shows them, behind
-        nothing; what is cut off by the picture's edge counts less. None where no camera shows them, and where nothing
-        answers.
+        """Cameras that show some things best, by their visible share of the picture.
+
+        Things cut off by the picture's edge count less. Empty if no camera shows them, or nothing answers.
 
         Args:
             things: ids of things or parts, seen together.
             text: instead of `things`: those that answer it.
-            max_views: at most so many; 0: three.
-            version: of the scene; "" is the current one.
+            max_views: 0: three.
 
         Raises:
-            NotFoundError: there is no such scene, version or thing.
+            NotFoundError: no such scene, version or thing.
             NotReadyError: as `Answers.query`.
             InvalidInputError: not exactly one of things and text; a negative number of views.
             LimitExceededError: more than 16 views, or too long a text.
@@ -176,14 +165,14 @@ class Photos:
         return self._scenes.reading(scene_id, version, read)
 
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
-        """The version that is meant, the names of the scene's cameras in order, and the version's folder."""
+        """Resolved version, camera names in order, and the version's folder."""
         version = self._scenes.version(scene_id, version)
         names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).cameras)
         return version, names, self._scenes.folder(scene_id, version)
 
 
 def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
-    """The ids of the things that answer a text."""
+    """Ids of the things that answer a text."""
     (answer,) = ranked.answer(query, lambda: index.things)
     if answer.is_absent:
         return ()
@@ -191,7 +180,7 @@ def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tupl
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file, 0 if it is not there."""
+    """Bytes of a file, 0 if missing."""
     try:
         return path.stat().st_size
     except FileNotFoundError:
@@ -201,12 +190,7 @@ def size_of(path: Path) -> int:
 def photo_page(
     rows: Sequence[Mapping[str, Any]], quality: Mapping[str, Any], size: int, page_token: str, scene_id: str
 ) -> PhotoVerdictList:
-    """At most `size` of the stored verdicts of a scene's photos, those that the token names, with what its training
-    estimated of them (`photometric` of its quality).
-
-    Raises:
-        InvalidInputError: a token that no page returned.
-    """
+    """A page of stored photo verdicts, with the training's photometric corrections."""
     placed = sum(bool(row["placed"]) for row in rows)
     page, token = page_of(rows, size, page_token, f"photos {scene_id} {len(rows)}")
     corrections = quality.get("photometric", {})

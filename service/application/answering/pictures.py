@@ -1,4 +1,4 @@
-"""One view of a scene as a picture or as an array file."""
+"""Renders a view of a scene as a picture or array file."""
 
 from __future__ import annotations
 
@@ -21,18 +21,17 @@ from fastsplat_contract.photos.pictures import PictureKind, PictureRequest
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
 _ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")
 _EXACT: tuple[PictureKind, ...] = ("mask", *_ARRAYS)
-"""Kinds whose values mean something, so that no format may change them."""
+"""Kinds whose values carry meaning, so that no format may change them."""
 DEPTH_SCALE = 0.001
 _FARTHEST = 65_535
 
 
 def question_of(request: PictureRequest) -> str:
-    """The text whose answer the picture shows, "" for a kind that shows none.
+    """Validates a picture request; returns its text, "" for kinds without one.
 
     Raises:
-        InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
-            text, numpy's format for what is a picture, JPEG for what has to be exact, a depth scale that is none, tints
-            on another kind than rgb, or a coarse one.
+        InvalidInputError: both or neither of camera and view, an unknown kind, a missing text, "npy" for a picture,
+            JPEG for exact values, an invalid depth scale, or tints or coarse for another kind than rgb.
     """
     if (request.camera is None) == (request.view is None):
         raise InvalidInputError(
@@ -70,11 +69,10 @@ def question_of(request: PictureRequest) -> str:
 
 
 def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, query: TextQuery | None) -> bytes:
-    """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked, to be
-    asked of `ranked`.
+    """Encodes one picture of a request that passed `question_of`, which gave `query`.
 
     Raises:
-        NotFoundError: the scene has no such view, or not a thing that is tinted.
+        NotFoundError: no such view, or no such tinted thing.
     """
     posed = request.camera or index.view(request.view or "")
     kind, image_format = request.kind, request.format
@@ -98,7 +96,7 @@ def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, que
 def _image(
     index: SceneIndex, ranked: RankedScene, posed: PosedCamera, request: PictureRequest, query: TextQuery | None
 ) -> pictures.U8:
-    """uint8 [H, W, 3], or [H, W] of a mask."""
+    """uint8 [H, W, 3], or [H, W] for a mask."""
     if request.kind == "rgb":
         drawn = index.coarse if request.coarse else index
         rgb = drawn.render(posed)
@@ -122,7 +120,7 @@ def _image(
 def _tinted(
     index: SceneIndex, drawn: SceneThings, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest
 ) -> pictures.U8:
-    """The picture with the request's tints, where `drawn` shows the things of the scene."""
+    """Applies the request's tints; `drawn` shows the scene's things."""
     things = index.things
     tints = [
         tint._replace(things=things.with_members(tint.things, field=f"tints[{number}].things"))
@@ -137,13 +135,13 @@ def _tinted(
 
 
 def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:
-    """16-bit steps of `scale`; what is there is at least 1, and 65535 means so far or farther."""
+    """16-bit steps of `scale`: 0 is empty, 65535 means this far or farther."""
     steps = np.clip(np.rint(depth.astype(np.float64) / scale), 1, _FARTHEST)
     return _png16(np.where(depth > 0, steps, 0).astype(np.uint16), {"depth_scale": repr(scale)})
 
 
 def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Turbo over the range of depths that are there; near is red, nothing is black."""
+    """Turbo colors over the present depths: near is red, empty is black."""
     there = depth > 0
     if not there.any():
         return np.zeros((*depth.shape, 3), dtype=np.uint8)
@@ -154,7 +152,7 @@ def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def _normals_picture(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(n + 1) / 2 of the world's x y z in red, green and blue; black where there is no surface."""
+    """RGB of world normals, (n + 1) / 2; black without a surface."""
     colored = np.asarray(np.rint((normals + 1) * 127.5), np.uint8)
     colored[~normals.any(axis=-1)] = 0
     return colored

@@ -1,4 +1,4 @@
-"""What photos of another day say has changed in a scene, in the words of the contract."""
+"""Change detection from photos of another day, as contract messages."""
 
 from __future__ import annotations
 
@@ -23,25 +23,22 @@ from fastsplat_contract.photos.localization import PhotoDifference, SceneChange
 F64 = NDArray[np.float64]
 
 _TRIM = 0.02
-"""Share of a thing's Gaussians that its box leaves out at either end of each axis."""
+"""Share of a thing's Gaussians outside its box at either end of each axis."""
 _WIDE = 0.35
-"""Things as long along two axes, as a share of the place, are what others stand on, or the room itself."""
+"""Share of the place along two axes from which things count as supports or room."""
 _MARGIN = 0.1
 _LOOKED = 2
-"""Photos of the scene that have to have a place in their pictures."""
+"""Least number of scene photos that must have a place in view."""
 _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoDifference, ...]]]
 
 
 def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Sequence[tuple[int, int]]) -> Seen:
-    """The events that two of the photos agree on, where the scene's own photos looked; the things that two should show;
-    and where each photo, by its number, shows an event.
+    """Changes on which two photos agree, where the scene's own photos looked.
 
-    Args:
-        index: of the scene.
-        placed: what became of each photo.
-        sizes: width and height of each as it was sent, for the boxes.
+    Also returns the things that two photos should show, and each photo's differences, by number. `sizes` are width and
+    height of each photo as sent.
     """
     found_places = [(number, one.photo, one.posed) for number, one in enumerate(placed)]
     there = [(number, photo, posed) for number, photo, posed in found_places if photo is not None and posed is not None]
@@ -72,8 +69,10 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
 
 
 def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
-    """The events without those of things at places that no two photos of the scene have in their pictures: they may
-    have been there before."""
+    """Drops events at places in view of fewer than two scene photos.
+
+    Such things may have been there before.
+    """
 
     def looked(event: Change) -> bool:
         if event.after is None:
@@ -85,7 +84,7 @@ def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
 
 
 def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
-    """float64 [2, 3] of each thing that can be seen, lowest and highest corners; and of all of them."""
+    """Corners (low, high), float64 [2, 3], of each visible thing, and of all."""
     things, means = index.things, index.scene.gaussians.means
     solid = solid_rows(index.scene.gaussians)
     own = grouped_rows(things.owner, solid)
@@ -97,7 +96,7 @@ def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
 
 
 def _around(boxes: Sequence[F64], place: F64) -> F64:
-    """Where things are, and a little more; `place` where there are none."""
+    """Bounding box of things with a margin; `place` without things."""
     if not boxes:
         return place
     corners = np.stack(boxes)
@@ -125,7 +124,7 @@ def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneCha
 
 
 def _box(corners: F64 | None) -> Box | None:
-    """With the axes of the world."""
+    """World-axis-aligned."""
     if corners is None:
         return None
     return Box(Pose(vector3(corners.mean(axis=0)), _UPRIGHT), vector3(corners[1] - corners[0]))

@@ -1,4 +1,4 @@
-"""Sheets of things without a name, for whoever can tell what they are."""
+"""Contact sheets of unnamed things, for naming."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from fastsplat_contract.messages.things import SceneThing
 
 
 class ThingSheets:
-    """Sheets of finished scenes. Every method is safe from any thread."""
+    """Sheets of finished scenes. Thread-safe."""
 
     def __init__(
         self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
@@ -33,21 +33,19 @@ class ThingSheets:
         self._known_names = known_names
 
     def page(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ThingSheet:
-        """At most 20 things without a name in one picture, by id; the pages together show all of them, also where names
-        are given or suggested between two pages.
+        """At most 20 unnamed things in one picture, by id, paged even while names change.
 
-        Each is cut from the photo that shows it best. Where none is kept, or edits made the version show what its
-        photos do not (what was removed stays so), the scene is rendered instead.
+        Each is cropped from the photo that shows it best, or from a rendering where none is kept, or edits changed what
+        photos show (removed things stay removed).
 
         Args:
-            version: of the scene; "" is the current one.
-            page_size: at most so many things; 0 and more than 20: 20.
-            page_token: "" or what the page before returned.
+            page_size: 0 or more than 20: 20.
+            page_token: "" or the previous page's.
 
         Raises:
-            NotFoundError: there is no such scene or version.
+            NotFoundError: no such scene or version.
             NotReadyError: as `Answers.query`.
-            InvalidInputError: a negative size, or a token that no page of this scene returned.
+            InvalidInputError: a negative size, or an unknown token.
             SceneFileError: a photo is damaged.
         """
         check_texts(version, "version")
@@ -69,7 +67,7 @@ class ThingSheets:
     def _picture(
         self, index: SceneIndex, things: Sequence[SceneThing], folder: Path
     ) -> tuple[bytes, tuple[SheetThing, ...]]:
-        """The picture of some things, empty if no camera shows any, and what it shows."""
+        """Picture of some things, empty if no camera shows any, and its content."""
         cameras, gaussians = index.scene.cameras, len(index.scene.gaussians)
         if not cameras:
             return b"", ()

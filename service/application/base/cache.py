@@ -1,4 +1,4 @@
-"""Cache of costly values: each made once, the least recently used leave first."""
+"""Size-bounded LRU cache of costly values, each made once."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ V = TypeVar("V")
 
 
 class LeastRecentlyUsed(Generic[K, V]):
-    """Values of `budget` bytes together, or one larger one. Threads that want the same missing value wait for one of
-    them to make it; whoever holds a value that leaves keeps it."""
+    """LRU cache of up to `budget` bytes, or of one larger value. Thread-safe.
+
+    Concurrent requests for a missing value wait for one of them to make it; users of an evicted value keep it.
+    """
 
     def __init__(self, budget: int) -> None:
         self._budget = budget
@@ -21,10 +23,7 @@ class LeastRecentlyUsed(Generic[K, V]):
         self._slots: OrderedDict[K, _Slot[V]] = OrderedDict()
 
     def get(self, key: K, size: Callable[[], int], make: Callable[[], V]) -> V:
-        """The value of `key`, made now if it is not here; room for its `size()` bytes is made first.
-
-        A failure to make it is not kept.
-        """
+        """Value of `key`, made if missing after evicting for `size()` bytes; failures are not cached."""
         with self._lock:
             slot = self._slots.setdefault(key, _Slot())
             self._slots.move_to_end(key)
@@ -38,18 +37,18 @@ class LeastRecentlyUsed(Generic[K, V]):
                     self._drop(key, slot)
                     raise
                 slot.filled = True
-                self._make_room(slot)  # others may have been made meanwhile, for which there was room before
+                self._make_room(slot)  # others may have been added meanwhile
             return slot.value
 
     def drop(self, unwanted: Callable[[K], bool]) -> None:
-        """Let go of every key that `unwanted` names."""
+        """Removes all keys for which `unwanted` is true."""
         with self._lock:
             for key in [key for key in self._slots if unwanted(key)]:
                 del self._slots[key]
 
     @property
     def bytes(self) -> int:
-        """What the values here weigh."""
+        """Total size of the cached values."""
         with self._lock:
             return sum(slot.size for slot in self._slots.values())
 

@@ -1,8 +1,7 @@
-"""Memory budget of answers, edits and scenes that open: estimated from the arguments, and admitted before it is
-allocated.
+"""Memory budget of answers, edits and opening scenes, admitted before allocation.
 
-The estimates are of what rendering and encoding hold at their peak beside the open scene, measured on the CPU
-backend with images of 4 and 16 million pixels and rounded up; a test compares them with a process's real peak.
+Estimates are of the peak of rendering and encoding beside the open scene, measured on the CPU backend with images of 4
+and 16 megapixels and rounded up; a test compares them with a process's real peak.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ from fastsplat_contract.photos.pictures import PictureKind
 
 _POLL_S = 0.1
 _FORGOTTEN_S = 5.0
-"""Who waits and has not tried again for so long has left, or is out of turn."""
+"""A waiting call without a retry for this long has lost its turn."""
 _SHARE_OF_ALL, _SHARE_OF_ONE = 0.5, 0.25
 _LIMITS = ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 _FIXED_BYTES = 64 << 20
 """Bands of label probabilities, buffers of encoders."""
 _PER_GAUSSIAN = 768
-"""Bytes of a Gaussian's features, projection and tiles, in one rendering."""
+"""Features, projection and tiles of a Gaussian in one rendering, in bytes."""
 _PER_MASK_PIXEL = 24
 _PER_ENCODED_PIXEL = 1
 _PER_EDITED_GAUSSIAN = 512
 _EDITED_COPIES = 3
-"""Each edit of a request copies what it changes; the copy before may be there still, and the PLY file is laid out."""
+"""Copies of an edited scene: before and after an edit, and the PLY layout."""
 _PER_MASKED_GAUSSIAN: Mapping[Mask3dEncoding, float] = {"bits": 2.0, "runs": 16.0, "indices": 16.0, "ply": 0.0}
 _PER_PIXEL: Mapping[PictureKind, int] = {
     "rgb": 56,
@@ -60,13 +59,7 @@ def picture_bytes(kind: PictureKind, posed: PosedCamera, gaussians: int) -> int:
 
 
 def masks_bytes(cameras: Iterable[PosedCamera], texts: int, gaussians: int) -> int:
-    """Estimated peak of drawing masks one after the other and keeping them encoded, in bytes.
-
-    Args:
-        cameras: the views.
-        texts: how many answers are drawn in each.
-        gaussians: of the scene.
-    """
+    """Estimated peak of rendering masks of `texts` answers one by one, kept encoded, in bytes."""
     pixels = [_pixels(posed) for posed in cameras]
     largest = max(pixels, default=0)
     encoded = _PER_ENCODED_PIXEL * texts * sum(pixels)
@@ -74,23 +67,20 @@ def masks_bytes(cameras: Iterable[PosedCamera], texts: int, gaussians: int) -> i
 
 
 def mask3d_bytes(encoding: Mask3dEncoding, texts: int, gaussians: Gaussians) -> int:
-    """Estimated size of masks of Gaussians, with what making them needs, in bytes."""
+    """Estimated size of Gaussian masks, including their computation, in bytes."""
     per_gaussian = _PER_MASKED_GAUSSIAN[encoding] if encoding != "ply" else 3 * _ply_row_bytes(gaussians)
     return int(texts * per_gaussian * len(gaussians))
 
 
 def export_bytes(gaussians: Gaussians) -> int:
-    """Estimated peak of writing Gaussians into a file for other programs, in bytes."""
+    """Estimated peak of exporting Gaussians to a file, in bytes."""
     return _FIXED_BYTES + 3 * _ply_row_bytes(gaussians) * len(gaussians)
 
 
 def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
-    """Estimated peak of editing a scene: the copy of what changes, what choosing its Gaussians needs, and the index of
-    the result, in bytes.
+    """Estimated peak of an edit in bytes: copies, selection, and the new index.
 
-    Args:
-        scene: as it is.
-        sources: the scenes that things are inserted from, as often as that is done.
+    `sources` are the scenes that things are inserted from, once per insertion.
     """
     scenes = [scene, *sources]
     gaussians = sum(len(one.gaussians) for one in scenes)
@@ -99,19 +89,16 @@ def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
 
 @dataclass(frozen=True)
 class _Waiting:
-    """A call that waits for so many bytes; calls that are made again try again."""
+    """A call that waits for `size` bytes and retries."""
 
     size: int
     tried_at: float
 
 
 class MemoryBudget:
-    """Budget of the bytes that calls hold together in this process, first come, first served. Safe from any thread.
+    """First-come, first-served budget of the bytes held by all calls. Thread-safe.
 
-    Args:
-        settings: the limits; those that are 0 follow from the machine's memory, or its control group's.
-        machine_bytes: that memory.
-        clock: seconds.
+    Limits of 0 in `settings` are derived from `machine_bytes`, this machine's or control group's memory.
     """
 
     def __init__(self, settings: CallSettings, machine_bytes: int, clock: Callable[[], float] = time.monotonic) -> None:
@@ -120,28 +107,22 @@ class MemoryBudget:
         self._clock = clock
         self._lock = threading.Lock()
         self._reserved = 0
-        self._waiting: dict[object, _Waiting] = {}  # in the order in which they came
+        self._waiting: dict[object, _Waiting] = {}  # in order of arrival
         self._kept: list[tuple[int, Callable[[], None]]] = []
 
     @property
     def reserved(self) -> int:
-        """Bytes that are reserved now."""
         return self._reserved
 
     @property
     def kept(self) -> int:
-        """Bytes that are kept between calls now, see `keep`."""
+        """Bytes kept between calls, see `keep`."""
         return sum(size for size, _ in self._kept)
 
     def keep(self, size: int, drop: Callable[[], None]) -> bool:
-        """Count bytes that stay allocated between calls, until a call needs their room: that call lets go of them.
+        """Counts bytes that stay allocated between calls; False, uncounted, if there is no room.
 
-        Args:
-            size: bytes.
-            drop: lets go of them; called once, from any thread, and calls nothing of this budget.
-
-        Returns:
-            Whether there is room; otherwise nothing is counted, and nothing is to be kept.
+        A call that needs their room calls `drop`, once, from any thread; it must not call this budget.
         """
         with self._lock:
             if self._reserved + self.kept + size > self._all:
@@ -151,16 +132,12 @@ class MemoryBudget:
 
     @contextmanager
     def reserve(self, size: int, field: str) -> Iterator[None]:
-        """A block that may hold so many bytes; waits until others have released enough, without a thread if the call
-        can be made again. Who comes later waits until there is room for those before, too, so that many small calls
-        never keep a large one waiting.
+        """Context that may hold `size` bytes; waits for room, first come, first served.
 
-        Args:
-            size: bytes.
-            field: of the request, for what is too large ever to be admitted.
+        It waits without a thread if the call can retry. Small calls cannot starve a large one.
 
         Raises:
-            LimitExceededError: more than one request may hold.
+            LimitExceededError: more than one request may hold; names `field`.
             CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
         """
         self.check(size, field)
@@ -168,7 +145,7 @@ class MemoryBudget:
             yield
 
     def check(self, size: int, field: str) -> None:
-        """Return if one request may hold so many bytes. Raises `LimitExceededError`: it may not."""
+        """Raises `LimitExceededError` if one request may not hold so many bytes."""
         if size > self._one:
             raise LimitExceededError(
                 f"the request would hold about {size / 2**20:.0f} MiB in memory",
@@ -179,11 +156,9 @@ class MemoryBudget:
 
     @contextmanager
     def opening(self, size: int) -> Iterator[None]:
-        """A block that opens a scene of so many bytes, as `reserve`; afterwards the scene counts among the open ones.
+        """Context that opens a scene of `size` bytes; as `reserve`, limited by the whole budget.
 
-        Raises:
-            LimitExceededError: more than all requests together may hold.
-            CancelledError, DeadlineExceededError, CallAgainError: as `wait_elsewhere`.
+        Afterwards the scene counts among the open ones.
         """
         if size > self._all:
             raise LimitExceededError(
@@ -237,7 +212,7 @@ class MemoryBudget:
 
 
 def machine_bytes() -> int:
-    """Memory that this process may have: the machine's, or the limit of its control group, if that is less."""
+    """Memory of the machine, or of this process's control group if less, in bytes."""
     limits = [os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")]
     for path in _LIMITS:
         try:
@@ -248,7 +223,7 @@ def machine_bytes() -> int:
 
 
 def _weight(scene: Scene) -> int:
-    """Bytes of the arrays that have a row for each Gaussian."""
+    """Bytes of all per-Gaussian arrays."""
     things = scene.things
     parts = None if things is None else things.parts
     counts = [scene.evidence, things and things.membership, parts and parts.membership]

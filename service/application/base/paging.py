@@ -16,16 +16,12 @@ T = TypeVar("T")
 
 
 def write_page_token(created_at: float, row_id: str) -> str:
-    """The token that continues after this row; stable while rows come and go."""
+    """Token of the page after this row; stable while rows come and go."""
     return _write([created_at, row_id])
 
 
 def read_page_token(token: str) -> tuple[float, str] | None:
-    """What `write_page_token` wrote; None for "".
-
-    Raises:
-        InvalidInputError: no page returned this token.
-    """
+    """Reads `write_page_token`; None for "". Raises `InvalidInputError` for an unknown token."""
     if not token:
         return None
     match _read(token):
@@ -35,16 +31,9 @@ def read_page_token(token: str) -> tuple[float, str] | None:
 
 
 def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence[T], str]:
-    """A page of a sequence that never changes, and the token of the next one ("" after the last).
+    """A page of an immutable sequence, and the next token ("" after the last page).
 
-    Args:
-        rows: all of them.
-        size: at most this many.
-        token: "" or what the page before returned.
-        of: names the sequence; the token of one is not one of another.
-
-    Raises:
-        InvalidInputError: no page of this sequence returned this token.
+    `of` names the sequence; tokens of other sequences raise `InvalidInputError`.
     """
     name = _digest(of)
     start = 0
@@ -61,18 +50,9 @@ def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence
 def page_after(
     rows: Sequence[T], number: Callable[[T], int], size: int, token: str, of: str
 ) -> tuple[Sequence[T], str]:
-    """A page of rows in the order of their numbers, and the token of the next one ("" after the last); stable while
-    rows come and go.
+    """A page of rows sorted by unique numbers (from 1), and the next token.
 
-    Args:
-        rows: all of them now, in that order.
-        number: of a row, from 1; no other has it.
-        size: at most this many.
-        token: "" or what the page before returned.
-        of: names the sequence; the token of one is not one of another.
-
-    Raises:
-        InvalidInputError: no page of this sequence returned this token.
+    Stable while rows come and go; `of` and errors as in `page_of`.
     """
     last = 0
     if token:

@@ -19,22 +19,17 @@ from fastsplat_contract.jobs.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens
 from fastsplat_contract.messages.things import PickRequest
 
 _MAX_NAME_CHARS = 200
-"""Characters of a scene's name."""
+"""Limit of a scene's name."""
 _MAX_TIME_BUDGET_S = 24 * 3600.0
-"""Seconds of training that one scene may ask for."""
+"""Limit of a scene's time budget."""
 
 _DEFAULT_PAGE = 50
 
 
 def check_texts(value: object, field: str = "") -> None:
-    """Raise if any text inside a request cannot be stored or sent: one with a NUL or a lone surrogate.
+    """Raises `InvalidInputError` for any text with NUL or a lone surrogate, naming its field.
 
-    Args:
-        value: a text, a number, or a dataclass, tuple or set of such.
-        field: where it stands in the request.
-
-    Raises:
-        InvalidInputError: with the field of the text.
+    `value` is a text, a number, or a dataclass, sequence or set of such.
     """
     if isinstance(value, str):
         if re.search("[\0\ud800-\udfff]", value):
@@ -55,11 +50,7 @@ def check_texts(value: object, field: str = "") -> None:
 
 
 def check_pick(request: PickRequest) -> None:
-    """Raise unless a request to pick a thing says one place, and from where it is seen if it is in a picture.
-
-    Raises:
-        InvalidInputError: it does not.
-    """
+    """Raises `InvalidInputError` unless a request names one place, with a camera if in a picture."""
     places = [name for name in ("pixel", "box", "point") if getattr(request, name) is not None]
     if len(places) != 1:
         raise InvalidInputError(
@@ -75,17 +66,17 @@ def check_pick(request: PickRequest) -> None:
 
 
 def check_page_size(size: int, limits: StoreOptions) -> int:
-    """The page size to use: the default for 0, cut to the server's limit. Raises `InvalidInputError`: negative."""
+    """Effective page size: default for 0, capped; raises `InvalidInputError` for a negative one."""
     if size < 0:
         raise InvalidInputError(f"a page size of {size}", field="page_size", hint="Use 0 for the default.")
     return min(size or _DEFAULT_PAGE, limits.max_page_size)
 
 
 def check_request(name: str, request_id: str, options: SceneOptions, limits: StoreOptions) -> None:
-    """Raise unless a scene may be made under this name, request id and options.
+    """Validates name, request id and options of a new scene.
 
     Raises:
-        InvalidInputError: a value that makes no sense.
+        InvalidInputError: an invalid value.
         LimitExceededError: a value over the server's limits.
     """
     check_scene_name(name)
@@ -107,24 +98,17 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
 
 
 def check_scene_name(name: str) -> None:
-    """Raise unless a scene may have this name; "" is none.
-
-    Raises:
-        InvalidInputError: characters that nobody sees.
-        LimitExceededError: too long.
-    """
+    """Validates a scene's name ("": none): its length, and no invisible characters."""
     _check_length("name", name, _MAX_NAME_CHARS)
     check_seen(name, "name")
 
 
 def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
-    """Raise if options are not for this upload.
+    """Validates options against the kind of upload.
 
     Raises:
-        InvalidInputError: a direction is stated for something else than a splat alone, or pixels are to be withheld
-            from one.
-        LimitExceededError: the splat has more Gaussians than the scene may have; its rows are the user's, none is left
-            out.
+        InvalidInputError: `up` without a lone splat, redaction of a splat, or a lens for an upload with cameras.
+        LimitExceededError: the splat has more Gaussians than `max_gaussians`; none of its rows is left out.
     """
     if options.up is not None and upload.source != "splat":
         raise InvalidInputError(
@@ -154,12 +138,7 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
 
 
 def check_seconds(seconds: float, field: str) -> None:
-    """Raise unless a job may have so long.
-
-    Raises:
-        InvalidInputError: not above 0, or not finite.
-        LimitExceededError: over the server's limit.
-    """
+    """Validates a time budget: finite, above 0, within the server's limit."""
     if not math.isfinite(seconds) or seconds <= 0:
         raise InvalidInputError(
             f"a time budget of {seconds} s", field=field, hint="Give seconds above 0, or leave it out."
@@ -173,11 +152,7 @@ def check_seconds(seconds: float, field: str) -> None:
 
 
 def check_request_id(request_id: str) -> None:
-    """Raise unless this may name a request; "" names none.
-
-    Raises:
-        InvalidInputError: too long, or not plain.
-    """
+    """Raises `InvalidInputError` unless 1 to 200 printable ASCII characters, or "" for none."""
     if request_id and not re.fullmatch(r"[!-~]{1,200}", request_id):
         raise InvalidInputError(
             "the request id is not 1 to 200 printable ASCII characters without spaces",
@@ -247,7 +222,7 @@ def _check_length(field: str, text: str, limit: int) -> None:
 
 
 def admit_upload(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
-    """The upload of a folder, checked in a process of its own; raises as `validate_in_sandbox`."""
+    """Validates an upload in a separate process; raises as `validate_in_sandbox`."""
     from fastsplat.service.capture.untrusted.sandbox import (
         validate_in_sandbox,  # loads with the first upload, not with the server
     )
@@ -256,15 +231,15 @@ def admit_upload(folder: Path, settings: CaptureSettings, strict: bool) -> Valid
 
 
 def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Settings) -> None:
-    """Raise if the configured detectors cannot know what they are to look for, or to withhold.
+    """Checks that configured detectors know the labels and what is to be redacted.
 
     Raises:
-        InvalidInputError: they cannot know some of the labels, and no label maps came.
-        ModelUnavailableError: none of them knows people, or what moves, that are to be withheld.
+        InvalidInputError: unknown labels, without label maps.
+        ModelUnavailableError: no detector knows people or movers, which are to be redacted.
     """
     withholds = options.privacy or options.movers == "ignore"
     if not withholds and (not options.labels or upload.has_labels):
-        return  # onnxruntime loads with the first upload that names something
+        return  # avoids loading onnxruntime
     from fastsplat.service.perception.detectors.open_detectors import check_texts_known
     from fastsplat.service.perception.label_maps.capture_detection import check_labels_known
     from fastsplat.service.perception.label_maps.movers import mover_detectors

@@ -1,4 +1,4 @@
-"""Observations of scenes: photos of another day, compared with the scene and kept with it as a version."""
+"""Observations: photos of another day, compared with a scene and stored as a version."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.scene_index import SceneIndex
 
 MAX_OBSERVATIONS = 100
-"""Of one version of a scene: each later version has a link to each photo of them."""
+"""Limit per version; each later version links every photo of them."""
 _FEWEST_PHOTOS = 2
-"""With a place: an event is what two photos agree on."""
+"""Least number of localized photos: an event is what two photos agree on."""
 _TRIES = 3
 _AHEAD = timedelta(days=1)
-"""So far may the clocks of cameras be ahead."""
+"""Tolerated lead of camera clocks."""
 
 
 class Observations:
-    """The observations of scenes. Every method is safe from any thread."""
+    """Observations of scenes. Thread-safe."""
 
     def __init__(
         self,
@@ -72,21 +72,14 @@ class Observations:
         self._versions = versions
 
     def observe(self, request: ObserveRequest, author: str = "") -> Observation:
-        """Compare photos of another day with a scene, and keep them, and what they say, as a new version of it; the
-        version is durable and current on return.
+        """Compares photos of another day with a scene, stored as its current version. Durable.
 
-        Args:
-            request: the photos, and when they were taken.
-            author: the id of the key by which this is asked for; "" for none.
+        `author` is the id of the caller's key, "" for none. Errors as `Localizing.localize`, and:
 
         Raises:
-            NotFoundError: there is no such scene.
-            NotReadyError: it is still being made, or no photos are kept with it.
-            InvalidInputError: fewer than two photos that find their place, or as `Localizing.localize`; a time without
-                a time zone, or to come.
-            LimitExceededError: too many photos, too large ones, or too many observations.
-            ConflictError: the request id was used before for other photos, or the observation that it made was undone.
-            ResourceError: as `Localizing.localize`.
+            InvalidInputError: fewer than two localized photos; a time without a time zone, or in the future.
+            LimitExceededError: too many observations.
+            ConflictError: the request id was used for other photos, or its observation was undone.
         """
         check_request_id(request.request_id)
         now = datetime.now(UTC)
@@ -109,7 +102,7 @@ class Observations:
             check_cancelled()
             try:
                 self._publish(request, observation, pictures, index, current, digest, author)
-            except ConflictError:  # an edit was faster; this is compared again with its result
+            except ConflictError:  # a concurrent edit: compare with its result
                 if not remaining:
                     raise
                 continue
@@ -117,12 +110,7 @@ class Observations:
         raise AssertionError
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ObservationList:
-        """The observations of a version of a scene, in pages as `SceneService.list_scenes`, the newest photos first.
-
-        Raises:
-            NotFoundError: there is no such scene or version.
-            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
-        """
+        """Observations of a version, latest first, paged as `SceneService.list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         check_texts(version, "version")
 
@@ -134,12 +122,7 @@ class Observations:
         return self._scenes.reading(scene_id, version, read)
 
     def get(self, scene_id: str, observation_id: str, version: str = "") -> Observation:
-        """One observation of a version of a scene.
-
-        Raises:
-            NotFoundError: there is no such scene, version or observation, or it was undone.
-            NotReadyError: as `Answers.query`.
-        """
+        """One observation of a version; raises `NotFoundError` if it is unknown or was undone."""
         check_texts((version, observation_id), "observation_id")
         observations = self._scenes.reading(scene_id, version, lambda index, _: _told(index, scene_id))
         for each in observations:
@@ -152,8 +135,10 @@ class Observations:
         )
 
     def _keeps_photos(self, index: SceneIndex) -> bool:
-        """Whether photos may stay with this scene: none where its own do not, or had people left out, whom nobody has
-        looked for in these."""
+        """True if observed photos may be kept.
+
+        False where the scene keeps none, or had people redacted, for whom these photos were not searched.
+        """
         withheld = index.scene.quality.get("withheld") or {}
         return self._settings.photos.keep == "on" and withheld.get("privacy") is None
 
@@ -188,7 +173,7 @@ class Observations:
 
 
 def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
-    """The observations of a version of this scene, which may be a copy of another one, the oldest photos first."""
+    """Observations of a version, oldest first, with this scene's id even in a copy."""
     names = {thing.id: thing.name for thing in index.things.table.table}
     return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.things.history.observations)
 
@@ -196,7 +181,7 @@ def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
 def _observation(
     request: ObserveRequest, index: SceneIndex, located: LocalizedPictures, now: datetime, keep: bool
 ) -> tuple[Observation, Sequence[NDArray[np.uint8]]]:
-    """What is kept of a comparison, in the frame of the version, and the pictures that stay with it."""
+    """Builds the observation, in the version's frame, and the photos to keep."""
     answer, observation_id = located.answer, new_version_name()
     there = [number for number, photo in enumerate(answer.photos) if photo.camera is not None]
     left_out = [
@@ -235,7 +220,7 @@ def _observation(
 
 
 def _time_of(said: datetime | None, taken: Sequence[float], now: datetime) -> tuple[datetime, SeenAtSource]:
-    """When photos were taken: as the request says, else by their metadata, unless their camera's clock is ahead."""
+    """Capture time: as requested, else from metadata unless the camera's clock is ahead."""
     if said is not None:
         return said.astimezone(UTC), "given"
     if taken and (newest := datetime.fromtimestamp(max(taken), UTC)) <= now + _AHEAD:

@@ -1,4 +1,4 @@
-"""Prompts of `split` and `add`: checked, segmented in renderings of the scene, and turned into Gaussians."""
+"""Prompts of `split` and `add`: validated, segmented in renderings, lifted to Gaussians."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
 
 _MAX_PROMPT_PIXELS = 64
-"""Pixels on and beside the thing that one prompt may have."""
+"""Limit of foreground and background pixels in a prompt."""
 
 
 @dataclass(frozen=True)
 class ShownPiece:
-    """The Gaussians that a prompt shows, int64 [K], and the names of the views that say so, "" for a free viewpoint."""
+    """Gaussians selected by a prompt, int64 [K], and the supporting views ("": free viewpoint)."""
 
     rows: NDArray[np.int64]
     views: tuple[str, ...]
 
 
 class PromptedEdits:
-    """What prompts show. Every method is safe from any thread.
+    """Segmentation of prompted edits. Thread-safe.
 
-    Pictures are renderings of the version that is edited, also where the scene keeps its photos: these do not show what
-    edits have moved, and not every view has one. Where both could be used, they led to the same pieces.
+    Renderings are used even if photos are kept: photos do not show edits, and not every view has one. Where both could
+    be used, they led to the same pieces.
     """
 
     def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
@@ -46,11 +46,7 @@ class PromptedEdits:
         self._segmenter = SegmenterCache(settings, memory)
 
     def check(self, edits: Sequence[Edit]) -> None:
-        """Raise unless all prompts can be looked at; before anything is done.
-
-        Raises:
-            InvalidInputError, LimitExceededError: with the field inside `edits`.
-        """
+        """Validates all prompts; errors name the field inside `edits`."""
         for number, edit in enumerate(edits):
             if edit.prompt is not None and edit.action in PROMPTED:
                 try:
@@ -59,7 +55,7 @@ class PromptedEdits:
                     raise error.within(f"edits[{number}].prompt") from error
 
     def bytes(self, edits: Sequence[Edit], gaussians: int) -> int:
-        """What segmenting holds at its peak beside the open scene and the edits, by estimate."""
+        """Estimated peak of segmentation, beside the open scene and the edits."""
         if not any(edit.action in PROMPTED for edit in edits):
             return 0
         side = self._settings.prompts.max_side
@@ -67,7 +63,7 @@ class PromptedEdits:
 
     @contextmanager
     def running(self, edits: Sequence[Edit]) -> Iterator[None]:
-        """A block around what reserves `bytes` and makes these edits."""
+        """Context for reserving `bytes` and making these edits."""
         if any(edit.action in PROMPTED for edit in edits):
             with self._segmenter.used():
                 yield
@@ -75,14 +71,12 @@ class PromptedEdits:
             yield
 
     def piece(self, index: SceneIndex, edit: Edit) -> ShownPiece | None:
-        """The Gaussians that the prompt of a `split` or `add` shows; None for an edit without one.
+        """Segments the Gaussians of a `split` or `add` prompt; None without a prompt.
 
         Raises:
-            NotFoundError: no such view; or, for split, no such thing, label or object.
-            InvalidInputError: a pixel outside the picture or, for split, not on the thing; a box that is outside or has
-                no area.
-            ModelUnavailableError: the segmenter is not installed.
-            CancelledError: nobody waits for the edit any more.
+            NotFoundError: no such view; for split, no such thing, label or object.
+            InvalidInputError: a pixel outside the picture or, for split, off the thing; a box outside or without area.
+            ModelUnavailableError: the segmenter is missing.
         """
         if edit.prompt is None or edit.action not in PROMPTED:
             return None
@@ -168,7 +162,7 @@ def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
 
 
 def _check_on_thing(prompt: PicturePrompt, ids: NDArray[np.uint16], thing_id: int) -> None:
-    """Refuse pixels that are not on the thing that is split."""
+    """Rejects pixels off the thing that is split."""
     from fastsplat.service.instances.prompt_answers import values_at
 
     for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if thing_id else ()):

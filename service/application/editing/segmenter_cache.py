@@ -1,4 +1,4 @@
-"""Cache of the segmenter and its image embeddings between edits, until others need its memory."""
+"""Cache of the segmenter and its image embeddings, until its memory is needed."""
 
 from __future__ import annotations
 
@@ -22,25 +22,19 @@ if TYPE_CHECKING:  # onnxruntime loads with the first prompt
     from fastsplat.service.perception.results import Segmenter
 
 _KEPT_VIEWS = 16
-"""Views of which the segmenter's answer to the picture is kept for the next prompt, about 4 MiB each; the least
-recently used leave first."""
+"""Cached view embeddings (LRU), about 4 MiB each."""
 
 _OPEN_BYTES = 768 << 20
-"""Of MobileSAM after its first pictures, measured: 690 MiB, nearly all of it room for what its layers compute."""
+"""MobileSAM after its first pictures: 690 MiB measured, mostly activations."""
 _EMBEDDING_BYTES = 4 << 20
-"""Of one picture: 256 channels of 64×64."""
+"""One picture: 256 channels of 64×64, float32."""
 
 _Key = tuple[int, Camera, bytes]
 
 
 @dataclass
 class OpenSegmenter:
-    """A segmenter with a cache of its embeddings of rendered views. Threads may share it.
-
-    Attributes:
-        segmenter: answers prompts.
-        limit: how many pictures are remembered.
-    """
+    """Segmenter with an LRU cache of `limit` view embeddings. Thread-safe."""
 
     segmenter: Segmenter
     limit: int
@@ -48,7 +42,7 @@ class OpenSegmenter:
     _embeddings: OrderedDict[_Key, tuple[weakref.ref[Gaussians], Any]] = field(default_factory=OrderedDict)
 
     def embedding(self, gaussians: Gaussians, posed: PosedCamera, picture: Callable[[], NDArray[np.uint8]]) -> Any:
-        """What the segmenter needs to know of the picture of these Gaussians from that camera."""
+        """Segmenter embedding of these Gaussians, rendered from a camera."""
         key = (id(gaussians), posed.camera, posed.world_from_camera.tobytes())
         with self._lock:
             known = self._embeddings.get(key)
@@ -64,12 +58,7 @@ class OpenSegmenter:
 
 
 class SegmenterCache:
-    """Cache of the segmenter that `settings.perception` names, opened by the first prompt. Threads may share it.
-
-    Args:
-        settings: which one, where its files are, and how many pictures it remembers.
-        memory: counts what it holds, while it is used and between.
-    """
+    """Lazily opened segmenter of `settings.perception`, counted by `memory`. Thread-safe."""
 
     def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
         self._settings = settings
@@ -80,12 +69,12 @@ class SegmenterCache:
 
     @property
     def bytes(self) -> int:
-        """What it holds at most, by estimate."""
+        """Estimated maximum size."""
         return _OPEN_BYTES + _KEPT_VIEWS * _EMBEDDING_BYTES
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        """A block that reserves `bytes` inside and uses the segmenter; afterwards it stays open if there is room."""
+        """Context for reserving `bytes` and using the segmenter, kept open if there is room."""
         try:
             yield
         finally:
@@ -96,11 +85,7 @@ class SegmenterCache:
                 self.drop()
 
     def get(self) -> OpenSegmenter:
-        """The segmenter, opened now if it is not.
-
-        Raises:
-            ModelUnavailableError: its files are not in the model directory, damaged, or break its contract.
-        """
+        """The segmenter, opened if necessary; raises `ModelUnavailableError` for missing or damaged files."""
         from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 
         with self._lock:
@@ -110,6 +95,6 @@ class SegmenterCache:
             return self._open
 
     def drop(self) -> None:
-        """Let go of it; who uses it keeps it."""
+        """Releases the segmenter; current users keep their reference."""
         with self._lock:
             self._open, self._counted = None, False

@@ -1,4 +1,4 @@
-"""The folder of a new version."""
+"""Files of a new version."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastsplat.service.store.blobs.blobs import Blobs, remove
 
 
 def new_version_name() -> str:
-    """A name that no version has."""
+    """Random name for a version."""
     return f"e{secrets.token_hex(8)}"
 
 
@@ -28,16 +28,11 @@ def write_version(
     same_gaussians: bool,
     add_files: Callable[[Path], None] = lambda folder: None,
 ) -> None:
-    """Write a version's folder, whole or not at all; a scratch folder that is left behind counts as an upload.
+    """Writes a version's folder atomically; a leftover scratch folder counts as an upload.
 
     Args:
-        scene: what it holds.
-        blobs: where it goes.
-        scene_id, version: whose it is.
-        parent: the folder of the version before, which lends its photos, and where the Gaussians are the same its PLY
-            file.
-        same_gaussians: whether they are.
-        add_files: writes what else belongs to the version into the folder, before anybody sees it.
+        parent: lends its photos, and its PLY file if `same_gaussians`.
+        add_files: adds further files before the folder is published.
     """
     scratch = blobs.upload(version)
     try:
@@ -53,7 +48,7 @@ def write_version(
 
 
 def _linked(file: Path, place: Path) -> bool:
-    """Whether `place` is the same file now; not every file system has links."""
+    """Hard-links a file; False where the file system cannot."""
     try:
         os.link(file, place)
     except OSError:

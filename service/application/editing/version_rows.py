@@ -1,4 +1,4 @@
-"""Database rows of versions: read as versions, and the edits of new ones."""
+"""Database rows of versions and their edits."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from fastsplat_contract.geometry.thing_prompts import PromptedThing
 from fastsplat_contract.messages.scenes import Edit, SceneVersion
 
 _MAX_EDITS = 100
-"""Edits in one request."""
+"""Limit of edits in one request."""
 
 PROMPTED = "prompted"
-"""In the row of an edit: what was made of its prompt."""
+"""Key in an edit's row: the result of its prompt."""
 ASKS_KIND = "asks_kind"
-"""In the row of an edit: there, and true, where it gave a name of which no word is known."""
+"""Key in an edit's row: true if it gave a name without any known word."""
 _BESIDE = (PROMPTED, ASKS_KIND)
 
 
 def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
-    """The edits of a request as JSON; what no caller could be shown again becomes no version.
+    """Converts edits to JSON, rejecting any that could not be read back.
 
     Raises:
-        InvalidInputError: none, or one with a value that it cannot have.
-        LimitExceededError: too many.
+        InvalidInputError: no edits, or one with an invalid value.
+        LimitExceededError: too many edits.
     """
     check_texts(tuple(edits), "edits")
     if not edits:
@@ -49,7 +49,7 @@ def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
 
 @decodes("version")
 def version_of(record: VersionRecord) -> SceneVersion:
-    """What a caller sees of a row."""
+    """Converts a version row for callers."""
     return SceneVersion(
         scene_id=record.scene_id,
         version=record.version,

@@ -1,4 +1,4 @@
-"""Versioned edits of a scene: written beside the old version, shown at once, undone by pointing back."""
+"""Versioned edits of a scene: written beside the old version, undone by pointing back."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _TRIES = 5
 
 @dataclass(frozen=True)
 class VersionOrder:
-    """What a version is made by, the edits also as JSON; see `Versions.edit`."""
+    """Order for a new version, the edits also as JSON; see `Versions.edit`."""
 
     scene_id: str
     edits: Sequence[Edit]
@@ -54,7 +54,7 @@ class VersionOrder:
 
 
 class Versions:
-    """The versions of scenes. Every method is safe from any thread."""
+    """Versions of scenes. Thread-safe."""
 
     def __init__(
         self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, prompted: PromptedEdits
@@ -73,24 +73,23 @@ class Versions:
         looked_at: str = "",
         author: str = "",
     ) -> SceneVersion:
-        """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
+        """Applies edits in order, all or none, as a new current version; durable on return.
 
-        Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
-
-        Questions that are being answered keep the version they began with.
+        Running queries keep the version they began with. Beyond `CallSettings.max_versions`, undone versions and then
+        the oldest ones are removed, never the trained one.
 
         Args:
             request_id: the same id with the same edits returns the version that they made; "" for none.
-            looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
-            author: the id of the key by which this is asked for; "" for none.
+            looked_at: version that the editor has seen, "" for none; see `EditIn.version`.
+            author: id of the caller's key; "" for none.
 
         Raises:
-            NotFoundError: there is no such scene, version, label, object or thing.
+            NotFoundError: no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
-            InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, too many Gaussians, or more memory than a request may hold.
-            ConflictError: the request id was used before for other edits, or a person has given a thing another name.
-            ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
+            InvalidInputError: an invalid edit.
+            LimitExceededError: too many edits, too many Gaussians, or too much memory.
+            ConflictError: the request id was used for other edits, or a person gave a thing another name.
+            ModelUnavailableError: the segmenter for an edit's prompt is missing.
         """
         check_request_id(request_id)
         rows = check_edits(edits)
@@ -98,7 +97,7 @@ class Versions:
         self._prompted.check(edits)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
-        with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
+        with self._store.blobs.exclusive(scene_id):  # serialized per machine to avoid conflicts
             for remaining in reversed(range(_TRIES)):
                 earlier = self._store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
@@ -108,19 +107,13 @@ class Versions:
                     return self._make(
                         VersionOrder(scene_id, edits, rows, digest, request_id, looked_at, author), current
                     )
-                except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
+                except ConflictError:  # a concurrent undo, job or machine: retry on its result
                     if not remaining:
                         raise
         raise AssertionError
 
     def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
-        """Which Gaussians of a version, "" the current one, edits would remove, by the same code that removes them.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit`.
-            InvalidInputError: an edit that makes no sense, or does not remove.
-            LimitExceededError: too many edits, or more memory than a request may hold.
-        """
+        """Gaussians that edits would remove, by the code that removes them; raises as `edit`."""
         check_edits(edits)
         check_texts(version, "version")
 
@@ -133,28 +126,22 @@ class Versions:
         return self._scenes.reading(scene_id, version, read)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one, `version` ("": whatever it is); returns it.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit`.
-            ConflictError: there is nothing to undo, or another version is current.
-        """
+        """Makes the current version's parent current; `ConflictError` unless `version` ("": any) is current."""
         self._scenes.version(scene_id, "")
         return version_of(self._store.versions.step_back(scene_id, version))
 
     def redo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go forward to the version that was current last of those made of the current one; errors as `undo`.
+        """Makes the last current child of the current version current; raises as `undo`.
 
-        An edit after an undo ends nothing: what was undone stays, to be restored.
+        Undone versions survive an edit and can be restored.
         """
         self._scenes.version(scene_id, "")
         return version_of(self._store.versions.step_forward(scene_id, version))
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
-        """Make any version current in the place of `expected` ("": whatever is current); returns it. All others stay.
+        """Makes any version current in place of `expected` ("": any); all others stay.
 
         Raises:
-            NotFoundError, NotReadyError: as `edit`.
             InvalidInputError: no version is named.
             ConflictError: another version than the expected one is current.
         """
@@ -165,31 +152,19 @@ class Versions:
         return version_of(self._store.versions.restore(scene_id, version, expected))
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version of a scene, oldest first; without authors where the scene is all that the caller is shown.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit`.
-        """
+        """Every version of a scene, oldest first; authors are hidden from single-scene keys."""
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
         versions = tuple(version_of(record) for record in self._store.versions.of(scene))
-        # Who follows a link to one scene is a stranger to those who made it.
+        # Users of a link to one scene must not see who made it.
         return tuple(replace(version, author="") for version in versions) if self._store.only_scene else versions
 
     def resolve(self, scene_id: str, version: str = "") -> str:
-        """The name of a version that can be read; "" stands for the current one.
-
-        Raises:
-            NotFoundError, NotReadyError: as `Answers.query`.
-        """
+        """Name of a readable version ("": the current one); raises as `Answers.query`."""
         return self._scenes.version(scene_id, version)
 
     def in_force(self, earlier: VersionRecord) -> SceneVersion:
-        """The version that a request id made, if the current one is it or was made of it.
-
-        Raises:
-            ConflictError: it was undone.
-        """
+        """Version made by a request id; raises `ConflictError` if it was undone."""
         versions = {known.version: known for known in self.all(earlier.scene_id)}
         version = next((known.version for known in versions.values() if known.current), "")
         while version in versions and version != earlier.version:
@@ -207,7 +182,7 @@ class Versions:
         if order.looked_at:
             seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
         before = self._scenes.reading(order.scene_id, parent, lambda index, _: index)
-        sources = self._sources(order.edits)  # first: opening a scene has its own share of the memory
+        sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
         with self._prompted.running(order.edits), self._memory.reserve(size, "edits"):
@@ -231,16 +206,15 @@ class Versions:
         version: str = "",
         add_files: Callable[[Path], None] = lambda folder: None,
     ) -> SceneVersion:
-        """Make `index` the current version of a scene, under a name of its own or this one.
+        """Stores `index` as the current version of a scene.
 
         Args:
-            order: what it is made by.
-            parent, before: the current version, of which it was made, and its index.
-            version: its name, of `new_version_name`.
-            add_files: writes what else belongs to it into its folder, before anybody sees it.
+            parent, before: the current version and its index.
+            version: from `new_version_name`; "": a new name.
+            add_files: adds further files before the folder is published.
 
         Raises:
-            ConflictError: another version is current by now; nothing is left of this one.
+            ConflictError: another version became current; nothing of this one is kept.
             NotFoundError: the scene was deleted.
         """
         scene_id = order.scene_id
@@ -269,13 +243,13 @@ class Versions:
                 )
             )
         except BaseException:
-            # The database may have done what was asked though its answer was lost: then the folder is needed. Where it
-            # does not answer now either, a worker's cleanup decides.
+            # The transaction may have committed though its answer was lost: then the folder is needed. If the database
+            # still does not answer, a worker's cleanup decides.
             with suppress(DatabaseError):
                 if not self._store.versions.is_published(scene_id, version):
                     self._store.blobs.drop_version(scene_id, version)
             raise
-        with suppress(ObjectStoreError):  # what stays, a worker's cleanup removes
+        with suppress(ObjectStoreError):  # leftovers are removed by a worker's cleanup
             for old in removed:
                 self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)
@@ -284,7 +258,7 @@ class Versions:
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
     ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
-        """The index of the edited scene, and what was made of prompts, by the number of the edit, as JSON."""
+        """Index of the edited scene, and results of prompts as JSON, by edit number."""
         from fastsplat.service.query.edits.apply_edit import apply_edit
 
         before = index.things.table
@@ -313,7 +287,7 @@ class Versions:
         return index, made
 
     def _sources(self, edits: Sequence[Edit]) -> dict[int, SceneIndex]:
-        """The scenes that things are inserted from, by the number of the edit."""
+        """Source scenes of insertions, by edit number."""
         sources = {}
         for number, edit in enumerate(edits):
             if edit.source is not None and edit.action == "insert":

@@ -1,4 +1,4 @@
-"""A scene's cameras as files that other programs read."""
+"""Camera files for other programs."""
 
 from __future__ import annotations
 
@@ -18,16 +18,14 @@ _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def camera_list(cameras: Sequence[PosedCamera]) -> bytes:
-    """JSON of {"cameras": [...]}, each as the REST interface writes one."""
+    """JSON of {"cameras": [...]}, each as in the REST interface."""
     return _json({"cameras": [to_plain(posed) for posed in cameras]})
 
 
 def transforms(cameras: Sequence[PosedCamera], **more: Any) -> bytes:
-    """nerfstudio's transforms.json: world-from-camera, OpenGL axes, intrinsics a frame.
+    """nerfstudio's transforms.json: world-from-camera, OpenGL axes, intrinsics per frame.
 
-    Args:
-        cameras: of the scene.
-        **more: further entries of the file.
+    `more` are further top-level entries.
     """
     return _json({"camera_model": "OPENCV", **more, "frames": [_frame(posed) for posed in cameras]})
 
@@ -47,11 +45,9 @@ def _frame(posed: PosedCamera) -> dict[str, Any]:
 
 
 def colmap(cameras: Sequence[PosedCamera]) -> bytes:
-    """A zip of COLMAP's text model, camera-from-world, quaternions w x y z, without points; one PINHOLE camera for each
-    distinct lens.
+    """Zip of COLMAP's text model without points, one PINHOLE camera per distinct lens.
 
-    Raises:
-        InvalidInputError: it cannot hold a camera's name.
+    Poses are camera-from-world, quaternions w x y z. Raises `InvalidInputError` for a name with blanks.
     """
     for posed in cameras:
         if any(letter.isspace() for letter in posed.name):

@@ -1,13 +1,13 @@
-"""A scene as an MCAP file for Foxglove: boxes with names, labelled points, cameras, photos, frames, floor map.
+"""MCAP files for Foxglove: named boxes, labelled points, cameras, photos, frames, floor map.
 
-The package foxglove-sdk is Foxglove's own writer with its own schemas.
+Written by foxglove-sdk, Foxglove's own writer with its own schemas.
 
-Frames: the root is the world frame of the version, called by the name of the map that the scene was put into (`map` for
-a map without a name), or `world`. `ROOT/trained` is the frame of the scene as it was trained, in units of this version;
-it is there if the scene was put into a map. `ROOT/camera` is the camera of the moment, OpenCV axes.
+Frames: the root is the version's world frame, named after the map that the scene is aligned to (`map` if unnamed), or
+`world`. `ROOT/trained`, for aligned scenes, is the frame of training in this version's units. `ROOT/camera` is the
+current camera, OpenCV axes.
 
-A scene has no clock. What does not move is logged at the time at which the version was made; the cameras follow from
-then on, in their order, ten in a second of the file.
+Static content is logged at the version's creation time; the cameras follow in order, ten per second of the file, as a
+scene has no clock.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from fastsplat_contract.geometry.poses import F64, Box, Quaternion, Vector3, qua
 from fastsplat_contract.messages.things import SceneThing
 
 STEP_NS = 100_000_000
-"""Between two cameras."""
+"""Time between two cameras."""
 
 _GRID = np.dtype([("occupancy", "i1"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
 _CELL_GRAYS = {FREE: 230, OCCUPIED: 20}
@@ -47,17 +47,17 @@ _NUMERIC = {
 
 
 def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence[int] = ()) -> bytes:
-    """An MCAP file; the same arguments give the same bytes.
+    """A deterministic MCAP file of a scene, or of some things.
 
-    Topics: `/things` (foxglove.SceneUpdate: an entity for each thing that has a box, by its id, of a cube and a text),
-    `/points` (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
+    Topics: `/things` (foxglove.SceneUpdate: an entity per thing with a box, by id, with cube and text), `/points`
+    (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
     `/camera/calibration`, `/camera/image`, `/tf`, and for scenes that have one `/map` (foxglove.Grid: `occupancy` as in
     nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `things`, names by id.
     """
     scene, buffer, context = index.scene, io.BytesIO(), Context()
     listed = [thing for thing in index.things.listed if not things or thing.id in things]
     root, start = frame_id(scene), recording.created_ns
-    # One thread: how several share the work may change the bytes.
+    # One thread, as scheduling of several may change the bytes.
     with open_mcap(buffer, context=context, writer_options=MCAPWriteOptions(compression_threads=0)) as writer:
         writer.write_metadata("scene", described(scene, recording, listed))
         writer.write_metadata("labels", {str(i): entry.label for i, entry in enumerate(scene.dictionary.entries, 1)})
@@ -83,7 +83,7 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
 
 
 def _log_frames(scene: Scene, recording: SceneRecording, root: str, context: Context) -> None:
-    """The frame of the trained scene, then each camera with its intrinsics and its photo, at its time."""
+    """Logs the trained frame, then each camera with intrinsics and photo at its time."""
     start, frame = recording.created_ns, f"{root}/camera"
     tf = channels.FrameTransformChannel("/tf", context=context)
     calibration = channels.CameraCalibrationChannel("/camera/calibration", context=context)
@@ -131,7 +131,7 @@ def _cube(thing: SceneThing, box: Box) -> messages.CubePrimitive:
 
 
 def _text(thing: SceneThing, box: Box, up: F64 | None) -> messages.TextPrimitive:
-    """A name over the box, or in its middle where up is unknown."""
+    """Name above the box, or in its center if up is unknown."""
     place = np.array(box.center.position)
     if up is not None:
         axes = box.center.matrix()[:3, :3]
@@ -153,7 +153,7 @@ def _color(thing_id: int, alpha: float) -> messages.Color:
 
 def _cloud(points: bytes, root: str, at: int) -> messages.PointCloud:
     rows = point_rows(points)
-    # Foxglove takes colors from four fields, none of which may be missing.
+    # Foxglove requires all four color fields.
     packed = np.empty(len(rows), np.dtype([*rows.dtype.descr, ("alpha", "u1")]))
     for name in rows.dtype.names or ():
         packed[name] = rows[name]
@@ -169,7 +169,7 @@ def _cloud(points: bytes, root: str, at: int) -> messages.PointCloud:
 
 
 def _grid(floor: OccupancyMap, root: str, at: int) -> messages.Grid:
-    """The floor at its height; what is unknown cannot be seen."""
+    """Grid at the floor's height; unknown cells are transparent."""
     packed = np.zeros(floor.cells.shape, _GRID)
     packed["occupancy"] = floor.cells
     for value, gray in _CELL_GRAYS.items():
@@ -198,7 +198,7 @@ def _fields(rows: np.dtype[Any]) -> list[messages.PackedElementField]:
 
 
 def _calibration(camera: Camera, frame: str, at: int) -> messages.CameraCalibration:
-    """In OpenCV's and ROS' pixels: the center of the top-left one is (0, 0)."""
+    """Pixels as in OpenCV and ROS: the center of the top-left one is (0, 0)."""
     cx, cy = camera.cx - 0.5, camera.cy - 0.5
     return messages.CameraCalibration(
         timestamp=_time(at),

@@ -1,4 +1,4 @@
-"""A scene's points and meshes as files in which its things have their names."""
+"""Files of a scene's points and meshes, with named things."""
 
 from __future__ import annotations
 
@@ -24,18 +24,13 @@ from fastsplat_contract.errors import InvalidInputError
 ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]
 
 REST = "unassigned"
-"""Name of the node of what belongs to no thing."""
+"""Node name of elements outside all things."""
 
 _PER_GAUSSIAN, _PER_PIXEL, _PER_POINT, _PER_VOXEL = 768, 160, 200, 100
 
 
 def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
-    """Estimated peak of taking a scene's surfaces from its views, in bytes: one rendering, the views, the points, and
-    the voxels of a mesh.
-
-    Args:
-        index: the scene.
-        mesh: whether the surfaces are meshed.
+    """Estimated peak of extracting surfaces, optionally meshed, in bytes.
 
     Raises:
         InvalidInputError: the scene has no cameras.
@@ -55,17 +50,14 @@ def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
 def points_file(
     index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
-    """Labelled points on the surfaces, see `point_ply` and `surface_points`.
+    """Labelled surface points, see `point_ply` and `surface_points`.
 
     Args:
-        index: the scene.
-        name: of the scene.
         things: only these; empty: all.
-        cell: distance between points, scene units; 0: as fine as the views are.
-        views_of: the scene's surfaces as its cameras show them.
+        cell: point distance in scene units; 0: the views' resolution.
 
     Raises:
-        NotFoundError: the scene has no thing of one of these ids.
+        NotFoundError: no such thing.
         InvalidInputError: a part, or a scene without cameras.
         LimitExceededError: too many points.
     """
@@ -94,15 +86,9 @@ def points_file(
 def mesh_file(
     index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
-    """The surfaces as a GLB of triangles, a node for each thing, see `mesh_glb` and `surface_mesh`.
+    """GLB triangle mesh with a node per thing, see `mesh_glb` and `surface_mesh`.
 
-    Args:
-        index, name, things, views_of: as for `points_file`.
-        cell: width of a voxel, scene units; 0: as fine as the views are.
-
-    Raises:
-        NotFoundError, InvalidInputError: as `points_file`.
-        LimitExceededError: too many voxels.
+    `cell` is the voxel width. Arguments and errors otherwise as `points_file`; voxels are limited, too.
     """
     _check_whole(index, things)
     most = index.settings.max_surface_voxels
@@ -122,14 +108,10 @@ def mesh_file(
 def cameras_file(
     index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
-    """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and COLMAP's
-    binary model with the same points in `sparse/0/`.
+    """Zip of cameras and points for nerfstudio and COLMAP; arguments and errors as `points_file`.
 
-    Args:
-        index, name, things, cell, views_of: as for `points_file`; the cameras are always all of the scene's.
-
-    Raises:
-        NotFoundError, InvalidInputError, LimitExceededError: as `points_file`.
+    `transforms.json` (with `ply_file_path`), `points.ply`, and COLMAP's binary model with the same points in
+    `sparse/0/`. All cameras are included.
     """
     cameras = index.scene.cameras
     points = points_file(index, name, things, cell, views_of)
@@ -147,13 +129,9 @@ def cameras_file(
 
 
 def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int]) -> list[NamedRows]:
-    """A node for each thing that owns something, in the order of their ids, then one for what belongs to none; only
-    `things` where there are any.
+    """A node per thing, by id, then one for unassigned elements unless `things` are given.
 
-    Args:
-        index: the scene.
-        owner: [K], the thing of each element, 0 for none.
-        things: ids.
+    `owner` [K] is the thing of each element, 0 for none.
     """
     nodes = []
     for thing in _things(index, things):
@@ -169,7 +147,7 @@ def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int
 
 
 def about(index: SceneIndex, name: str, cameras: Sequence[Any]) -> GlbScene:
-    """What a GLB says of a scene beside its shapes."""
+    """Scene metadata of a GLB."""
     up = index.scene.up()
     extras = {"units": _units(index), "upright": up is not None}
     return GlbScene(name, extras, up, tuple(cameras))

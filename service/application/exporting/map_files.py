@@ -1,4 +1,4 @@
-"""The map of a scene's floor, as nav2's map_server and map_saver write it."""
+"""Floor maps as written by nav2's map_server and map_saver."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SAMPLES = 1 << 20
 _PIXELS = {FREE: 254, OCCUPIED: 0}
 _UNKNOWN_PIXEL = 205
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
-"""With these (255 − 205) / 255 = 0.19608 is unknown."""
+"""With these, pixel 205 is unknown: (255 − 205) / 255 = 0.19608."""
 
 _FLOOR_WORDS = {"surface": "a thing that is a floor", "lowest_level": "the lowest dense level that faces up"}
 
@@ -42,15 +42,10 @@ def map_bytes(index: SceneIndex) -> int:
 
 
 def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_views) -> OccupancyMap:
-    """The map of a scene's floor, see `occupancy_map`.
-
-    Args:
-        index: the scene.
-        cell: width of a cell, meters; 0: `RESOLUTION`.
-        views_of: the scene's surfaces as its cameras show them.
+    """Occupancy map of a scene's floor; `cell` is in meters, 0: `RESOLUTION`.
 
     Raises:
-        InvalidInputError: the scene has no cameras, is not in meters, or does not tell what is up; no floor is seen.
+        InvalidInputError: the scene has no cameras, is not in meters, or has unknown up; no floor is seen.
         LimitExceededError: too many points or cells.
     """
     check_map_frame(index.scene)
@@ -64,17 +59,13 @@ def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_vie
 
 
 def map_file(index: SceneIndex, cell: float, views_of: ViewsOf = surface_views) -> bytes:
-    """A zip of `map.pgm` and `map.yaml`, see `map_of`.
-
-    Raises:
-        InvalidInputError, LimitExceededError: as `map_of`.
-    """
+    """Zip of `map.pgm` and `map.yaml`; raises as `map_of`."""
     known = map_of(index, cell, views_of)
     return zipped({"map.pgm": _pgm(known), "map.yaml": _yaml(known)})
 
 
 def _pgm(known: OccupancyMap) -> bytes:
-    """Binary PGM, its first row at the largest y."""
+    """Binary PGM; the first row has the largest y."""
     pixels = np.full(known.cells.shape, _UNKNOWN_PIXEL, np.uint8)
     for value, pixel in _PIXELS.items():
         pixels[known.cells == value] = pixel

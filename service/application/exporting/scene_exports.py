@@ -1,4 +1,4 @@
-"""Scenes as files for other programs."""
+"""Export of scenes to files for other programs."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from fastsplat_contract.messages.exports import FORMATS, ExportFormat, ExportReq
 from fastsplat_contract.messages.goals import Goal
 
 ROBOT_RADIUS = 0.2
-"""Meters, where a caller says none."""
+"""Default in meters."""
 
 _CACHED_BYTES = 128 << 20
 
 
 class Exports:
-    """Files of finished scenes, and places on the map of their floor. Every method is safe from any thread.
+    """Files of finished scenes, and goals on their floor map. Thread-safe.
 
-    Whole scenes as SPZ are kept in memory: every visit of the page asks for one, and making it costs seconds for a
-    million Gaussians. So are the views of a scene's surfaces, of which points, mesh and cameras are made.
+    Whole scenes as SPZ are cached: every visit of the page asks for one, and making it costs seconds for a million
+    Gaussians. So are surface views, the source of points, mesh and cameras.
     """
 
     def __init__(self, store: Store, scenes: OpenScenes, memory: MemoryBudget) -> None:
@@ -61,28 +61,27 @@ class Exports:
         self._surfaces = SurfaceCache(memory)
 
     def over(self, store: Store, scenes: OpenScenes) -> Exports:
-        """The same memory, with the scenes of another view of the store."""
+        """Same caches for another view of the store."""
         other = copy.copy(self)
         other._store = store
         other._scenes = scenes
         return other
 
     def forget(self, scene_id: str) -> None:
-        """Let go of one scene."""
+        """Drops one scene."""
         self._splats.drop(lambda key: key[0] == scene_id)
         self._surfaces.forget(scene_id)
 
     def file(self, request: ExportRequest) -> bytes:
-        """The file that is asked for.
+        """Writes a scene in the requested format.
 
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
-            InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
-                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a camera's
-                name that the format cannot hold, a version that is no plain text.
+            InvalidInputError: options that the format does not support, an invalid cell, surfaces of a scene without
+                cameras, a camera name that the format cannot hold, or an invalid version text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
-            MissingPackageError: mcap, where the package that it needs is not installed.
+            MissingPackageError: mcap without its package.
             SceneFileError: a stored photo is damaged.
         """
         check_texts(replace(request, scene_id=""))
@@ -96,16 +95,13 @@ class Exports:
         return self._scenes.reading(request.scene_id, request.version, read)
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
-        """The free place nearest to a thing from which a robot sees it, see `goal_near`.
+        """Nearest free place from which a robot sees a thing or part, see `goal_near`.
 
-        Args:
-            thing_id: of a thing or a part.
-            robot_radius: meters; 0: 0.2.
-            version: of the scene; "" is the current one.
+        `robot_radius` is in meters, 0: `ROBOT_RADIUS`.
 
         Raises:
             NotFoundError: unknown scene, version or thing; there is no such place.
-            InvalidInputError: the scene is not in meters with z up, or shows no floor; a radius that is none; a thing
+            InvalidInputError: the scene is not in meters with z up, or shows no floor; an invalid radius; a thing
                 without a box.
             LimitExceededError, NotReadyError: as `file`.
         """
@@ -191,7 +187,7 @@ class Exports:
             return foxglove_file(index, recording, request.things)
 
     def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
-        """The map of the floor, or why there is none."""
+        """Floor map, or the reason for its absence."""
         if request.things:
             return None, "a map is of a whole scene"
         try:
@@ -205,14 +201,14 @@ class Exports:
                 return None, error.message
 
     def _photo_files(self, scene_id: str, version: str, cameras: int) -> tuple[dict[int, int], int]:
-        """Bytes of the stored photos that a file may hold, by the number of their camera, and how many are left out."""
+        """Bytes of photos to include, by camera number, and the number left out."""
         folder = self._scenes.folder(scene_id, version)
         sizes = {number: size for number in range(cameras) if (size := size_of(photo_path(folder, number)))}
         photos = {number: sizes[number] for number in bounded_photos(sizes)}
         return photos, len(sizes) - len(photos)
 
     def _photo_contents(self, scene_id: str, version: str, numbers: Iterable[int]) -> dict[int, bytes]:
-        """Checked JPEG files by the number of their camera."""
+        """Verified JPEG files by camera number."""
         folder = self._scenes.folder(scene_id, version)
         paths = {number: photo_path(folder, number) for number in numbers}
         try:
@@ -226,7 +222,7 @@ class Exports:
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene") from error
 
     def _created_at(self, scene_id: str, version: str) -> float:
-        """When the version was made, seconds since 1970."""
+        """Creation time of the version, seconds since 1970."""
         for made in self._store.versions.of(self._store.scenes.scene(scene_id)):
             if made.version == version:
                 return made.created_at
@@ -286,7 +282,7 @@ def _check(request: ExportRequest) -> None:
 
 
 def _of_things(index: SceneIndex, things: Sequence[int]) -> Gaussians:
-    """The Gaussians of these things or parts; without any, all of the scene's."""
+    """Gaussians of these things or parts; all if empty."""
     gaussians = index.scene.gaussians
     if not things:
         return gaussians

@@ -1,4 +1,4 @@
-"""A scene as one HTML file: the viewer of `api/web/src/offline/`, the Gaussians, and answers to its own names."""
+"""A scene as one HTML file: viewer of `api/web/src/offline/`, Gaussians, and answers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TEMPLATE = Path(__file__).resolve().parents[3] / "api" / "web" / "dist" / "offli
 """The built viewer, in a checkout and in a wheel."""
 
 MAX_NAMES = 1_000
-"""Labels that a file answers for; those with the most Gaussians come first."""
+"""Limit of labels with answers in a file, those with most Gaussians first."""
 
 _MAX_CAMERAS = 200
 _PLACE = "<!--scene-->"
@@ -30,13 +30,9 @@ _LEVEL = 6
 
 
 def scene_page(index: SceneIndex, name: str, spz: bytes) -> bytes:
-    """The file, UTF-8. It opens from disk, loads nothing, and answers the labels and aliases of the scene with what the
-    scene itself says of them now; any other text it calls not answerable.
+    """Self-contained UTF-8 HTML file that works offline.
 
-    Args:
-        index: the scene.
-        name: of the scene, for people.
-        spz: its Gaussians.
+    It answers the scene's labels and aliases as the scene does now; other texts are not answerable.
 
     Raises:
         NotFoundError: the viewer is not built in this installation.
@@ -57,7 +53,7 @@ def scene_page(index: SceneIndex, name: str, spz: bytes) -> bytes:
         "left_out": len(present) - len(listed),
         "splat": b64encode(spz).decode(),
     }
-    # No "<" in the file's data: nothing in a name can end the element that holds it, or begin another.
+    # Escaped, so that no name can close the script element or open another.
     content = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     return f'{before}<script type="application/json" id="scene">{content}</script>{after}'.encode()
 
@@ -80,7 +76,7 @@ def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
 
 
 def _viewer() -> tuple[str, str]:
-    """What stands before the scene's data, and behind it."""
+    """Template before and after the scene's data."""
     try:
         before, place, after = TEMPLATE.read_text(encoding="utf-8").partition(_PLACE)
     except FileNotFoundError:

@@ -14,23 +14,21 @@ from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.messages.things import SceneThing
 
 MOST_PHOTO_BYTES = 64 << 20
-"""Of all photos in one file; of a scene that has more, every second, third ... is in it."""
+"""Limit of all photos in a file; beyond it, photos are skipped evenly."""
 
 _HUE_STEP = 0.618034
 
 
 @dataclass(frozen=True)
 class SceneRecording:
-    """Contents of a recording beside what is in the scene's index.
+    """Contents of a recording beside the scene's index.
 
     Attributes:
-        scene_id, version, name: of the scene.
-        created_ns: when the version was made, nanoseconds since 1970.
+        created_ns: creation time of the version, nanoseconds since 1970.
         points: a file of `point_ply`.
-        photos: JPEG files, by the number of their camera.
-        photos_left_out: how many stored ones are not among them.
-        floor: the map of the floor, for scenes that have one.
-        floor_missing: why they have none.
+        photos: JPEG files, by camera number.
+        photos_left_out: number of kept photos not included.
+        floor_missing: reason if there is no `floor` map.
     """
 
     scene_id: str
@@ -45,11 +43,9 @@ class SceneRecording:
 
 
 def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> list[int]:
-    """The numbers of photos, evenly through all, that together are at most so large; as many as that allows.
+    """Every n-th photo, with the least n for which they fit into `most` bytes.
 
-    Args:
-        sizes: bytes of each photo, by the number of its camera.
-        most: bytes.
+    `sizes` are bytes by camera number.
     """
     numbers = sorted(sizes)
     for step in range(1, len(numbers) + 1):
@@ -59,12 +55,7 @@ def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> li
 
 
 def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
-    """What is recorded of a scene as a whole, with a warning where lengths are not meters.
-
-    Args:
-        scene, recording: of which.
-        listed: the things in the recording.
-    """
+    """Metadata of a recording, with a warning where lengths are not meters."""
     scaling, metric = scene.scaling or capture_scaling(scene.quality), scene.scale == "METRIC"
     up = scene.up()
     lines = {
@@ -92,7 +83,7 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
 
 
 def thing_facts(thing: SceneThing) -> dict[str, str]:
-    """What is recorded of a thing beside its box."""
+    """Metadata of a thing beside its box."""
     return {
         "name": thing.name,
         "source": thing.source or "",
@@ -106,5 +97,5 @@ def thing_facts(thing: SceneThing) -> dict[str, str]:
 
 
 def thing_color(thing_id: int) -> tuple[float, float, float]:
-    """Red, green and blue from 0 to 1; those of neighboring ids lie far apart."""
+    """RGB from 0 to 1; neighboring ids differ clearly."""
     return colorsys.hsv_to_rgb(thing_id * _HUE_STEP % 1.0, 0.7, 1.0)

@@ -1,4 +1,4 @@
-"""Cache of a scene's surface views between exports: all files of one version that show surfaces use the same."""
+"""Cache of surface views, shared by all surface exports of a version."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, Surf
 
 
 class SurfaceCache:
-    """Cache of the surface views of the version that was last asked for, until others need the memory. Threads may
-    share it.
-    """
+    """Surface views of the last used version, until their memory is needed. Thread-safe."""
 
     def __init__(self, memory: MemoryBudget) -> None:
         self._memory = memory
@@ -22,11 +20,7 @@ class SurfaceCache:
         self._views: LeastRecentlyUsed[tuple[str, str], tuple[SurfaceView, ...]] = LeastRecentlyUsed(0)
 
     def views(self, scene_id: str, version: str, index: SceneIndex) -> tuple[SurfaceView, ...]:
-        """What `surface_views` returns of a version; kept if there is room for as much as the settings allow.
-
-        Raises:
-            InvalidInputError, CancelledError: as `surface_views`.
-        """
+        """Surface views of a version, cached if there is room; raises as `surface_views`."""
         views = self._views.get((scene_id, version), lambda: 1, lambda: surface_views(index))
         with self._lock:
             uncounted, self._counted = not self._counted, True
@@ -36,7 +30,7 @@ class SurfaceCache:
         return views
 
     def forget(self, scene_id: str) -> None:
-        """Let go of one scene."""
+        """Drops one scene."""
         self._views.drop(lambda key: key[0] == scene_id)
 
     def _drop(self) -> None:

@@ -1,4 +1,4 @@
-"""How long a job would take here, said before anything is sent."""
+"""Estimated job time on this machine, before anything is uploaded."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from fastsplat.service.planning.cost_model import Speed
 
 _AGAIN_S = 600.0
-"""The machine is measured again after so long."""
+"""Interval in seconds between measurements of the machine."""
 _USUAL_WIDTH, _USUAL_HEIGHT = 4_000, 3_000
 
 
 class JobEstimates:
-    """Estimates of jobs on this machine, which is measured by the first: a second."""
+    """Job estimates; the first measures this machine for a second or two."""
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
@@ -33,11 +33,7 @@ class JobEstimates:
         self._measured_at = 0.0
 
     def estimate(self, request: EstimateJobRequest) -> JobEstimate:
-        """How long photos would take to become a scene.
-
-        Raises:
-            LimitExceededError: more photos than a scene may have.
-        """
+        """Estimates the time from photos to a scene; raises `LimitExceededError` for too many photos."""
         most = self._settings.capture.max_images
         if request.photos > most:
             raise LimitExceededError(f"{request.photos} photos", field="photos", limit=f"{most} photos")
@@ -45,7 +41,7 @@ class JobEstimates:
         return self._of(request.photos, width, height, SceneOptions(preset=request.preset))
 
     def predicted(self, upload: ValidatedUpload, options: SceneOptions) -> dict[str, float]:
-        """How long a job takes, beside its options: of photos alone, and once an estimate has measured the machine."""
+        """Predicted seconds of a photo job, once the machine is measured, as job options."""
         if upload.source != "images" or self._speed is None:
             return {}
         first = read_manifest(upload.folder)[0].photos[0]

@@ -1,4 +1,4 @@
-"""Job requests to look again at a finished scene: checked here, done by a worker."""
+"""Requests to search a finished scene again, validated here and run by a worker."""
 
 from __future__ import annotations
 
@@ -16,17 +16,11 @@ from fastsplat_contract.jobs.look_again import LookAgainIn
 
 
 def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: Settings) -> NewJob:
-    """The job that searches a scene for texts once more.
-
-    Args:
-        request: what to look for.
-        project: whose scene it is.
-        settings: which detector looks, and limits.
+    """Creates the job that searches a scene for more texts.
 
     Raises:
-        InvalidInputError: no texts; one that is empty, too long, there twice, of several lines or of control
-            characters, or that the configured detector cannot know.
-        LimitExceededError: too many texts.
+        InvalidInputError: no texts, or an empty, duplicate or multi-line one, or one unknown to the detector.
+        LimitExceededError: too many texts, or too long ones.
         ModelUnavailableError: no open-set detector is configured.
     """
     check_request_id(request.request_id)
@@ -37,7 +31,7 @@ def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: 
 
 
 def _checked(texts: Sequence[str], limits: StoreOptions) -> tuple[str, ...]:
-    """The texts without white space at their ends."""
+    """Validated texts, stripped."""
     if not texts:
         raise InvalidInputError(
             "no texts", field="texts", limit=f"1 to {limits.max_labels} texts", hint="Say what to look for."

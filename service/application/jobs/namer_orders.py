@@ -1,4 +1,4 @@
-"""Job requests to ask the server's namer about a finished scene: checked and queued here, and done by a worker."""
+"""Requests to ask the server's namer about a scene, run by a worker."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fastsplat_contract.jobs.operations import Operation
 
 
 class OwnNamer:
-    """The server's namer for one project. Every method is safe from any thread."""
+    """The server's namer for one project. Thread-safe."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, project: str) -> None:
         self._store, self._settings, self._scenes = store, settings, scenes
@@ -28,11 +28,11 @@ class OwnNamer:
         self._jobs = RunningJobs(store, settings)
 
     def agree(self, host: str) -> NamerStatus:
-        """Agree to its host, or with "" to none; returns what holds then.
+        """Records the project's consent to the namer's host; "" withdraws it.
 
         Raises:
             ModelUnavailableError: the server has no namer.
-            InvalidInputError: its host is another one: what was agreed to elsewhere does not hold for it.
+            InvalidInputError: the namer has another host.
         """
         status = self._status()
         if host and host != status.host:
@@ -43,16 +43,14 @@ class OwnNamer:
         return replace(status, agreed=bool(host))
 
     def order(self, scene_id: str, request_id: str = "") -> Operation:
-        """Queue a job that asks it about all things without a name, and suggests what it says as one version; where it
-        says nothing usable there is none. Durable once this returns.
+        """Queues a job that asks the namer about all unnamed things; durable on return.
 
-        Args:
-            request_id: the same id returns the same operation; "" for none.
+        Usable suggestions become one version. The same `request_id` returns the same operation; "" for none.
 
         Raises:
-            NotFoundError, NotReadyError: there is no such scene, or it is not ready.
+            NotFoundError, NotReadyError: no such scene, or it is not ready.
             ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project did not agree to its host.
+            PermissionDeniedError: the project did not agree to the host.
             ConflictError, QuotaError: as `place_order`.
         """
         check_request_id(request_id)

@@ -1,4 +1,4 @@
-"""Retries of failed and cancelled jobs, with their whole upload or without some of its photos."""
+"""Retries of failed and cancelled jobs, optionally without some photos."""
 
 from __future__ import annotations
 
@@ -18,20 +18,17 @@ from fastsplat_contract.jobs.operations import FINAL_STATES
 def retry(
     operation_id: str, exclude: Sequence[str], store: Store, quotas: Quotas, project: str, retention_s: float
 ) -> OperationRecord:
-    """Queue a failed or cancelled job again; one in another state stays as it is.
+    """Queues a failed or cancelled job again; other jobs are returned unchanged.
 
     Args:
-        exclude: photos of its upload to leave out, beside those of earlier retries.
-        store: of the project.
-        quotas: of how many jobs may wait or run.
-        project: whose job it is.
+        exclude: photos to leave out, in addition to earlier retries.
         retention_s: seconds for which uploads of failed and cancelled jobs are kept.
 
     Raises:
-        NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more.
-        InvalidInputError: the upload has no photo of such a name, or too few are left.
-        NotReadyError: photos are to be left out of a job that was neither failed nor cancelled.
-        QuotaError: as many of the project's jobs wait or run as may.
+        NotFoundError: no such job, or its scene or upload was deleted.
+        InvalidInputError: an unknown photo, or too few remain.
+        NotReadyError: new exclusions for a job that neither failed nor was cancelled.
+        QuotaError: too many active jobs in the project.
     """
     record = store.scenes.operation(operation_id)
     if record.state in ("FAILED", "CANCELLED"):
@@ -51,7 +48,7 @@ def retry(
 
 
 def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:
-    """The paths of the photos to leave out of a job's upload."""
+    """Paths of the photos to exclude from a job's upload."""
     if not record.makes_scene:
         raise InvalidInputError(
             f"a job of the kind {record.kind} reads no upload that photos could be left out of",

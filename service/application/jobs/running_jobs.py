@@ -1,4 +1,4 @@
-"""Running jobs, as those who wait for them see them: worker, previews, and an early end."""
+"""Running jobs for waiting callers: worker state, previews, log, and early finish."""
 
 from __future__ import annotations
 
@@ -23,57 +23,41 @@ _MAX_LOG = 1 << 20
 
 
 class RunningJobs:
-    """The jobs of one project, while they run. Raises `DatabaseError` when the database is away."""
+    """Running jobs of one project. Raises `DatabaseError` if the database is unavailable."""
 
     def __init__(self, store: Store, settings: Settings) -> None:
         self._store, self._settings = store, settings
 
     def operation(self, record: OperationRecord) -> Operation:
-        """What a caller sees of a job."""
+        """Converts an operation row for callers."""
         return operation_of(record, self._worker_of(record), self._ahead_of((record,)).get(record.id))
 
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
-        """The same of many, without those whose rows cannot be read."""
+        """Converts many operation rows, skipping unreadable ones."""
         ahead = self._ahead_of(records)
         return tuple(each_readable(records, lambda one: operation_of(one, self._worker_of(one), ahead.get(one.id))))
 
     def finish(self, operation_id: str) -> Operation:
-        """Ask a job to end its training early, once it has 250 steps, and to make its scene of what is there; asked
-        again it changes nothing. A cancellation goes first. Returns the operation as it now stands.
+        """Ends a job's training early, after at least 250 steps, and keeps its scene.
 
-        Raises:
-            NotFoundError: there is none of that id.
-            NotReadyError: it does not train: its first step is not done, its last one is, or it trains nothing.
+        Idempotent; a cancellation takes precedence. Raises `NotReadyError` before the first step, after the last, and
+        without training.
         """
         return self.operation(self._store.reserve.lend(lambda: self._store.scenes.finish(operation_id)))
 
     def preview(self, operation_id: str) -> Preview:
-        """The newest picture of a scene that is being trained.
-
-        Raises:
-            NotFoundError: there is no such operation, or no picture of it (any more).
-            ObjectStoreError: the store that has it does not answer.
-        """
+        """Latest preview of a scene in training; raises `NotFoundError` without one, or `ObjectStoreError`."""
         info, content = self._file(operation_id, "preview")
         return Preview(PreviewInfo(**info), content)
 
     def placed_cameras(self, operation_id: str) -> PlacedCameras:
-        """The cameras that a job has placed so far, and some of its points.
-
-        Raises:
-            NotFoundError: there is no such operation, or no camera of it (any more).
-            ObjectStoreError: the store that has them does not answer.
-        """
+        """Cameras registered so far, with some points; raises `NotFoundError` without any, or `ObjectStoreError`."""
         info, content = self._file(operation_id, "placed")
         stored = from_json(PlacedCameras, content)
         return PlacedCameras(PlacedInfo(**info), stored.cameras, stored.points, stored.colors)
 
     def log(self, operation_id: str) -> JobLog:
-        """The end of what the trainers of a job wrote.
-
-        Raises:
-            NotFoundError: there is no such operation, or no log of it on this machine.
-        """
+        """Last MiB of a job's training log; raises `NotFoundError` without one on this machine."""
         path = self._store.blobs.log(self._store.scenes.operation(operation_id).id)
         try:
             with path.open("rb") as file:
@@ -100,10 +84,10 @@ class RunningJobs:
             content = self._store.blobs.read_progress_file(record.run_id, entry["file"])
             if content is not None:
                 return entry["info"], content
-            before = entry  # replaced since the row was read: then there is a newer one
+            before = entry  # replaced since the row was read: read again
 
     def _ahead_of(self, records: Sequence[OperationRecord]) -> Mapping[str, Ahead]:
-        """What is ahead of jobs that wait, where any of these does."""
+        """Queue position and expected start of waiting jobs; empty if none waits."""
         if all(record.state != "QUEUED" for record in records):
             return {}
         timeout_s = self._settings.jobs.stalled_worker_timeout_s
@@ -115,7 +99,7 @@ class RunningJobs:
         for job in self._store.jobs.in_turn():
             ahead[job.id] = number, ends[0]
             number += not job.cancel_requested
-            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # who is free first takes it
+            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # the first free worker takes it
         return ahead
 
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
@@ -130,7 +114,7 @@ class RunningJobs:
 
 
 def _seconds_of(job: OperationRecord, heard_since: float) -> float:
-    """How long a job still takes, by what was said when it came, or with its last progress; infinite: unknown."""
+    """Remaining seconds of a job, as predicted or last reported; infinite: unknown."""
     if job.cancel_requested:
         return 0.0
     if job.state == "QUEUED":

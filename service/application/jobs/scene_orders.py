@@ -1,4 +1,4 @@
-"""Job requests on finished scenes: an operation, done by a worker."""
+"""Queueing of jobs on finished scenes."""
 
 from __future__ import annotations
 
@@ -8,16 +8,11 @@ from fastsplat.service.store.store import Store
 
 
 def place_order(job: NewJob, store: Store, quotas: Quotas) -> OperationRecord:
-    """The operation of an order: queued, or the one that the same request queued before. Durable once this returns.
-
-    Args:
-        job: see `order_job`.
-        store: of the project.
-        quotas: of how many jobs may wait or run.
+    """Queues a job, or returns the operation of the same earlier request. Durable on return.
 
     Raises:
-        ConflictError: the request id was used before for another request.
-        QuotaError: as many of the project's jobs wait or run as may.
+        ConflictError: the request id was used for another request.
+        QuotaError: too many active jobs in the project.
     """
     earlier = store.scenes.find_request(job.request_id, job.request_digest, job.project)
     if earlier is not None:

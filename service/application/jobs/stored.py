@@ -1,4 +1,4 @@
-"""Conversion of database rows to what callers see."""
+"""Conversion of database rows to contract messages."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ _MAX_LEFT_OUT = 100
 _SOON_S = 10.0
 
 Ahead = tuple[int, float]
-"""How many jobs are ahead of one that waits, and in how many seconds a worker is free for it; infinite: unknown."""
+"""Jobs ahead of a waiting one, and seconds until a worker is free (infinite: unknown)."""
 
 
 def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
-    """What stands beside a job's options of the files of its upload that cannot be used, for `operation_of`."""
+    """Unusable files of an upload, stored with the job's options for `operation_of`."""
     return {_LEFT_OUT: dict(islice(upload.left_out.items(), _MAX_LEFT_OUT))}
 
 
 @decodes("operation")
 def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahead: Ahead | None = None) -> Operation:
-    """What a caller sees of an operation row, `worker` None once it is done; without metrics that are not finite."""
+    """Converts an operation row, without non-finite metrics; `worker` is None when done."""
     jobs_ahead, starts_in_s = (None, math.inf) if ahead is None else ahead
     error, done = record.error, record.state in FINAL_STATES
     files = {} if done or record.progress_files is None else record.progress_files
@@ -81,13 +81,13 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None, ahe
 
 
 def _result_of(record: OperationRecord) -> dict[str, Any]:
-    """The field of an operation that says what came of it; its name is the kind's."""
+    """The operation's result field, named after its kind."""
     return {} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}
 
 
 @decodes("scene")
 def summary_of(record: SceneRecord) -> SceneSummary:
-    """What a list shows of a scene row."""
+    """Converts a scene row for lists."""
     return SceneSummary(
         id=record.id,
         name=record.name,
@@ -104,16 +104,16 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 
 
 def summaries_of(records: Sequence[SceneRecord]) -> tuple[SceneSummary, ...]:
-    """The same of many, without those whose rows cannot be read."""
+    """Converts many scene rows, skipping unreadable ones."""
     return tuple(each_readable(records, summary_of))
 
 
 @decodes("scene")
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
-    """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
+    """Converts a scene row, with at most `max_listed` labels and cameras."""
     unit = None if record.scaling is None else record.scaling["meters_per_unit"]
     alignment = alignment_from_json(record.alignment)
-    frame = frame_similarity(unit, alignment)  # rows have that of the trained version
+    frame = frame_similarity(unit, alignment)  # rows are in the trained version's frame
     cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
@@ -157,12 +157,12 @@ def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
 
 @decodes("scene")
 def labels_of(record: SceneRecord, rows: Sequence[Mapping[str, Any]]) -> tuple[DictionaryEntry, ...]:
-    """What a caller sees of some entries of a scene's dictionary."""
+    """Converts some dictionary rows of a scene."""
     return tuple(label_of(row) for row in rows)
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
-    """What a caller sees of a stored dictionary entry; a row may hold more than callers are shown."""
+    """Converts a dictionary row, dropping columns that are not shown."""
     shown = {field.name: row[field.name] for field in fields(DictionaryEntry)}
     return DictionaryEntry(**{**shown, "aliases": tuple(row["aliases"])})
 

@@ -1,12 +1,11 @@
-"""Resumable uploads: files that grow by acknowledged pieces until a scene is made of them.
+"""Resumable uploads: files that grow by acknowledged pieces.
 
-uploads/<id>/resumable.json   what was announced
-uploads/<id>/offset           how many bytes are durable: written only after the bytes themselves; when it was changed
-                              says how old the upload is, by `ActivityClock`
-uploads/<id>/data             the bytes; what lies behind the offset was never acknowledged and is cut off
+uploads/<id>/resumable.json   announcement
+uploads/<id>/offset           durable bytes, written after the bytes themselves; its mtime is the upload's age
+                              by `ActivityClock`
+uploads/<id>/data             the bytes; those behind the offset were never acknowledged and are cut off
 
-Any number of processes may serve one folder: who appends holds a lock on `data`, which the kernel takes back from a
-process that dies.
+Processes may share a folder: appending holds a lock on `data`, which the kernel releases if the process dies.
 """
 
 from __future__ import annotations
@@ -49,12 +48,11 @@ class Resumable:
     """One upload.
 
     Attributes:
-        id: names it.
-        name: the file's name in the capture, e.g. "capture.zip" or "images/0001.jpg".
-        length: bytes it will have.
-        offset: bytes that are durable.
-        metadata: what the client said about it, as sent.
-        expires_at: seconds since 1970, UTC; every piece moves it.
+        name: of the file in the capture, e.g. "capture.zip" or "images/0001.jpg".
+        length: announced bytes.
+        offset: durable bytes.
+        metadata: as sent by the client.
+        expires_at: seconds since 1970, UTC; extended by every piece.
     """
 
     id: str
@@ -72,11 +70,11 @@ class _Info:
     length: int
     metadata: str
     key: str = ""
-    """Id of the key for one upload that announced it; "" for other keys."""
+    """Id of the upload key that announced it; "" for other keys."""
 
 
 class ResumableUploads:
-    """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
+    """All unfinished uploads of one data folder. Safe across threads and processes."""
 
     _key = ""
     _max_files = 0
@@ -99,31 +97,23 @@ class ResumableUploads:
         self._lifetime_s = lifetime_s
 
     def of_key(self, key_id: str, max_files: int) -> ResumableUploads:
-        """The uploads of a key for one upload, as if there were no others: files that become one scene together.
+        """Uploads of one upload key, at most `max_files`, hiding all others.
 
-        Args:
-            key_id: the key's.
-            max_files: so many it may announce; together they have at most `max_bytes`, and one at a time is not whole.
+        Together they have at most `max_bytes`, and at most one is incomplete.
         """
         own = copy.copy(self)
         own._key, own._max_files = key_id, max_files
         return own
 
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
-        """Announce a file; durable on return.
-
-        Args:
-            project: whose keys may go on with it.
-            name: see `Resumable`.
-            length: bytes it will have.
-            metadata: kept as it is.
+        """Announces a file of `length` bytes; durable on return.
 
         Raises:
             InvalidInputError: an unsafe name, or a negative length.
             LimitExceededError: longer than `max_bytes`, or more or longer files than the key may announce.
-            ConflictError: another file of the key is not whole yet.
-            QuotaError: the project holds all that it may.
-            ResourceError: the disk is full, or has too little space for it.
+            ConflictError: another file of the key is incomplete.
+            QuotaError: the project is full.
+            ResourceError: too little disk space.
         """
         safe_parts(name)
         if length < 0:
@@ -153,7 +143,7 @@ class ResumableUploads:
             remove(folder)
             raise disk_error(error, "upload") from error
         try:
-            if self._key:  # only now, so that of two at the same moment each sees the other
+            if self._key:  # checked last, so that concurrent announcements see each other
                 self._check_owned(project, upload_id)
         except BaseException:
             remove(folder)
@@ -161,11 +151,7 @@ class ResumableUploads:
         return self.get(project, upload_id)
 
     def get(self, project: str, upload_id: str) -> Resumable:
-        """Where an upload stands.
-
-        Raises:
-            NotFoundError: there is none of that id, not of this project, or it has expired.
-        """
+        """State of an upload; raises `NotFoundError` if unknown, of another project, or expired."""
         folder, info = self._find(project, upload_id)
         offset = int((folder / OFFSET).read_text())
         expires_at = self._wall() + self._lifetime_s - self._age(folder)
@@ -179,15 +165,15 @@ class ResumableUploads:
         chunks: Iterable[bytes],
         checksum: tuple[Algorithm, bytes] | None = None,
     ) -> Resumable:
-        """Take the bytes from `offset` on; what is acknowledged is on disk. Returns the upload as it then stands.
+        """Appends bytes at `offset`; acknowledged bytes are on disk.
 
-        If `chunks` raises, what came before stays and can be built upon, unless a checksum was to be met.
+        If `chunks` raises, earlier bytes stay, unless there is a checksum.
 
         Raises:
             NotFoundError: as `get`.
-            OffsetConflictError: `offset` is not where the upload ends.
-            UploadLockedError: another piece is coming in.
-            ChecksumMismatchError: the piece is not what its checksum says.
+            OffsetConflictError: `offset` is not the upload's end.
+            UploadLockedError: another piece is being written.
+            ChecksumMismatchError: the piece does not match its checksum.
             LimitExceededError: more bytes than announced; those announced stay.
             ResourceError: the disk is full.
         """
@@ -205,11 +191,7 @@ class ResumableUploads:
     def begin_piece(
         self, project: str, upload_id: str, offset: int, checksum: tuple[Algorithm, bytes] | None = None
     ) -> Piece:
-        """The same, to be written step by step; until its `close`, no other piece of this upload comes in.
-
-        Raises:
-            NotFoundError, OffsetConflictError, UploadLockedError: as `append`.
-        """
+        """As `append`, written step by step; locks the upload until the piece's `close`."""
         folder, info = self._find(project, upload_id)
         data = _locked(folder)
         try:
@@ -228,22 +210,13 @@ class ResumableUploads:
             raise
 
     def delete(self, project: str, upload_id: str) -> None:
-        """Forget an upload.
-
-        Raises:
-            NotFoundError, UploadLockedError: as `append`.
-        """
+        """Removes an upload; raises `NotFoundError` and `UploadLockedError` as `append`."""
         folder, _ = self._find(project, upload_id)
         with closing(_locked(folder)):
             remove(folder)
 
     def complete(self, project: str, upload_id: str) -> tuple[str, Path]:
-        """Name and bytes of an upload that is whole; it will never change again.
-
-        Raises:
-            NotFoundError: as `get`.
-            OffsetConflictError: it is not whole.
-        """
+        """Name and path of a complete, now immutable upload; `OffsetConflictError` if incomplete."""
         upload = self.get(project, upload_id)
         if upload.offset != upload.length:
             raise OffsetConflictError(
@@ -254,7 +227,7 @@ class ResumableUploads:
         return upload.name, self._blobs.upload(upload_id) / _DATA
 
     def _check_owned(self, project: str, new_id: str) -> None:
-        """Raise if a key for one upload may not have what it has, the new file included."""
+        """Checks an upload key's limits, the new file included."""
         owned = list(self._all(project))
         limits = (
             (sum(upload.length for upload in owned), self.max_bytes, "bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)"),
@@ -280,7 +253,7 @@ class ResumableUploads:
         for upload_id in self._blobs.ids("uploads"):
             try:
                 yield self.get(project, upload_id)
-            except (NotFoundError, OSError, ValueError):  # of others, or removed meanwhile
+            except (NotFoundError, OSError, ValueError):  # another project's, or removed meanwhile
                 continue
 
     def _age(self, folder: Path) -> float:
@@ -302,7 +275,7 @@ class ResumableUploads:
 
 
 def _locked(folder: Path) -> FileIO:
-    """The open `data`, locked until it is closed."""
+    """Opens `data`, locked until closed."""
     try:
         data = (folder / _DATA).open("r+b", buffering=0)
     except OSError:

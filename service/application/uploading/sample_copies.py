@@ -1,4 +1,4 @@
-"""The sample scene of the package, copied into a project: what there is to look at before anybody has photos."""
+"""The packaged sample scene, copied into a project."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from fastsplat.service.store.store import Store, open_store
 
 _NAME = "A table (sample)"
 _REQUEST = "fastsplat.sample"
-"""Request id and digest of the operation: a project has one sample at a time, and another one once it is deleted."""
+"""Request id and digest of the copy: a project has one at a time."""
 
 
 def copy_sample(store: Store, quotas: Quotas, project: str) -> str:
-    """Copy the sample scene into a project where it is not there. Durable once this returns.
+    """Copies the sample scene into a project unless present; durable on return.
 
     Returns:
-        The id of the project's sample scene, which may have been renamed and edited since it was copied.
+        The id of the sample scene, which may have been renamed or edited since.
 
     Raises:
-        QuotaError: the project holds all that it may.
+        QuotaError: the project is full.
         ResourceError: the disk is full, or the sample is not installed.
         InvalidInputError: the installed sample is damaged.
-        ConflictError: somebody has used the request id of the sample for a scene.
+        ConflictError: the sample's request id is used by another scene.
     """
     earlier = store.scenes.find_request(_REQUEST, _REQUEST, project)
     if earlier is not None:
         return earlier.scene_id
     quotas.check_room(project, 0)
     scene_id = uuid.uuid4().hex
-    scratch = store.blobs.upload(scene_id)  # on the disk of the scenes; what a crash leaves is removed as an upload
+    scratch = store.blobs.upload(scene_id)  # on the scenes' disk; after a crash removed as an upload
     try:
         unpack_sample(scratch)
         return _add(store, quotas, project, scene_id)
@@ -44,7 +44,7 @@ def copy_sample(store: Store, quotas: Quotas, project: str) -> str:
 
 
 def _add(store: Store, quotas: Quotas, project: str, scene_id: str) -> str:
-    """The same of what is unpacked as the upload of that id."""
+    """Adds the sample unpacked into the upload of this id."""
     now = time.time()
     with closing(open_store(store.blobs.upload(scene_id))) as unpacked:
         (sample_id,) = unpacked.scenes.ready_scene_ids()

@@ -1,4 +1,4 @@
-"""Pieces of a resumable upload: durable first, then counted."""
+"""Pieces of a resumable upload: made durable, then counted."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from fastsplat_contract.errors import ChecksumMismatchError, LimitExceededError
 Algorithm = Literal["sha1", "sha256"]
 ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
 OFFSET = RESUMABLE_MARK
-"""Name of the file that says how many bytes are durable."""
-_DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
+"""File with the number of durable bytes."""
+_DURABLE_BYTES = 1 << 24  # maximum to be sent again after a crash
 
 
 class Piece:
-    """A piece on its way to the end of an upload, see `ResumableUploads.begin_piece`. One thread at a time."""
+    """A piece being appended, see `ResumableUploads.begin_piece`. For one thread at a time."""
 
     def __init__(
         self,
@@ -43,10 +43,10 @@ class Piece:
         data.seek(offset)
 
     def write(self, chunk: bytes) -> None:
-        """Take some more bytes.
+        """Writes bytes of the piece.
 
         Raises:
-            LimitExceededError: they reach over the announced end.
+            LimitExceededError: they exceed the announced length.
             ResourceError: the disk is full, or almost.
         """
         if self._end + len(chunk) > self._length:
@@ -73,12 +73,7 @@ class Piece:
             raise disk_error(error, "upload") from error
 
     def finish(self) -> None:
-        """Make the piece durable: all of it has come.
-
-        Raises:
-            ChecksumMismatchError: it is not what its checksum says.
-            ResourceError: the disk is full.
-        """
+        """Makes the complete piece durable; raises `ChecksumMismatchError` or `ResourceError`."""
         if self._hash is not None and not self._fits(self._hash.digest()):
             raise ChecksumMismatchError(
                 "the piece is not what its checksum says",
@@ -92,14 +87,14 @@ class Piece:
         self._finished = True
 
     def close(self) -> None:
-        """Let others go on. What has come stays, unless the piece has yet to meet its checksum."""
+        """Releases the upload; bytes stay unless a checksum is unverified."""
         if self._data.closed:
             return
         try:
             if not self._finished and self._hash is None:
                 self._commit()
         except OSError:
-            pass  # what is not durable was not acknowledged
+            pass  # not acknowledged
         finally:
             self._data.close()
 
@@ -108,7 +103,7 @@ class Piece:
 
     def _commit(self) -> None:
         os.fsync(self._data.fileno())
-        with (self._folder / OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change at once
+        with (self._folder / OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change atomically
             file.write(digits(self._end))
             file.flush()
             os.fsync(file.fileno())
@@ -117,7 +112,7 @@ class Piece:
 
 
 def mark_activity(folder: Path, now: float) -> None:
-    """Let an upload's age count from `now`, whatever the wall clock says."""
+    """Sets the start of an upload's age, independent of the wall clock."""
     os.utime(folder / OFFSET, (now, now))
 
 

@@ -1,4 +1,4 @@
-"""Upload sessions: files come in, bounded and safely named, and become a job or leave no trace."""
+"""Upload sessions: bounded, safely named files that become a job or are removed."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from fastsplat_contract.jobs.operations import SceneOptions
 
 _CHUNK = 1 << 20
 SPACE_CHECK_BYTES = 1 << 24
-"""The disk's free space is looked at again each time that so many bytes have come."""
+"""Interval of free-space checks, in received bytes."""
 
 
 class UploadSession:
-    """Files of one future scene, kept in a folder of their own until they are a scene's: `raw` inside `folder`.
+    """Files of one future scene: `raw` inside `folder`. For one thread at a time.
 
-    A context manager: leaving it before `SceneService.create_scene` removes everything. One thread at a time.
-    `check_space` raises if the disk has too little free space to go on.
+    A context manager: leaving it before `SceneService.create_scene` removes everything. `check_space` raises if too
+    little disk space is free.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class UploadSession:
         self._file: UploadFile | None = None
         try:
             self.raw.mkdir(parents=True)
-            self._lock = lock_of(folder)  # nobody takes it for abandoned
+            self._lock = lock_of(folder)  # marks it as in use
         except OSError as error:
             raise disk_error(error, "upload") from error
 
@@ -62,16 +62,16 @@ class UploadSession:
         self.abort()
 
     def write(self, name: str, stream: BinaryIO | Iterable[bytes]) -> int:
-        """Take one file; folders in its name are kept. Returns its size in bytes.
+        """Writes one file, keeping folders in its name; returns its size in bytes.
 
         Args:
-            name: a relative path with forward slashes, e.g. "images/0001.jpg". A file whose name was used before in
-                this upload, as those of photos of two cards are, is kept beside the other: "images/0001 (2).jpg".
-            stream: a binary file to read to its end, or chunks of bytes.
+            name: relative path with forward slashes, e.g. "images/0001.jpg". A repeated name, as from two memory cards,
+                is stored as "images/0001 (2).jpg".
+            stream: a binary file, or chunks of bytes.
 
         Raises:
-            InvalidInputError: the name is unsafe or is that of a folder, or the session is over.
-            LimitExceededError: too many bytes or files; nothing more can be written, so call `abort`.
+            InvalidInputError: the name is unsafe or a folder's, or the session is over.
+            LimitExceededError: too many bytes or files; call `abort`.
             ResourceError: the disk is full.
         """
         file = self.begin(name)
@@ -87,11 +87,7 @@ class UploadSession:
         return file.end()
 
     def begin(self, name: str) -> UploadFile:
-        """A file to write to in pieces, one at a time; until its `end` it is none of the upload's.
-
-        Raises:
-            InvalidInputError, LimitExceededError, ResourceError: as `write`.
-        """
+        """Opens a file to write in pieces, one at a time; raises as `write`."""
         self._check_open()
         name, path = self._place(name)
         self._file = UploadFile(name, path, self._check_bytes, self._ended)
@@ -102,15 +98,7 @@ class UploadSession:
         self._digests[name] = digest
 
     def adopt(self, name: str, source: Path) -> int:
-        """Take a file that lies in the data folder already, without a copy. Returns its size in bytes.
-
-        Args:
-            name: as in `write`.
-            source: on the same disk; it must never change again.
-
-        Raises:
-            InvalidInputError, LimitExceededError, ResourceError: as `write`.
-        """
+        """Hard-links an immutable file of the same disk; returns its bytes, raises as `write`."""
         self._check_open()
         name, path = self._place(name)
         try:
@@ -141,10 +129,10 @@ class UploadSession:
 
     @contextmanager
     def committing(self) -> Iterator[None]:
-        """A block that takes the files over; the session ends with it, and if it raises nothing is left of them.
+        """Context that takes over the files, removed on errors unless of the database.
 
         Raises:
-            InvalidInputError: no file has come, or the session is over.
+            InvalidInputError: no file was sent, or the session is over.
             ResourceError: the disk is full.
         """
         self._check_open()
@@ -155,7 +143,7 @@ class UploadSession:
                 )
             yield
         except DatabaseError:
-            raise  # the job may be there although the answer was lost; if it is not, the worker's cleanup removes them
+            raise  # the job may exist though the answer was lost; otherwise a worker's cleanup removes the files
         except OSError as error:
             remove(self.folder)
             raise disk_error(error, "files") from error
@@ -172,7 +160,7 @@ class UploadSession:
             self._lock = None
 
     def replace_files(self, folder: Path) -> None:
-        """Let `folder`, what was unpacked or laid out anew from `raw`, take the place of `raw`; the same one stays."""
+        """Replaces `raw` by the unpacked `folder`, unless they are the same."""
         if folder != self.raw:
             validated = folder.rename(self.folder / folder.name)
             remove(self.raw)
@@ -180,11 +168,11 @@ class UploadSession:
 
     @property
     def bytes(self) -> int:
-        """What the files weigh that have come."""
+        """Total size of the files."""
         return self._bytes
 
     def abort(self) -> None:
-        """Forget all that came. Does nothing once the files are a scene's."""
+        """Removes all files; does nothing once the session is over."""
         if self._open:
             self._end()
             if self._file is not None:
@@ -192,7 +180,7 @@ class UploadSession:
             remove(self.folder)
 
     def digest(self, name: str, options: SceneOptions) -> str:
-        """Hex sha256 of everything the user sent: two requests with the same digest are the same request."""
+        """Hex sha256 of name, options and files; equal for equal requests."""
         content = {"name": name, "options": asdict(options), "files": sorted(self._digests.items())}
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -201,21 +189,13 @@ class UploadSession:
             raise InvalidInputError("this upload is over", field="upload", hint="Start a new upload.")
 
     def check_names(self, kind: Source, has_labels: bool) -> None:
-        """Refuse two files of one name where it matters which is meant; photos alone are all used.
-
-        Args:
-            kind: what the files turned out to be.
-            has_labels: whether label maps go with the photos.
-
-        Raises:
-            InvalidInputError: two files have one name, and poses or label maps say of one of them more than that.
-        """
+        """Rejects duplicate names where poses or label maps refer to them; photos alone may repeat."""
         twice = next(iter(self._files_of_name), None)
         if twice is not None and (kind != "images" or has_labels):
             raise _same_name(twice)
 
     def _place(self, name: str) -> tuple[str, Path]:
-        """The name that a file gets, and where it goes."""
+        """Final name and path of a file."""
         parts = safe_parts(name)
         if len(self._digests) >= self._settings.max_entries:
             raise LimitExceededError(
@@ -237,7 +217,7 @@ class UploadSession:
 
 
 class UploadFile:
-    """A file of an upload that is being written, see `UploadSession.begin`."""
+    """A file being written, see `UploadSession.begin`."""
 
     def __init__(
         self, name: str, path: Path, check_bytes: Callable[[str, int], None], ended: Callable[[str, int, str], None]
@@ -255,7 +235,7 @@ class UploadFile:
             raise disk_error(error, name) from error
 
     def write(self, chunk: bytes) -> None:
-        """Take some more bytes.
+        """Writes bytes of the file.
 
         Raises:
             LimitExceededError: the upload becomes too large.
@@ -270,7 +250,7 @@ class UploadFile:
             raise disk_error(error, self._name) from error
 
     def end(self) -> int:
-        """Make it a file of the upload. Returns its size in bytes. Raises `ResourceError`: the disk is full."""
+        """Adds the file to the upload; returns its bytes. Raises `ResourceError` (disk full)."""
         try:
             self._file.close()
         except OSError as error:
@@ -280,8 +260,8 @@ class UploadFile:
         return self._size
 
     def discard(self) -> None:
-        """Remove it. Does nothing once the upload's folder is gone."""
-        with suppress(OSError):  # what was buffered may find no room
+        """Removes the file, if it still exists."""
+        with suppress(OSError):  # flushing may fail on a full disk
             self._file.close()
         self._path.unlink(missing_ok=True)
 
@@ -300,7 +280,7 @@ def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:
 
 
 def disk_error(error: OSError, field: str) -> ResourceError:
-    """What an operating system's error says to the one who uploads."""
+    """Converts an operating system's error for the uploader."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     return ResourceError(
         "the server's disk is full" if full else f"the upload cannot be stored: {error.strerror}",

@@ -1,4 +1,4 @@
-"""Semaphore of upload validations, shared fairly over their owners."""
+"""Semaphore of upload validations, shared fairly between owners."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from contextlib import contextmanager
 from fastsplat.service.common.cancellation import check_cancelled
 
 CONCURRENT_VALIDATIONS = 2
-"""So many uploads are checked at the same time; more of them wait."""
+"""Number of concurrent upload validations; more wait."""
 
 _POLL_S = 0.1
 
 
 class ValidationSlots:
-    """A bounded number of places; one owner never has them all, unless there is only one."""
+    """Bounded slots; one owner never holds all, unless there is only one slot."""
 
     def __init__(self, count: int = CONCURRENT_VALIDATIONS) -> None:
         self._count = count
@@ -26,7 +26,7 @@ class ValidationSlots:
 
     @contextmanager
     def taken(self, owner: str) -> Iterator[None]:
-        """A block that holds a place; waits for one. Raises `CancelledError`: the caller does not wait any longer."""
+        """Context that holds a slot, waiting for one; raises `CancelledError` while waiting."""
         with self._changed:
             while self._taken.total() >= self._count or self._taken[owner] >= self._share:
                 check_cancelled()
