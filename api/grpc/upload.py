@@ -1,4 +1,4 @@
-"""`CreateScene`: the stream of header, files and chunks into an upload session while it arrives."""
+"""`CreateScene`: writes the stream of header, files and chunks to an upload session."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 MAX_MESSAGE_BYTES = 4 * 2**20
-"""gRPC's own default, which every client has; what could pass it is streamed."""
+"""gRPC's default limit, which all clients have; larger content is streamed."""
 
 
 class StreamSink:
-    """Takes the stream's messages, see `api.receiving.Sink`; what is refused leaves nothing behind.
+    """The `api.receiving.Sink` of `CreateScene`; refused uploads leave nothing behind.
 
-    What the order of the messages, the files or the service's limits have against the upload comes out of its methods
-    as a `FastSplatError`.
+    Its methods raise `FastSplatError` for a wrong order of messages, bad files and exceeded limits.
     """
 
     slow_finish = True  # validation
@@ -33,11 +32,11 @@ class StreamSink:
         self._file: UploadFile | None = None
 
     def open(self) -> None:
-        """See `Sink`."""
+        """Starts an upload session."""
         self._session = self._service.new_upload()
 
     def write(self, items: Sequence[pb.CreateSceneRequest]) -> None:
-        """See `Sink`."""
+        """Takes header, files and chunks."""
         for message in items:
             part = message.WhichOneof("part")
             if self._header is None:
@@ -55,7 +54,7 @@ class StreamSink:
                 )
 
     def finish(self) -> Operation:
-        """See `Sink`."""
+        """Validates the upload and queues the scene's training."""
         if self._header is None:
             raise _no_header()
         self._end_file()
@@ -64,7 +63,7 @@ class StreamSink:
         )
 
     def close(self) -> None:
-        """See `Sink`."""
+        """Aborts the session."""
         if self._session is not None:
             self._session.abort()
 
