@@ -90,22 +90,13 @@ STATUSES: dict[type[FastSplatError], Status] = {
 
 @dataclass(frozen=True)
 class Refusal:
-    """A protocol-independent error answer.
-
-    Attributes:
-        status: HTTP and gRPC codes and the title.
-        reason: UPPER_SNAKE_CASE, stable across releases.
-        detail: one sentence on this occurrence.
-        details: any of field, limit and hint.
-        request_id: identifies the request in the server's log.
-        retry_after_s: seconds until a retry makes sense; None if unknown.
-    """
+    """A protocol-independent error answer."""
 
     status: Status
-    reason: str
-    detail: str
-    details: dict[str, str]
-    request_id: str
+    reason: str  # UPPER_SNAKE_CASE, stable across releases
+    detail: str  # one sentence on this occurrence
+    details: dict[str, str]  # any of field, limit and hint
+    request_id: str  # identifies the request in the server's log
     retry_after_s: float | None = None
 
     def as_problem(self) -> Problem:
@@ -138,15 +129,11 @@ class Refusal:
 
 
 def status_of(error: FastSplatError) -> Status:
-    """Looks up the status of an error in `STATUSES`."""
     return next(STATUSES[cls] for cls in type(error).__mro__ if cls in STATUSES)
 
 
 def refusal_of(error: Exception, request_id: str) -> Refusal:
-    """Describes any exception.
-
-    Unexpected ones are logged with their traceback and reveal no details; a full disk becomes a ResourceError.
-    """
+    """Describes any exception; unexpected ones are logged and reveal no details."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         _log.warning("request %s met a full disk: %s", request_id, error)
         error = errors.ResourceError(
@@ -172,7 +159,7 @@ def refusal_of(error: Exception, request_id: str) -> Refusal:
 
 
 def accepted_request_id(proposed: str) -> str:
-    """Returns the caller's id if it is short and safe to log, else a new one."""
+    """Accepts a caller's id that is short and safe to log, else makes one."""
     return proposed if _REQUEST_ID.fullmatch(proposed) else uuid.uuid4().hex
 
 

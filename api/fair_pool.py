@@ -19,7 +19,7 @@ from fastsplat.service.common.process import lower_priority
 _R = TypeVar("_R")
 
 _RECENT_S = 10.0
-"""Window in which a caller counts as active, and time constant with which its use fades."""
+"""Window in which a caller counts as active; time constant of its fading use."""
 _SPARED_S = 0.5
 """Recent use up to this is never over a caller's share."""
 _OVER = 1.5
@@ -63,11 +63,9 @@ class _Use:
 class FairPool:
     """Thread pool for blocking work, round robin over callers.
 
-    There are two classes of threads: normal priority and background. A call runs in the background if it takes long,
-    or if its caller has recently used more than its share while others were active.
-
-    A single active caller gets all threads of a class but one, so that another's next call starts at once. Several
-    active callers get smaller shares: there are twice as many threads as cores, and computing calls need a core each.
+    Long calls, and those of callers that recently used more than their share while others were active, run on a second
+    class of threads of low priority. A single active caller gets all threads of a class but one, so that another's call
+    starts at once; several get smaller shares, because there are more threads than cores.
 
     Args:
         size: threads of each class, at least one.
@@ -88,12 +86,7 @@ class FairPool:
         self._threads: tuple[list[threading.Thread], list[threading.Thread]] = ([], [])
 
     def submit(self, caller: str, function: Callable[[], _R], *, background: bool = False) -> Future[_R]:
-        """Queues a call; its future can be cancelled while it waits.
-
-        Args:
-            caller: the queue's key.
-            function: the call.
-            background: run it at low priority because it takes long.
+        """Queues a call, at low priority if `background`; a waiting call can be cancelled.
 
         Raises:
             RuntimeError: the pool is closed.

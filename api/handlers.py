@@ -32,23 +32,14 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Handler(Generic[Q, A]):
-    """The handler of one call.
-
-    Attributes:
-        call: its entry in the table of calls.
-        ask: calls the service within the caller's project; runs on a thread.
-        computes: subject to the shorter deadline of `Threads.answer`.
-        renders: renders, or takes as long, and therefore runs in the background.
-        example: an answer for the OpenAPI description; set once per answer type.
-        bodies: example REST bodies by summary; set once per body type.
-    """
+    """The handler of one call."""
 
     call: Call[Q, A]
-    ask: Callable[[SceneService, Q], A]
-    computes: bool = False
-    renders: bool = False
-    example: A | None = None
-    bodies: Bodies = field(default_factory=dict)
+    ask: Callable[[SceneService, Q], A]  # runs on a thread, with the service of the caller's project
+    computes: bool = False  # has the shorter deadline of `Threads.answer`
+    renders: bool = False  # takes long, and therefore runs in the background
+    example: A | None = None  # for OpenAPI, once per answer type
+    bodies: Bodies = field(default_factory=dict)  # for OpenAPI, once per body type
 
     async def run(self, threads: Threads, function: Callable[[], R]) -> R:
         """Runs a function on a thread, with the deadline and priority of this call."""

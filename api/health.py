@@ -13,11 +13,7 @@ _DEADLINE_S = 5.0
 
 
 class Readiness:
-    """The cached result of a check that runs every `PERIOD_S` seconds, on its own threads.
-
-    Args:
-        check: raises a FastSplatError if something is missing; runs on a thread.
-    """
+    """Cached result of a periodic check that raises a FastSplatError if something is missing."""
 
     PERIOD_S = 1.0
 
@@ -35,11 +31,9 @@ class Readiness:
 
     @property
     def ready(self) -> bool:
-        """True while the server accepts requests."""
         return self._missing is None and not self._draining
 
     def drain(self) -> None:
-        """Marks the server as not ready for good."""
         self._draining = True
 
     async def look(self) -> None:

@@ -27,7 +27,7 @@ _log = logging.getLogger(__name__)
 
 _MAX_REQUEST_HEAD = 2**18  # bytes; a 100 kB question in a URL still gets a proper error
 _LINGER_S = 2.0
-"""Reading goes on for this time after a refusal: closing earlier would reset the connection before it is seen."""
+"""Reading time after a refusal; closing earlier could reset the connection before it arrives."""
 
 
 def make_http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> uvicorn.Server:
@@ -68,7 +68,6 @@ class _BoundedConnections:
         self._limit = limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handles or refuses one request."""
         if len(self.server.server_state.connections) <= self._limit:
             await self._app(scope, receive, send)
             return

@@ -179,7 +179,7 @@ class _Jobs(Collector):
 
 
 def serve_metrics(metrics: Metrics, host: str, port: int) -> tuple[int, Callable[[], None]]:
-    """Serves /metrics on a separate thread and returns the port and a stop function.
+    """Serves /metrics on a thread; returns the port and a stop function.
 
     Raises:
         ResourceError: the port is not available.

@@ -61,11 +61,7 @@ class Operations:
         return Change(_state_id(operation), operation)
 
     async def changes(self, first: Change, last_id: str = "") -> AsyncGenerator[Change]:
-        """Yields `first` unless its id is `last_id`, then every change until the operation is done.
-
-        Raises:
-            NotFoundError: the operation was deleted meanwhile.
-        """
+        """Yields `first` unless its id is `last_id`, then every change; `NotFoundError` on deletion."""
         change = first
         while True:
             if change.id != last_id:

@@ -39,7 +39,7 @@ _CLOSERS = 2
 
 
 class Sink(Protocol[_Item, _Result]):
-    """Sink of one upload; methods run on threads, one at a time, in the caller's context."""
+    """Sink of one upload; its methods run on threads, one at a time."""
 
     @property
     def slow_finish(self) -> bool:
@@ -55,17 +55,11 @@ class Sink(Protocol[_Item, _Result]):
         """Completes the upload after the last write and returns its result."""
 
     def close(self) -> None:
-        """Discards the upload, or keeps it for resumption; called last if `finish` has not returned. Must not raise."""
+        """Ends an upload that `finish` has not completed; must not raise."""
 
 
 class UploadReceiver:
-    """Receiver of all concurrent uploads of one process.
-
-    Args:
-        limits: limits on number and memory.
-        settings: minimum speed and deadline.
-        finishes: number of uploads that may be finished at a time.
-    """
+    """Receiver of all uploads of a process; at most `finishes` are completed at a time."""
 
     def __init__(self, limits: LimitSettings, settings: UploadSettings, finishes: int) -> None:
         self._limits = limits
@@ -80,12 +74,10 @@ class UploadReceiver:
     async def receive(
         self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
-        """Writes `stream` to `sink` and returns the sink's result; on failure or cancellation the sink is closed.
+        """Writes a stream to a sink, which is closed on failure or cancellation.
 
         Args:
-            stream: the sender's items.
-            sink: their destination.
-            size: returns an item's bytes.
+            size: returns an item's size in bytes.
             memory_bytes: memory that the transport needs for the stream, beyond a batch.
 
         Raises:
@@ -209,11 +201,7 @@ class _Sender(Generic[_T]):
         self._next: asyncio.Future[tuple[_T] | None] | None = None
 
     async def batch(self) -> list[_T]:
-        """Reads the next batch, or less if the sender pauses; empty at the end of the stream.
-
-        Raises:
-            DeadlineExceededError: the sender is too slow.
-        """
+        """Reads the next batch, or less if the sender pauses; empty at the end."""
         items: list[_T] = []
         enough = self._bytes + _BATCH_BYTES
         pause_at = 0.0

@@ -81,8 +81,7 @@ async def serve(
 
     Args:
         service: a SceneService; any other object has no keys and no metrics of jobs, and is always ready.
-        settings: hosts, ports (0: any free one), keys, TLS, limits.
-        stop: set to end.
+        settings: port 0 takes a free one.
         on_ready: called once with the actual ports when both protocols answer.
 
     Raises:
@@ -138,7 +137,7 @@ async def serve(
 
 
 def _import_renderer() -> None:
-    """Imports the renderer on a thread, so that the first request need not wait seconds for it."""
+    """Imports the renderer on a thread, so that the first request need not wait."""
     threading.Thread(target=import_module, args=("fastsplat.service.query.drawing.scene_renderer",)).start()
 
 
@@ -151,7 +150,7 @@ def _raise_file_limit() -> None:
 
 
 def _listen(host: str, port: int) -> list[socket.socket]:
-    """Opens listening sockets; for loopback both IPv4 and IPv6 if possible, as browsers resolve "localhost" to either."""
+    """Opens sockets; for loopback IPv4 and IPv6, because browsers use either for "localhost"."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         listeners = [socket.create_server((host, port), family=family, backlog=2048)]

@@ -45,21 +45,13 @@ class Threads:
         self._metrics = metrics or Metrics()
 
     async def answer(self, function: Callable[[], _R], background: bool = False) -> _R:
-        """Runs a question or a picture as `call` does, with the shorter deadline `answer_s`.
-
-        Args:
-            function: the service call.
-            background: run it at low priority because it renders.
-
-        Raises:
-            DeadlineExceededError: the deadline has passed.
-        """
+        """Runs a question or a picture as `call` does, with the shorter deadline `answer_s`."""
         return await self.call(function, self._limits.answer_s, background)
 
     async def call(
         self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S, background: bool = False
     ) -> _R:
-        """Runs a service call on a thread; keys take turns.
+        """Runs a service call on a thread, at low priority if `background`; keys take turns.
 
         Cancelling this coroutine cancels the call, which stops at its next `check_cancelled`.
 
@@ -89,7 +81,6 @@ class Threads:
     async def receive(
         self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
-        """Delegates to `UploadReceiver.receive`."""
         return await self._uploads.receive(stream, sink, size, memory_bytes)
 
     def close(self) -> None:

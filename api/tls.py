@@ -14,20 +14,13 @@ from fastsplat_contract.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class Tls:
-    """PEM files of a server.
+    """PEM files of a server."""
 
-    Attributes:
-        cert: certificate chain.
-        key: private key.
-        client_ca: CA certificates for mutual TLS; None: clients need no certificate.
-    """
-
-    cert: Path
+    cert: Path  # certificate chain
     key: Path
-    client_ca: Path | None
+    client_ca: Path | None  # CA certificates for mutual TLS
 
     def grpc_credentials(self) -> grpc.ServerCredentials:
-        """Builds the credentials of the gRPC port."""
         roots = None if self.client_ca is None else self.client_ca.read_bytes()
         pair = (self.key.read_bytes(), self.cert.read_bytes())
         return grpc.ssl_server_credentials([pair], roots, require_client_auth=roots is not None)

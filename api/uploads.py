@@ -14,12 +14,7 @@ OPTIONS = frozenset(field.name for field in fields(SceneOptions)) - {"labels"}
 
 
 def scene_options(labels: Sequence[str], sent: Mapping[str, Any]) -> SceneOptions:
-    """Collects options as sent; the service validates them.
-
-    Args:
-        labels: a string may hold several, separated by commas.
-        sent: values by name of `OPTIONS`; None and "" are unset.
-    """
+    """Collects unvalidated options; labels may be comma-separated, None and "" are unset."""
     names = [part.strip() for text in labels for part in text.split(",")]
     options = {name: value for name, value in sent.items() if value not in (None, "")}
     return SceneOptions(tuple(name for name in names if name), **options)

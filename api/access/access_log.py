@@ -16,8 +16,6 @@ def log_request(
     """Logs caller, request, outcome and duration; never headers, query strings or bodies.
 
     Args:
-        log: the protocol's logger.
-        request_id: the id sent with the answer.
         method: the HTTP method, or "gRPC".
         path: the path without its query string, or the RPC.
         status: HTTP status number or gRPC status name.

@@ -60,10 +60,6 @@ class Authenticator:
     async def authenticate(self, credentials: Credentials, rule: Rule) -> Principal | None:
         """Returns the permitted caller; None for an open route.
 
-        Args:
-            credentials: as sent.
-            rule: the matched route's.
-
         Raises:
             UnauthenticatedError: the key is missing or invalid.
             PermissionDeniedError: the key's role is insufficient, or it is limited to one scene.
@@ -98,11 +94,7 @@ class Authenticator:
 
     @contextmanager
     def watch(self, principal: Principal) -> Iterator[KeyWatch]:
-        """Cancels the block of the running task soon after the caller's key becomes invalid.
-
-        Raises:
-            UnauthenticatedError: the key was revoked or has expired during the block.
-        """
+        """Ends the running task's block by `UnauthenticatedError` soon after the caller's key becomes invalid."""
         task = asyncio.current_task()
         assert task is not None
         watch = KeyWatch(principal.key_id, task)
@@ -185,10 +177,7 @@ class KeyWatch:
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """Defers cancellation to the end of the block.
-
-        gRPC sends no status if it is cancelled while it writes a message; a client that does not read is told on reading on.
-        """
+        """Defers cancellation during the block, because gRPC cancelled while writing sends no status."""
         self._deferred = True
         try:
             yield

@@ -14,19 +14,12 @@ from fastsplat_contract.server.keys import Role
 
 @dataclass(frozen=True)
 class Principal:
-    """An authenticated caller.
+    """An authenticated caller."""
 
-    Attributes:
-        key_id: "" if keys are off.
-        project: the project of the call.
-        role: the caller's role in it.
-        scene_id: the only scene that the caller may see; "" for all of the project.
-    """
-
-    key_id: str
+    key_id: str  # "" if keys are off
     project: str
     role: Role
-    scene_id: str = ""
+    scene_id: str = ""  # the only scene that the caller may see; "": all of the project
 
 
 current_principal: ContextVar[Principal | None] = ContextVar("current_principal", default=None)
@@ -40,11 +33,7 @@ def caller_id() -> str:
 
 
 def caller_project() -> str:
-    """Returns the project of the current call.
-
-    Raises:
-        UnauthenticatedError: the call was not authenticated, so it must not reach any project's scenes.
-    """
+    """Returns the current call's project. Raises `UnauthenticatedError` for calls without authentication."""
     return _caller().project
 
 
@@ -54,10 +43,7 @@ def caller_role() -> Role:
 
 
 def in_callers_project(service: SceneService) -> SceneService:
-    """Wraps the service so that every call is limited to its caller's project and scene.
-
-    Both protocols serve the wrapper, so that no route can forget it. Only a `SceneService` is wrapped.
-    """
+    """Limits all calls to their caller's project and scene; no route can forget it."""
     return cast(SceneService, _InCallersProject(service)) if isinstance(service, SceneService) else service
 
 

@@ -69,7 +69,7 @@ def check_local(headers: Mapping[str, str]) -> None:
 
 
 def _host_of(value: str) -> str:
-    """Returns the host of an Origin or Host header; "" unless it is in plain form."""
+    """Parses the host of an Origin or Host header; "" unless in plain form."""
     try:
         parts = urlsplit(value if "://" in value else f"http://{value}")
         host, port = parts.hostname or "", parts.port

@@ -36,13 +36,12 @@ class Gate:
             raise
 
     async def authenticate(self, credentials: Credentials, rule: Rule) -> Principal | None:
-        """Delegates to `Authenticator.authenticate` and counts refusals."""
         with self.refusals_counted():
             return await self.authenticator.authenticate(credentials, rule)
 
     @contextmanager
     def entered(self, principal: Principal, rule: Rule) -> Iterator[KeyWatch]:
-        """Counts a call as in flight during the block, which is cancelled if its key becomes invalid.
+        """Counts a call as in flight; the block ends if its key becomes invalid.
 
         Raises:
             RateLimitedError, OverloadedError: as `RateLimiter.enter`.

@@ -1,7 +1,4 @@
-"""Access policy: role and cost of each call by matched route, never by the path's text.
-
-Routes without a rule need an operator, so that nothing is open by mistake.
-"""
+"""Access policy: role and cost by matched route; unlisted routes need an operator."""
 
 from __future__ import annotations
 
@@ -52,10 +49,8 @@ RULES: Mapping[str, Rule] = {
 
 
 def rule_of(route: str) -> Rule:
-    """Looks up the rule of a route; an unlisted one needs an operator."""
     return RULES.get(route, OPERATE)
 
 
 def is_known_route(route: str) -> bool:
-    """Returns True if `RULES` lists this route."""
     return route in RULES

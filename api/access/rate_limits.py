@@ -1,7 +1,6 @@
-"""Rate limits (token bucket per key) and limits of concurrent calls; excess calls are refused at once.
+"""Rate limits (token bucket per key) and limits of concurrent calls.
 
-Computing calls also count towards a limit over all keys, which bounds the thread pool's queue. Not thread-safe: it
-runs on the event loop only.
+Excess calls are refused at once. A limit over all keys bounds the thread pool's queue. Event loop only.
 """
 
 from __future__ import annotations
@@ -97,7 +96,6 @@ class Permit:
         self._limiter, self._account, self._rule = limiter, account, rule
 
     def leave(self) -> None:
-        """Ends the call's admission."""
         self._account.in_flight -= 1
         self._account.uploads -= self._rule.upload
         self._limiter.admitted -= not self._rule.long_lived

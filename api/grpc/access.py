@@ -36,7 +36,6 @@ class AccessInterceptor(aio.ServerInterceptor):
         continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Handler | None]],
         handler_call_details: grpc.HandlerCallDetails,
     ) -> Handler | None:
-        """Returns the wrapped handler, or one that refuses."""
         method = str(handler_call_details.method)
         metadata = {str(name): str(value) for name, value in handler_call_details.invocation_metadata or ()}
         handler = await continuation(handler_call_details)

@@ -52,10 +52,9 @@ class RunningServer:
 async def start_server(
     service: SceneService, threads: Threads, host: str, port: int, gate: Gate, tls: Tls | None, limits: LimitSettings
 ) -> RunningServer:
-    """Starts the server with health checks (NOT_SERVING at first) and reflection; port 0 takes a free one.
+    """Starts the server with reflection and health checks, NOT_SERVING at first.
 
-    Raises:
-        ResourceError: the port is not available.
+    Port 0 takes a free one. Raises `ResourceError` if the port is not available.
     """
     server = aio.server(
         interceptors=[AccessInterceptor(gate), DecodingInterceptor()],

@@ -35,7 +35,6 @@ class SceneServicer:
     async def CreateScene(
         self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
     ) -> pb.Operation:
-        """Receives a capture and queues its training."""
         async with guarded(context, "CreateScene"):
             operation = await self._threads.receive(
                 _whole(request_iterator, context),
@@ -46,12 +45,10 @@ class SceneServicer:
             return _message(operation)
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
-        """Waits until the operation is done or the time is up."""
         async with guarded(context, "WaitOperation"):
             return _message(await self._operations.wait(request.operation_id, request.timeout_s))
 
     async def WatchOperation(self, request: pb.WatchOperationRequest, context: Context) -> AsyncIterator[pb.Operation]:
-        """Streams the operation now and on every change until it is done."""
         async with guarded(context, "WatchOperation"):
             first = await self._operations.current(request.operation_id)
             async with aclosing(self._operations.changes(first)) as changes:
@@ -59,8 +56,6 @@ class SceneServicer:
                     yield _message(change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
-        """Streams ranked labels, masks and objects."""
-
         def asked() -> list[pb.QueryResponse]:
             return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
 
@@ -71,14 +66,12 @@ class SceneServicer:
     async def StreamQuery(
         self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
     ) -> AsyncIterator[pb.StreamQueryResponse]:
-        """Answers a standing question at pose after pose."""
         answers = answer_stream(self._service, self._threads, aiter(request_iterator))
         async with guarded(context, "StreamQuery"), aclosing(answers):
             async for message in answers:
                 yield message
 
     async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
-        """Streams the photo of one of the scene's cameras."""
         async with guarded(context, "DownloadPhoto"):
             path, _ = await self._threads.call(
                 lambda: self._service.photos.path(request.scene_id, request.view, request.version)

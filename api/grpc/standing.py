@@ -46,10 +46,8 @@ async def answer_stream(
 ) -> AsyncGenerator[pb.StreamQueryResponse]:
     """Yields the answers of a stream, see StreamQueryRequest in the contract.
 
-    At most one pose, one question and one range of dropped sequence numbers wait, so that memory is bounded.
-
-    Raises:
-        FastSplatError: the stream, a question or a pose is invalid, or the scene is gone.
+    Memory is bounded: at most one pose, one question and one range of dropped sequence numbers wait. Raises
+    `FastSplatError` if the stream, a question or a pose is invalid, or the scene is gone.
     """
     inbox = _Inbox(service.heartbeat_s)
     reading = asyncio.create_task(inbox.read(requests))
@@ -103,12 +101,10 @@ class _Inbox:
 
     @property
     def number(self) -> int:
-        """Number of the newest question; 0 before the first."""
         return self._question.number if self._question is not None else 0
 
     @property
     def scene_id(self) -> str:
-        """Scene of the newest question; "" before the first."""
         return self._question.query.scene_id if self._question is not None else ""
 
     async def read(self, requests: AsyncIterator[pb.StreamQueryRequest]) -> None:
@@ -143,7 +139,6 @@ class _Inbox:
         return True
 
     def take_question(self) -> _Question | None:
-        """Returns the question that was not accepted yet, if any."""
         asked, self._asked = self._asked, None
         return asked
 
@@ -191,7 +186,7 @@ class _Inbox:
 
 
 def _accept(service: SceneService, query: QueryRequest) -> str:
-    """Validates a question by asking it without outputs (2D masks need a pose); returns the scene's version."""
+    """Validates a question by asking it without outputs; returns the scene's version."""
     answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1)).answers
     return answers[0].version
 

@@ -16,10 +16,7 @@ MAX_MESSAGE_BYTES = 4 * 2**20
 
 
 class StreamSink:
-    """The `api.receiving.Sink` of `CreateScene`; refused uploads leave nothing behind.
-
-    Its methods raise `FastSplatError` for a wrong order of messages, bad files and exceeded limits.
-    """
+    """The `api.receiving.Sink` of `CreateScene`; refused uploads leave nothing behind."""
 
     slow_finish = True  # validation
 
@@ -32,11 +29,9 @@ class StreamSink:
         self._file: UploadFile | None = None
 
     def open(self) -> None:
-        """Starts an upload session."""
         self._session = self._service.new_upload()
 
     def write(self, items: Sequence[pb.CreateSceneRequest]) -> None:
-        """Takes header, files and chunks."""
         for message in items:
             part = message.WhichOneof("part")
             if self._header is None:
@@ -54,7 +49,6 @@ class StreamSink:
                 )
 
     def finish(self) -> Operation:
-        """Validates the upload and queues the scene's training."""
         if self._header is None:
             raise _no_header()
         self._end_file()
@@ -63,7 +57,6 @@ class StreamSink:
         )
 
     def close(self) -> None:
-        """Aborts the session."""
         if self._session is not None:
             self._session.abort()
 

@@ -31,13 +31,7 @@ NO_ROUTE = "unmatched"
 
 
 class AccessLayer:
-    """ASGI middleware that matches a route as the router will, then passes the gate.
-
-    Args:
-        app: the next layer.
-        routed: the application with the routes.
-        gate: authentication and limits.
-    """
+    """ASGI middleware that matches a route of `routed`, then passes the gate."""
 
     def __init__(self, app: ASGIApp, routed: FastAPI, gate: Gate) -> None:
         self._app = app
@@ -83,7 +77,7 @@ class AccessLayer:
                 raise
 
     def matched_route(self, scope: Scope) -> str:
-        """Finds the name of the route that the router will choose, as in `RULES`, or `NO_ROUTE`."""
+        """Finds the route that the router will choose, named as in `RULES`, or `NO_ROUTE`."""
         if not self._routes:
             self._routes = tuple(map(_Route, iter_route_contexts(self._routed.routes)))
         method, path = scope["method"], scope["path"]

@@ -99,8 +99,6 @@ def create_app(
     """Builds the REST application, with the web page at `/`.
 
     Args:
-        service: the service that answers.
-        settings: limits and addresses.
         threads: pools shared with gRPC; the caller closes them.
         gate: access control shared with gRPC; if None and keys are on, all calls that need a key are refused.
         readiness: the state of `/readyz`; if None, never ready.

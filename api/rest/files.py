@@ -16,14 +16,7 @@ _FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")
 
 
 def immutable_file(request: Request, path: Path, media_type: str, filename: str, tag: str) -> Response:
-    """Answers with a file, a range of it, or 304 if the client's copy is current.
-
-    Args:
-        request: its headers Range, If-Range and If-None-Match are used.
-        path: the file.
-        media_type: the answer's media type.
-        filename: the name suggested for saving.
-        tag: permanent identifier of the content.
+    """Answers with a file, a range of it, or 304; `tag` identifies the content permanently.
 
     Raises:
         RangeNotSatisfiableError: the range lies outside the file.

@@ -16,13 +16,7 @@ _JOIN_S = 30.0
 
 
 class InProcess(httpx.BaseTransport):
-    """Transport to an application on an event loop, usable from any other thread.
-
-    Args:
-        app: the application.
-        loop: its event loop.
-        caller: client address and port that requests report.
-    """
+    """Transport to an application on an event loop, usable from any other thread."""
 
     def __init__(self, app: ASGIApp, loop: asyncio.AbstractEventLoop, caller: tuple[str, int]) -> None:
         self._inner = httpx.ASGITransport(app, raise_app_exceptions=False, client=caller)

@@ -34,7 +34,6 @@ class OuterLayer:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handles one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -96,7 +95,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | None:
-    """Returns the error of an ambiguously framed request or a bad Host; its connection must be closed."""
+    """Finds ambiguous framing or a bad Host; the connection must then be closed."""
     if "transfer-encoding" in headers and "content-length" in headers:
         return InvalidInputError(
             "a request with Transfer-Encoding and Content-Length", field="content-length", hint="Send one of the two."

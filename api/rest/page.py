@@ -1,4 +1,4 @@
-"""Web page: static files built by `make page` from `api/web/`, a client of the public REST API."""
+"""Web page: a client of the public REST API, built by `make page` from `api/web/`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ BUILT_PAGE = Path(__file__).resolve().parent.parent / "web" / "dist"
 """Folder of the built page, in a checkout and in a wheel."""
 
 PAGE_POLICY = (
-    # Nothing external, nothing inline, no eval. The 3D engine's workers are blobs, and so are pictures fetched with the key.
+    # Nothing external or inline, no eval. Blobs: the 3D engine's workers, and pictures fetched with the key.
     "default-src 'none'; script-src 'self'; worker-src 'self' blob:; connect-src 'self'; img-src 'self' blob: data:; "
     "style-src 'self'; font-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
 
 
 def add_page(app: FastAPI, folder: Path = BUILT_PAGE) -> None:
-    """Adds the page at `/` and its files at `/web`; without a build, `/` explains how to make one."""
+    """Adds the page (or how to build it) at `/` and its files at `/web`."""
     files = ReleaseFiles(folder, immutable="assets")
 
     @app.get("/", include_in_schema=False)

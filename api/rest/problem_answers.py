@@ -33,7 +33,7 @@ PROBLEM_RESPONSE: dict[str, Any] = {
 
 
 class BodyTooLargeError(HTTPException):
-    """A body over the limit; an HTTPException, because FastAPI passes only those on while it reads a body."""
+    """A too large body; an HTTPException, the only kind that FastAPI's body reader passes on."""
 
     def __init__(self, limit: int) -> None:
         super().__init__(413)
@@ -41,7 +41,6 @@ class BodyTooLargeError(HTTPException):
 
 
 def problem_response(request_id: str, error: Exception) -> Response:
-    """Builds the response of an error."""
     refusal = refusal_of(error, request_id)
     headers = {}
     if refusal.status.http in (429, 503):

@@ -22,7 +22,7 @@ class Run(Protocol):
     """Runs a function on a thread."""
 
     def __call__(self, function: Callable[[], _R], /) -> Awaitable[_R]:
-        """Runs it and awaits its result."""
+        """Runs it."""
 
 
 _GZIP_FROM_BYTES = 4_096
@@ -45,8 +45,6 @@ async def while_connected(request: Request, awaitable: Awaitable[_R], body_read:
     """Awaits work, and cancels it, down to the rasterizer, when the client disconnects.
 
     Args:
-        request: the client's request.
-        awaitable: the work.
         body_read: set once the work has read the whole body; until then the work itself notices a disconnect.
 
     Raises:
@@ -67,13 +65,9 @@ async def while_connected(request: Request, awaitable: Awaitable[_R], body_read:
 async def json_of_call(
     request: Request, run: Run, function: Callable[[], _R], encode: Callable[[_R], bytes] = to_json
 ) -> Response:
-    """Answers with a service call's result as JSON, encoded and compressed on the thread, not the event loop.
+    """Answers with a service call's result as JSON, encoded and compressed on its thread.
 
-    Args:
-        request: the request.
-        run: `Threads.call` or `Threads.answer`.
-        function: the service call.
-        encode: converts its result to JSON.
+    `run` is `Threads.call` or `Threads.answer`.
     """
     compress = reads_gzip(request.headers)
 
@@ -89,7 +83,6 @@ async def json_of_call(
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
-    """Builds a response from encoded JSON."""
     return Response(body, status, headers, "application/json")
 
 

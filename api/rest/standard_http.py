@@ -22,7 +22,6 @@ class HeadLayer:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handles one request."""
         if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
             await self._app(scope, receive, send)
             return

@@ -18,11 +18,9 @@ _COMPRESSED_TYPES = {"text/html", "text/css", "text/javascript", "application/ja
 
 
 class ReleaseFiles(StaticFiles):
-    """Files of a folder; browsers revalidate them, because the next release reuses their names.
+    """Files of a folder, which may be missing; browsers revalidate them, as releases reuse names.
 
-    Args:
-        folder: the folder; it may be missing.
-        immutable: subfolder of files with a content hash in their names, which browsers cache without revalidation.
+    Files in the subfolder `immutable` have a content hash in their names and are not revalidated.
     """
 
     def __init__(self, folder: Path, immutable: str = "") -> None:
@@ -35,7 +33,6 @@ class ReleaseFiles(StaticFiles):
     def file_response(
         self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200
     ) -> Response:
-        """Answers with the file, compressed if the browser accepts it."""
         response = super().file_response(full_path, stat_result, scope, status_code)
         etag = response.headers["etag"]
         path = Path(full_path)

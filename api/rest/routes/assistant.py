@@ -112,12 +112,7 @@ class _Endpoint:
 
 
 async def _whole_body(receive: Receive) -> bytes:
-    """Reads a request's body.
-
-    Raises:
-        BodyTooLargeError: it exceeds `_MAX_REQUEST_BYTES`.
-        ClientDisconnect: the client left before its end.
-    """
+    """Reads a body; raises `BodyTooLargeError` or `ClientDisconnect`."""
     body = bytearray()
     while True:
         message = await receive()

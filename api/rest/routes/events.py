@@ -32,7 +32,7 @@ _SEPARATOR = "\n"
 
 
 async def operation_events(request: Request, operations: Operations, operation_id: str) -> Response:
-    """Streams the operation as one event `operation` now and on every change, until it is done.
+    """Streams the operation, an event `operation` now and per change, until it is done.
 
     An event's id identifies its state, so that `Last-Event-ID` continues after it; after a final state the answer is
     204, on which an EventSource stops. A comment every 15 s keeps proxies from closing the connection; a client that

@@ -49,7 +49,7 @@ _POSE_TEXT = {
 
 
 def _body_schema(kind: type[Any]) -> dict[str, Any]:
-    """Builds the OpenAPI schema of a form; FastAPI cannot derive it, because the route reads the stream itself."""
+    """Builds a form's OpenAPI schema, because the route reads the stream itself."""
     items = {"photos": {"type": "string", "format": "binary"}, "focals": {"type": "number"}, "poses": _POSE_TEXT}
     properties = {name: _property(kind, name, items.get(name)) for name in ("photos", *_TEXTS[kind])}
     if "seen_at" in properties:
@@ -108,12 +108,10 @@ class _PhotoSink(Generic[T]):
         """Does nothing."""
 
     def write(self, items: Sequence[bytes]) -> None:
-        """Parses pieces of the body."""
         for chunk in items:
             self._parser.write(chunk)
 
     def finish(self) -> T:
-        """Builds the request from the complete form."""
         self._parser.finish()
         texts = {name: [part.decode(errors="replace") for part in parts] for name, parts in self._texts.items()}
         once = {name: parts for name, parts in texts.items() if name not in _LISTS}
@@ -130,11 +128,9 @@ class _PhotoSink(Generic[T]):
         return from_plain(self._kind, plain)
 
     def close(self) -> None:
-        """Drops the photos."""
         self._photos.clear()
 
     def begin_part(self, field: str, filename: str | None) -> None:
-        """Starts a photo or a text field."""
         self._field, self._part = field, bytearray()
         if field == "photos":
             if len(self._photos) == self._limits.max_photos:
@@ -155,7 +151,6 @@ class _PhotoSink(Generic[T]):
             )
 
     def part_data(self, data: bytes) -> None:
-        """Appends to the part, within the size limits."""
         assert self._part is not None
         if self._field == "photos":
             self._size += len(data)
@@ -170,7 +165,6 @@ class _PhotoSink(Generic[T]):
         self._part += data
 
     def end_part(self) -> None:
-        """Ends the part."""
         self._part = None
 
 

@@ -26,12 +26,7 @@ class PartReceiver(Protocol):
 
 
 class FormParser:
-    """Parses a form from pieces of any size.
-
-    Args:
-        content_type: the request's header, with the boundary.
-        receiver: takes the parts; its exceptions pass through `write`.
-        max_parts: limit of parts.
+    """Parses a form from pieces of any size; the receiver's exceptions pass through `write`.
 
     Raises:
         InvalidInputError: the type is not multipart/form-data, or its boundary is missing or unusable.

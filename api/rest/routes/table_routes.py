@@ -28,7 +28,7 @@ _FORMS = {LOCALIZE.rpc, OBSERVE_SCENE.rpc}
 
 
 def table_routes(tag: Tag, service: SceneService, threads: Threads, root_path: str) -> APIRouter:
-    """Builds the routes of a tag's calls that are neither forms nor files; `root_path` prefixes URLs in answers."""
+    """Builds the routes of a tag's calls; `root_path` prefixes URLs in answers."""
     router = APIRouter(responses=PROBLEMS)
     for rpc, handler in HANDLERS.items():
         call = handler.call
@@ -83,7 +83,7 @@ def _members(call: Call[Any, Any]) -> tuple[Member, ...]:
 
 
 def _body(call: Call[Any, Any]) -> Any:
-    """Finds the body's type: the request, or its base without the path's members; None without a body."""
+    """Finds the body's type: the request, or its base without the path's members."""
     if call.route.startswith(("GET ", "DELETE ")):
         return None
     in_path = set(re.findall(r"{(\w+)}", call.route))
@@ -115,13 +115,7 @@ def with_parameters(
 
 
 def query_parameters(kind: Any, names: Mapping[str, str], **defaults: Any) -> Iterator[Parameter]:
-    """Generates query parameters from members of a request type.
-
-    Args:
-        kind: the request type.
-        names: parameter names by member.
-        **defaults: defaults by parameter for members without one.
-    """
+    """Generates query parameters, named by `names`, from members of a request type."""
     own = {field.name: field.default for field in fields(kind)} if names else {}
     hints = get_type_hints(kind, include_extras=True) if names else {}
     for member in members(kind) if names else ():

@@ -115,23 +115,19 @@ class _PieceSink:
         self._piece: Piece | None = None
 
     def open(self) -> None:
-        """Locks the upload and checks the offset."""
         self._piece = self._uploads.begin_piece(self._project, self._upload_id, self._offset, self._checksum)
 
     def write(self, items: Sequence[bytes]) -> None:
-        """Writes the bytes."""
         assert self._piece is not None
         self._piece.write(b"".join(items))
 
     def finish(self) -> Resumable:
-        """Completes the piece and reads the upload's new state."""
         assert self._piece is not None
         self._piece.finish()
         self._piece.close()
         return self._uploads.get(self._project, self._upload_id)
 
     def close(self) -> None:
-        """Ends an incomplete piece."""
         if self._piece is not None:
             self._piece.close()
 

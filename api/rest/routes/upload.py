@@ -81,7 +81,7 @@ BODY_SCHEMA: dict[str, Any] = {
         },
     }
 }
-"""OpenAPI schema of the form; FastAPI cannot derive it, because the route reads the stream itself."""
+"""OpenAPI schema of the form, because the route reads the stream itself."""
 
 
 def _text(member: Member) -> Any:
@@ -119,16 +119,10 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
 async def receive_form(
     request: Request, sink: Callable[[], Sink[bytes, _R]], threads: Threads, memory_bytes: int = 0
 ) -> _R:
-    """Writes a request's body to a sink and returns the sink's result.
-
-    Args:
-        request: the request.
-        sink: creates the sink; it may refuse, too.
-        threads: the pools that run the sink.
-        memory_bytes: memory that the sink needs for the body.
+    """Writes a request's body to a sink, which needs `memory_bytes`, and returns its result.
 
     Raises:
-        FastSplatError: the sink refuses the body, or the upload limits do.
+        FastSplatError: the sink or the upload limits refuse the body.
     """
     body_read = asyncio.Event()
     try:
@@ -148,7 +142,7 @@ async def _noting_end(stream: AsyncIterator[bytes], end: asyncio.Event) -> Async
 
 
 async def _drain(request: Request) -> None:
-    """Reads on for up to 2 s or 32 MiB: closing while the sender writes would reset the connection."""
+    """Reads up to 2 s or 32 MiB more: closing early would reset the connection."""
     total, more = 0, True
     try:
         async with asyncio.timeout(2.0):
@@ -178,16 +172,13 @@ class _FormSink:
         self._text: bytearray | None = None
 
     def open(self) -> None:
-        """Starts an upload session."""
         self._session = self._service.new_upload()
 
     def write(self, items: Sequence[bytes]) -> None:
-        """Parses pieces of the body."""
         for chunk in items:
             self._parser.write(chunk)
 
     def finish(self) -> Operation:
-        """Validates the upload and queues the scene's training."""
         self._parser.finish()
         session = self._open_session()
         form = _form(self._texts)
@@ -197,12 +188,10 @@ class _FormSink:
         return self._service.create_scene(session, form.name, form.request_id, options)
 
     def close(self) -> None:
-        """Aborts the session."""
         if self._session is not None:
             self._session.abort()
 
     def begin_part(self, field: str, filename: str | None) -> None:
-        """Starts a file or a text field."""
         self._field = field
         if filename is None:
             self._text = bytearray()
@@ -222,7 +211,6 @@ class _FormSink:
             self._file = self._open_session().begin(filename)
 
     def part_data(self, data: bytes) -> None:
-        """Writes to the file, or appends to the text within its limit."""
         if self._file is not None:
             self._file.write(data)
         elif self._text is not None:
@@ -236,7 +224,6 @@ class _FormSink:
             self._text += data
 
     def end_part(self) -> None:
-        """Completes the file or the text."""
         if self._file is not None:
             self._file.end()
         elif self._text is not None:
