@@ -1,4 +1,4 @@
-"""Table from errors to HTTP and gRPC statuses, and problem documents for both.
+"""Maps errors to HTTP and gRPC statuses, and describes them in both protocols.
 
 HTTP: RFC 9457 `application/problem+json`. gRPC: `google.rpc.Status` with one `google.rpc.ErrorInfo` in the trailing
 metadata `grpc-status-details-bin` (AIP-193).
@@ -25,18 +25,12 @@ DOMAIN = "fastsplat"
 
 _log = logging.getLogger(__name__)
 _REQUEST_ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
-_MAX_CHARS = 1_000  # gRPC's metadata stop at 8 KiB, and a 100 kB question need not be read back to the one who asked it
+_MAX_CHARS = 1_000  # gRPC's metadata are limited to 8 KiB, and answers should not repeat long questions
 
 
 @dataclass(frozen=True)
 class Status:
-    """One row of the table.
-
-    Attributes:
-        http: status code of the HTTP response.
-        grpc: status code of the RPC.
-        title: the problem's title, the same for every occurrence.
-    """
+    """HTTP and gRPC status codes of an error class, with its fixed problem title."""
 
     http: int
     grpc: grpc.StatusCode
@@ -69,10 +63,10 @@ STATUSES: dict[type[FastSplatError], Status] = {
     errors.TusVersionError: Status(
         412, grpc.StatusCode.FAILED_PRECONDITION, "The protocol's version is not spoken here"
     ),
-    # One gRPC code, two HTTP ones: this request is too large, whoever sends it and whenever.
+    # 413 although RESOURCE_EXHAUSTED is 503 elsewhere: the request itself is too large, a retry cannot help.
     errors.LimitExceededError: Status(413, grpc.StatusCode.RESOURCE_EXHAUSTED, "The request passes a limit"),
     errors.ResourceError: _EXHAUSTED,
-    # Not 429: who waits and sends it again gets the same answer.
+    # Not 429: a retry gets the same answer.
     errors.QuotaError: Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
     errors.RateLimitedError: Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
     errors.OverloadedError: _EXHAUSTED,
@@ -91,31 +85,22 @@ STATUSES: dict[type[FastSplatError], Status] = {
     errors.TrainerCrashedError: _FAILED,
     errors.WorkerCrashedError: _FAILED,
 }
-"""Every class of the tree; a class of a later release has the status of its nearest ancestor."""
+"""All error classes; one that is missing here has the status of its nearest ancestor."""
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """An error as both protocols tell it.
-
-    Attributes:
-        status: HTTP and gRPC codes and the title.
-        reason: UPPER_SNAKE_CASE, stable across releases.
-        detail: one sentence on this occurrence.
-        details: any of field, limit and hint.
-        request_id: finds the request in the server's log.
-        retry_after_s: seconds after which it may be sent again, if that is known.
-    """
+    """A protocol-independent error answer."""
 
     status: Status
-    reason: str
-    detail: str
-    details: dict[str, str]
-    request_id: str
+    reason: str  # UPPER_SNAKE_CASE, stable across releases
+    detail: str  # one sentence on this occurrence
+    details: dict[str, str]  # any of field, limit and hint
+    request_id: str  # identifies the request in the server's log
     retry_after_s: float | None = None
 
     def as_problem(self) -> Problem:
-        """The problem+json object."""
+        """Converts to the problem+json object (RFC 9457)."""
         return Problem(
             type=f"urn:{DOMAIN}:problem:{self.reason.lower().replace('_', '-')}",
             title=self.status.title,
@@ -127,7 +112,7 @@ class Refusal:
         )
 
     def as_rpc_status(self) -> status_pb2.Status:
-        """The same as google.rpc.Status with an ErrorInfo, and a RetryInfo where the time is known."""
+        """Converts to a google.rpc.Status with ErrorInfo, and RetryInfo if `retry_after_s` is set."""
         info = error_details_pb2.ErrorInfo(
             reason=self.reason, domain=DOMAIN, metadata={**self.details, "request_id": self.request_id}
         )
@@ -144,13 +129,11 @@ class Refusal:
 
 
 def status_of(error: FastSplatError) -> Status:
-    """The table's row for `error`."""
     return next(STATUSES[cls] for cls in type(error).__mro__ if cls in STATUSES)
 
 
 def refusal_of(error: Exception, request_id: str) -> Refusal:
-    """Describe any exception; one that is not ours is logged with its traceback and reveals nothing of itself. But a
-    full disk, wherever it was met, is a resource that the server is out of."""
+    """Describes any exception; unexpected ones are logged and reveal no details."""
     if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
         _log.warning("request %s met a full disk: %s", request_id, error)
         error = errors.ResourceError(
@@ -176,10 +159,10 @@ def refusal_of(error: Exception, request_id: str) -> Refusal:
 
 
 def accepted_request_id(proposed: str) -> str:
-    """The caller's id if it is short and plain (it goes into logs), else a new one."""
+    """Accepts a caller's id that is short and safe to log, else makes one."""
     return proposed if _REQUEST_ID.fullmatch(proposed) else uuid.uuid4().hex
 
 
 def _shortened(text: str) -> str:
-    text = text.encode(errors="replace").decode()  # a lone surrogate of the request fits in no answer
+    text = text.encode(errors="replace").decode()  # a lone surrogate cannot be encoded in an answer
     return text if len(text) <= _MAX_CHARS else f"{text[: _MAX_CHARS - 1]}…"

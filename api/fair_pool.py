@@ -1,7 +1,6 @@
-"""Fair thread pool: callers take turns, so that one caller's queue does not delay another's.
+"""Fair thread pool: one queue per caller, served round robin (RFC 970).
 
-Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin. What takes long runs on
-threads of a lower priority, so that the operating system gives the cores to short calls first.
+Long calls run on threads of lower priority, so that the operating system prefers short calls.
 """
 
 from __future__ import annotations
@@ -20,16 +19,16 @@ from fastsplat.service.common.process import lower_priority
 _R = TypeVar("_R")
 
 _RECENT_S = 10.0
-"""Who has called in this time shares the threads; use of them is forgotten as fast (time constant)."""
+"""Window in which a caller counts as active; time constant of its fading use."""
 _SPARED_S = 0.5
-"""A caller that has used the threads for less than this lately is not over its share."""
+"""Recent use up to this is never over a caller's share."""
 _OVER = 1.5
-"""A caller is over its share from so many times the mean use on."""
+"""Multiple of the mean use above which a caller is over its share."""
 
 
 @dataclass
 class _Caller:
-    """What one caller waits for and runs, by class: 0 at the process's own priority, 1 in the background."""
+    """A caller's waiting and running calls by class: 0 normal priority, 1 background."""
 
     waiting: tuple[deque[_Entry], deque[_Entry]] = field(default_factory=lambda: (deque(), deque()))
     running: list[int] = field(default_factory=lambda: [0, 0])
@@ -47,7 +46,7 @@ class _Entry:
 
 @dataclass
 class _Use:
-    """Seconds on threads, fading with `_RECENT_S`, up to `at`; a call under way counts as it goes."""
+    """Seconds on threads up to `at`, decaying with `_RECENT_S`; running calls count continuously."""
 
     seconds: float
     at: float
@@ -62,21 +61,16 @@ class _Use:
 
 
 class FairPool:
-    """Thread pool for blocking work, round robin over callers; one caller never has all threads.
+    """Thread pool for blocking work, round robin over callers.
 
-    There are two classes of threads: those of the process's own priority, and as many of a lower one, in the
-    background. A call goes to the background if it is of a kind that takes long, or if its caller has lately used the
-    threads for more than its share while others call, too. A machine that is idle otherwise loses nothing by that.
-
-    A caller alone may have all threads of a class but one, so that another's next call begins at once. While others
-    call, too, its share is smaller: there are twice as many threads as cores, and calls that compute are faster side by
-    side only as long as each has a core.
+    Long calls, and those of callers that recently used more than their share while others were active, run on a second
+    class of threads of low priority. A single active caller gets all threads of a class but one, so that another's call
+    starts at once; several get smaller shares, because there are more threads than cores.
 
     Args:
         size: threads of each class, at least one.
         name: prefix of the threads' names.
-        niceness: how much nicer the background threads, and the threads that they start, are than the process. Only
-            Linux has a niceness for each thread; elsewhere all have the process's.
+        niceness: added to the process's niceness for background threads and their children; Linux only.
         clock: seconds.
     """
 
@@ -92,12 +86,7 @@ class FairPool:
         self._threads: tuple[list[threading.Thread], list[threading.Thread]] = ([], [])
 
     def submit(self, caller: str, function: Callable[[], _R], *, background: bool = False) -> Future[_R]:
-        """Queue a call; its future can be cancelled as long as it waits.
-
-        Args:
-            caller: whose turn it takes.
-            function: the call.
-            background: it takes long: the caller's other calls come first.
+        """Queues a call, at low priority if `background`; a waiting call can be cancelled.
 
         Raises:
             RuntimeError: the pool is closed.
@@ -112,7 +101,7 @@ class FairPool:
             self._callers.setdefault(caller, _Caller()).waiting[background].append(_Entry(future, function))
             self._changed.notify_all()
             threads = self._threads[background]
-            if len(threads) < self._size:  # a pool that nobody uses has no threads
+            if len(threads) < self._size:  # threads start on demand
                 prefix = f"{self._name}_background" if background else self._name
                 thread = threading.Thread(
                     target=self._work, args=(background,), name=f"{prefix}_{len(threads)}", daemon=True
@@ -123,7 +112,7 @@ class FairPool:
         return future
 
     def close(self) -> None:
-        """Wait for what runs, cancel what waits."""
+        """Waits for running calls and cancels waiting ones."""
         with self._changed:
             self._closed = True
             waiting = [entry.future for caller in self._callers.values() for queue in caller.waiting for entry in queue]
@@ -151,7 +140,7 @@ class FairPool:
                 self._done(name, background)
 
     def _take(self, background: bool) -> tuple[str, Future[Any], Callable[[], Any]] | None:
-        """The next call of the caller whose turn it is; None once the pool is closed."""
+        """Waits for the next call in turn; None once the pool is closed."""
         with self._changed:
             while not self._closed:
                 now = self._clock()
@@ -162,14 +151,14 @@ class FairPool:
                         use = self._uses[name]
                         use.advance(now)
                         use.running += 1
-                        self._callers.move_to_end(name)  # the others come first next time
+                        self._callers.move_to_end(name)  # round robin
                         entry = caller.waiting[background].popleft()
                         return name, entry.future, entry.function
                 self._changed.wait()
             return None
 
     def _share(self, now: float) -> int:
-        """How many threads of a class one caller may have now."""
+        """Computes the number of threads of a class that one caller may hold now."""
         self._forget_uses(now)
         count = len(self._uses)
         return max(1, self._size - 1 if count < 2 else self._size // (2 * count))
@@ -193,7 +182,7 @@ class FairPool:
             self._changed.notify_all()
 
     def _drop(self, name: str, future: Future[Any]) -> None:
-        """Take a cancelled call out of its queue, so that what nobody waits for holds no memory."""
+        """Removes a cancelled call from its queue, which frees its memory."""
         with self._changed:
             if (caller := self._callers.get(name)) is not None:
                 for queue in caller.waiting:

@@ -1,6 +1,6 @@
-"""How the service layer answers each call of the table, for both protocols.
+"""Handlers of plain request-and-answer calls, shared by REST and gRPC.
 
-What needs more of a protocol than a request and an answer (uploads, streams, waiting, files by range) is written there.
+Each protocol implements uploads, streams, waiting and ranged files itself.
 """
 
 from __future__ import annotations
@@ -32,26 +32,17 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Handler(Generic[Q, A]):
-    """How one call is answered.
-
-    Attributes:
-        call: which.
-        ask: asks the service, as its caller has it; runs on a thread.
-        computes: whether it is a question or a picture, see `Threads.answer`.
-        renders: whether it renders, or takes as long.
-        example: what it answers, for the API's description; once for each type of answers.
-        bodies: what may stand in REST's body, each with a summary; once for each type of bodies.
-    """
+    """The handler of one call."""
 
     call: Call[Q, A]
-    ask: Callable[[SceneService, Q], A]
-    computes: bool = False
-    renders: bool = False
-    example: A | None = None
-    bodies: Bodies = field(default_factory=dict)
+    ask: Callable[[SceneService, Q], A]  # runs on a thread, with the service of the caller's project
+    computes: bool = False  # has the shorter deadline of `Threads.answer`
+    renders: bool = False  # takes long, and therefore runs in the background
+    example: A | None = None  # for OpenAPI, once per answer type
+    bodies: Bodies = field(default_factory=dict)  # for OpenAPI, once per body type
 
     async def run(self, threads: Threads, function: Callable[[], R]) -> R:
-        """The result of a function that asks, on a thread of those that such calls have."""
+        """Runs a function on a thread, with the deadline and priority of this call."""
         return await (threads.answer(function, self.renders) if self.computes else threads.call(function))
 
 
@@ -320,4 +311,4 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
     )
 }
-"""By the name of the RPC."""
+"""Handlers by RPC name."""

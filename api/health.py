@@ -1,4 +1,4 @@
-"""Liveness and readiness, the same for both protocols."""
+"""Readiness check, shared by both protocols."""
 
 from __future__ import annotations
 
@@ -13,13 +13,7 @@ _DEADLINE_S = 5.0
 
 
 class Readiness:
-    """Readiness: the last result of a check that runs every `PERIOD_S`, on threads that no request ever waits for.
-
-    Asking costs nothing, whoever asks how often.
-
-    Args:
-        check: raises a FastSplatError where something is missing; runs on a thread.
-    """
+    """Cached result of a periodic check that raises a FastSplatError if something is missing."""
 
     PERIOD_S = 1.0
 
@@ -30,24 +24,22 @@ class Readiness:
         self._looking: asyncio.Task[None] | None = None
 
     def require(self) -> None:
-        """Return if requests should come. Raises `NotReadyNowError`: they should not."""
+        """Raises `NotReadyNowError` unless the server is ready."""
         why = "the server is about to stop" if self._draining else self._missing
         if why is not None:
             raise NotReadyNowError(f"not ready: {why}", hint="Ask again in a moment.")
 
     @property
     def ready(self) -> bool:
-        """Whether requests should come."""
         return self._missing is None and not self._draining
 
     def drain(self) -> None:
-        """From now on: not ready."""
         self._draining = True
 
     async def look(self) -> None:
-        """Check once."""
+        """Runs the check once, for at most 5 s."""
         before = self._missing
-        if self._looking is None:  # one that hangs keeps its thread, and gets no company
+        if self._looking is None:  # a hanging check is not started twice
             self._looking = asyncio.create_task(asyncio.to_thread(self._check))
         ended, _ = await asyncio.wait({self._looking}, timeout=_DEADLINE_S)
         try:
@@ -66,7 +58,7 @@ class Readiness:
             _log.info("ready" if self._missing is None else "not ready", extra={"why": self._missing or ""})
 
     async def watch(self, changed: Callable[[bool], Awaitable[None]]) -> None:
-        """Look again and again; `changed` learns of every finding that differs from the one before."""
+        """Runs the check periodically and reports each change of readiness to `changed`."""
         told: bool | None = None
         while True:
             await self.look()

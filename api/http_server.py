@@ -1,4 +1,4 @@
-"""The HTTP server: uvicorn, with limits on heads and connections, and problems (RFC 9457) where it refuses itself."""
+"""HTTP server: uvicorn with limits on request heads and connections, and RFC 9457 errors."""
 
 from __future__ import annotations
 
@@ -25,14 +25,13 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitEx
 
 _log = logging.getLogger(__name__)
 
-_MAX_REQUEST_HEAD = 2**18  # so that a question of 100 kB in a URL gets an answer that says what is wrong with it
+_MAX_REQUEST_HEAD = 2**18  # bytes; a 100 kB question in a URL still gets a proper error
 _LINGER_S = 2.0
-"""After a refusal so long is read on: to close on a sender that still writes resets the connection, and it never sees
-the answer."""
+"""Reading time after a refusal; closing earlier could reset the connection before it arrives."""
 
 
 def make_http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> uvicorn.Server:
-    """The server of `app`; `serve` it on a socket, and set `should_exit` to end it."""
+    """Builds the server of `app`; run `serve` on sockets, and set `should_exit` to stop it."""
     head_s = settings.limits.head_s
 
     class Protocol(_TimedProtocol):
@@ -60,7 +59,7 @@ def make_http_server(app: FastAPI, settings: Settings, tls: Tls | None) -> uvico
 
 
 class _BoundedConnections:
-    """ASGI middleware: refuses requests beyond so many connections; uvicorn's own bound answers without a problem."""
+    """ASGI middleware that limits connections; uvicorn's own limit answers without problem+json."""
 
     server: uvicorn.Server
 
@@ -69,7 +68,6 @@ class _BoundedConnections:
         self._limit = limit
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request."""
         if len(self.server.server_state.connections) <= self._limit:
             await self._app(scope, receive, send)
             return
@@ -84,7 +82,7 @@ class _BoundedConnections:
 
 
 class _TimedProtocol(H11Protocol):
-    """Closes a connection whose request head is not whole in time; uvicorn itself waits for ever."""
+    """Closes connections whose request head is not complete in time; uvicorn has no such timeout."""
 
     timeout_head: float
 
@@ -115,15 +113,15 @@ class _TimedProtocol(H11Protocol):
             super().shutdown()
 
     def send_400_response(self, msg: str) -> None:
-        """Answer what is no HTTP request; called by uvicorn in the handler of h11's error."""
+        """Answers a malformed request; uvicorn calls this while handling h11's error."""
         self._refused = True
         self._stop_timer()
         reason = sys.exc_info()[1]
         begun = self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE)
-        if self.cycle is not None and not self.cycle.response_complete:  # it was still being received
+        if self.cycle is not None and not self.cycle.response_complete:  # its body was still being received
             self.cycle.disconnected = True
             self.cycle.message_event.set()
-        if begun:  # too late for another answer
+        if begun:  # a response is already under way
             self.transport.close()
             return
         answer = _refusal(_malformed(reason))
@@ -142,7 +140,7 @@ class _TimedProtocol(H11Protocol):
             self.transport.close()
 
     def _watch_head(self) -> None:
-        """Run the timer while a head is awaited or only part of one has come."""
+        """Runs the timer while a request head is awaited or incomplete."""
         if self.conn.their_state is not h11.IDLE:
             self._stop_timer()
         elif self._head_timer is None:
@@ -160,7 +158,7 @@ class _TimedProtocol(H11Protocol):
 
 
 def _malformed(error: BaseException | None) -> FastSplatError:
-    """What h11 has against a request, as an error of the tree."""
+    """Converts an h11 error."""
     if getattr(error, "error_status_hint", 400) == 431:
         return LimitExceededError(
             "the head of the request is too large",
@@ -174,7 +172,7 @@ def _malformed(error: BaseException | None) -> FastSplatError:
 
 
 def _refusal(error: FastSplatError) -> Response:
-    """The problem of a request that reaches no layer of the application."""
+    """Builds the problem response for a request that never reaches the application."""
     request_id = uuid.uuid4().hex
     answer = problem_response(request_id, error)
     answer.headers["X-Request-Id"] = request_id
@@ -186,5 +184,5 @@ def _refusal(error: FastSplatError) -> Response:
 class _Server(uvicorn.Server):
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Leave the signals to `run`, which has two servers to stop."""
+        """Leaves signals to `run`, which stops both servers."""
         yield

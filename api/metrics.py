@@ -1,4 +1,4 @@
-"""Prometheus metrics on a port of their own: calls that wait, compute or are refused, and jobs."""
+"""Prometheus metrics of calls and jobs, served on a separate port."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fastsplat_contract.errors import FastSplatError, ResourceError
 _R = TypeVar("_R")
 
 current_route: ContextVar[str] = ContextVar("current_route", default="other")
-"""The matched route (REST) or method (gRPC) that the running task serves."""
+"""Matched route (REST) or method (gRPC) of the running task."""
 
 _log = logging.getLogger(__name__)
 _SECONDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0)
@@ -31,7 +31,7 @@ _STAGE_SECONDS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.
 
 @dataclass(frozen=True)
 class _Meters:
-    """Metrics of one route: to look them up by label at every step would cost more than to count."""
+    """Metrics of one route, cached because looking up labels costs more than counting."""
 
     waited: Histogram
     computed: Histogram
@@ -44,7 +44,7 @@ class _Meters:
 
 
 class Metrics:
-    """Metrics of one server process. Safe from any thread."""
+    """Thread-safe metrics of one server process."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -78,11 +78,11 @@ class Metrics:
 
     @contextmanager
     def request(self, route: str) -> Iterator[Callable[[str], None]]:
-        """Watch one request; call what this yields with its status, e.g. "200" or "OK"."""
+        """Measures one request; call the yielded function with its status, e.g. "200" or "OK"."""
         meters = self._of(route)
         started = time.perf_counter()
         meters.in_flight.inc()
-        current_route.set(route)  # every request runs in a task of its own
+        current_route.set(route)  # each request has its own task
         try:
             yield meters.count
         finally:
@@ -102,12 +102,12 @@ class Metrics:
         return meters
 
     def refused(self, reason: str) -> None:
-        """Count a request that was turned away: UNAUTHENTICATED, RATE_LIMITED, OVERLOADED, ..."""
+        """Counts a refused request by reason: UNAUTHENTICATED, RATE_LIMITED, OVERLOADED, ..."""
         self._refused.labels(reason).inc()
 
     @contextmanager
     def queued(self) -> Iterator[Call]:
-        """Watch one call from before it is handed to a pool until it is over, or until nobody waits for it."""
+        """Measures one call from before it is submitted until it ends or is abandoned."""
         call = Call(current_route.get(), self)
         self._waiting.inc()
         try:
@@ -126,12 +126,12 @@ class Metrics:
         self._of(call.route).computed.observe(time.perf_counter() - call.at)
 
     def watch_jobs(self, metrics: ServiceMetrics) -> None:
-        """Tell of jobs and scenes too, as the database has them at each look."""
+        """Adds metrics of jobs and scenes, read from the database at each scrape."""
         self.registry.register(_Jobs(metrics, self._stages))
 
 
 class Call:
-    """Timing of one call, from its queue to its end."""
+    """Timing of one call from submission to end."""
 
     def __init__(self, route: str, metrics: Metrics) -> None:
         self.route = route
@@ -140,7 +140,7 @@ class Call:
         self._metrics = metrics
 
     def run(self, function: Callable[[], _R]) -> _R:
-        """On the thread: make the call."""
+        """Runs and times the call; called on its thread."""
         self._metrics._begun(self)
         self.at = time.perf_counter()
         try:
@@ -149,7 +149,7 @@ class Call:
             self._metrics._ended(self)
 
     def never_ran(self) -> bool:
-        """Whether it was given up before a thread took it."""
+        """Returns True if the call was abandoned before a thread took it."""
         return self.future is None or self.future.cancelled()
 
 
@@ -179,10 +179,10 @@ class _Jobs(Collector):
 
 
 def serve_metrics(metrics: Metrics, host: str, port: int) -> tuple[int, Callable[[], None]]:
-    """Serve /metrics on a thread of its own. Returns the port, and what stops it.
+    """Serves /metrics on a thread; returns the port and a stop function.
 
     Raises:
-        ResourceError: the port cannot be had.
+        ResourceError: the port is not available.
     """
     try:
         server, thread = start_http_server(port, host, metrics.registry)

@@ -1,4 +1,4 @@
-"""Long polling and watching of operations, for both protocols."""
+"""Long polling and watching of operations, shared by both protocols."""
 
 from __future__ import annotations
 
@@ -20,34 +20,29 @@ MAX_WAIT_S = 300.0
 
 @dataclass(frozen=True)
 class Change:
-    """One state of an operation.
-
-    Attributes:
-        id: names the state, so that a watcher that was cut off can say what it knows.
-        operation: the operation in that state.
-    """
+    """One state of an operation; `id` lets a disconnected watcher resume after it."""
 
     id: str
     operation: Operation
 
 
 class Operations:
-    """Watched operations: polled on a thread, so that waiting callers hold none."""
+    """Polls operations on shared threads, so that waiting callers hold none."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:
         self._service = service
         self._threads = threads
 
     async def get(self, operation_id: str) -> Operation:
-        """The operation as it stands. Raises `NotFoundError`: there is none of that id."""
+        """Reads an operation. Raises `NotFoundError` for an unknown id."""
         return await self._threads.call(lambda: self._service.get_operation(operation_id))
 
     async def wait(self, operation_id: str, timeout_s: float) -> Operation:
-        """The operation as soon as it is done, or as it stands after `timeout_s` seconds.
+        """Waits until an operation is done or `timeout_s` seconds have passed.
 
         Raises:
             InvalidInputError: `timeout_s` is not 0 to `MAX_WAIT_S`.
-            NotFoundError: there is none of that id.
+            NotFoundError: the id is unknown.
         """
         if not (math.isfinite(timeout_s) and 0 <= timeout_s <= MAX_WAIT_S):
             raise InvalidInputError(f"a wait of {timeout_s} s", field="timeout_s", limit=f"0 to {MAX_WAIT_S:g} s")
@@ -61,16 +56,12 @@ class Operations:
             await asyncio.sleep(min(POLL_INTERVAL_S, remaining))
 
     async def current(self, operation_id: str) -> Change:
-        """The operation as it stands, with the name of this state. Raises `NotFoundError`: there is none of that id."""
+        """Reads an operation with its state id. Raises `NotFoundError` for an unknown id."""
         operation = await self.get(operation_id)
         return Change(_state_id(operation), operation)
 
     async def changes(self, first: Change, last_id: str = "") -> AsyncGenerator[Change]:
-        """`first`, unless its id is `last_id`, then every change until the operation is done.
-
-        Raises:
-            NotFoundError: the operation was deleted meanwhile.
-        """
+        """Yields `first` unless its id is `last_id`, then every change; `NotFoundError` on deletion."""
         change = first
         while True:
             if change.id != last_id:
@@ -83,6 +74,6 @@ class Operations:
 
 
 def _state_id(operation: Operation) -> str:
-    # The seconds of a running stage count by themselves; they are sent with the next change.
+    # The running stage's seconds alone are no change.
     timeless = replace(operation, stages=tuple(replace(stage, seconds=0.0) for stage in operation.stages))
     return hashlib.sha256(to_json(timeless)).hexdigest()[:16]

@@ -1,8 +1,7 @@
-"""Upload receivers on the event loop: a slow sender holds a connection, and no thread.
+"""Upload receivers on the event loop: a slow sender holds a connection but no thread.
 
-Bytes gather in batches; each batch is a short call on a thread that writes it. At most one batch of an upload waits or
-is written, and nothing more is read meanwhile, so that a slow disk slows the sender down through the transport's own
-flow control and nothing piles up in memory.
+Data are written in batches by short calls on threads. While a batch is written nothing more is read, so that the
+transport's flow control slows the sender down and memory stays bounded.
 """
 
 from __future__ import annotations
@@ -33,41 +32,34 @@ _Result = TypeVar("_Result", covariant=True)
 _log = logging.getLogger(__name__)
 _BATCH_BYTES = 1 << 16
 _PAUSE_S = 1.0
-"""What has come is written so long after the batch began, if it is less than a batch."""
+"""Seconds after which an incomplete batch is written."""
 _STALL_S = 60.0
 _CLOSE_S = 30.0
 _CLOSERS = 2
 
 
 class Sink(Protocol[_Item, _Result]):
-    """Sink of one upload. Its methods run on threads, one at a time, with the caller's context."""
+    """Sink of one upload; its methods run on threads, one at a time."""
 
     @property
     def slow_finish(self) -> bool:
-        """Whether `finish` may take long; it then runs on other threads than those that write."""
+        """True if `finish` may take long and needs separate threads."""
 
     def open(self) -> None:
-        """Prepare to take bytes; called before the first is read from the network, so that a refusal comes early."""
+        """Prepares for data; called before anything is read, so that refusals come early."""
 
     def write(self, items: Sequence[_Item]) -> None:
-        """Take what has come next."""
+        """Takes the next items."""
 
     def finish(self) -> _Result:
-        """What the upload has become; called once all of it was written."""
+        """Completes the upload after the last write and returns its result."""
 
     def close(self) -> None:
-        """The upload ends without a result: forget it, or keep what may be gone on with. Called last, and only if
-        `finish` has not returned; must not raise."""
+        """Ends an upload that `finish` has not completed; must not raise."""
 
 
 class UploadReceiver:
-    """Receiver of all uploads under way in one process.
-
-    Args:
-        limits: how many there may be.
-        settings: how slow they may be.
-        finishes: how many uploads may be finished at a time.
-    """
+    """Receiver of all uploads of a process; at most `finishes` are completed at a time."""
 
     def __init__(self, limits: LimitSettings, settings: UploadSettings, finishes: int) -> None:
         self._limits = limits
@@ -82,16 +74,14 @@ class UploadReceiver:
     async def receive(
         self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
-        """What `sink` makes of `stream`. If the sender leaves, or this coroutine is cancelled, the sink is closed.
+        """Writes a stream to a sink, which is closed on failure or cancellation.
 
         Args:
-            stream: what the sender sends.
-            sink: what takes it.
-            size: bytes of an item.
-            memory_bytes: what the transport holds of the stream at a time, beyond a batch.
+            size: returns an item's size in bytes.
+            memory_bytes: memory that the transport needs for the stream, beyond a batch.
 
         Raises:
-            OverloadedError: as many uploads as the server takes are under way, or they hold all the memory for them.
+            OverloadedError: the number of uploads or their memory is at its limit.
             DeadlineExceededError: the sender is too slow.
         """
         self._enter(memory_bytes)
@@ -102,7 +92,7 @@ class UploadReceiver:
             await upload.run(self._writers, key, sink.open)
             while items := await sender.batch():
                 await upload.run(self._writers, key, partial(sink.write, items))
-            # Validations have places by project.
+            # Slow finishes are validations, which take turns by project.
             pool, owner = (self._finishers, project) if sink.slow_finish else (self._writers, key)
             result = await upload.run(pool, owner, sink.finish)
         except asyncio.CancelledError:
@@ -111,13 +101,13 @@ class UploadReceiver:
             raise
         except BaseException:
             await sender.stop()
-            await asyncio.shield(asyncio.wrap_future(upload.close()))  # before the refusal is told, nothing is left
+            await asyncio.shield(asyncio.wrap_future(upload.close()))  # clean up before the error is sent
             raise
         self._leave(memory_bytes)
         return result
 
     def close(self) -> None:
-        """Wait until no upload is under way; their senders must have been cut off."""
+        """Waits for running uploads to end; their senders must already be disconnected."""
         with self._changed:
             if not self._changed.wait_for(lambda: not self._count, _CLOSE_S):
                 _log.error("%d uploads are still under way", self._count)
@@ -156,13 +146,13 @@ def _project() -> str:
 
 
 class _Upload:
-    """One upload's calls on threads: one after the other, the closing one last."""
+    """Runs one upload's calls on threads, one after the other, the closing one last."""
 
     def __init__(self, sink: Sink[Any, Any], closers: ThreadPoolExecutor, leave: Callable[[], None]) -> None:
         self._sink = sink
         self._closers = closers
         self._leave = leave
-        self._context = contextvars.copy_context()  # the threads know who calls
+        self._context = contextvars.copy_context()  # carries the caller's identity
         self._cancellation = Cancellation()
         self._last: concurrent.futures.Future[Any] | None = None
 
@@ -180,7 +170,7 @@ class _Upload:
         self.close()
 
     def close(self) -> concurrent.futures.Future[None]:
-        """Close the sink once its last call has ended, or will never begin."""
+        """Closes the sink once its last call has ended or was cancelled."""
         closed: concurrent.futures.Future[None] = concurrent.futures.Future()
 
         def close() -> None:
@@ -200,22 +190,18 @@ class _Upload:
 
 
 class _Sender(Generic[_T]):
-    """A sender's stream in batches, with its timeouts."""
+    """Reads a sender's stream in batches and enforces its timeouts."""
 
     def __init__(self, stream: AsyncIterator[_T], size: Callable[[_T], int], settings: UploadSettings) -> None:
         self._stream = stream
         self._size = size
         self._settings = settings
         self._bytes = 0
-        self._waited_s = 0.0  # for the sender; what our own disk takes is not its fault
+        self._waited_s = 0.0  # waiting for the sender only, without our own disk's time
         self._next: asyncio.Future[tuple[_T] | None] | None = None
 
     async def batch(self) -> list[_T]:
-        """What has come next: about as much as makes up a batch, or what came before a pause; nothing at the end.
-
-        Raises:
-            DeadlineExceededError: the sender is too slow.
-        """
+        """Reads the next batch, or less if the sender pauses; empty at the end."""
         items: list[_T] = []
         enough = self._bytes + _BATCH_BYTES
         pause_at = 0.0
@@ -239,13 +225,13 @@ class _Sender(Generic[_T]):
         return items
 
     def cut(self) -> None:
-        """Read nothing more."""
+        """Cancels the pending read."""
         if self._next is not None:
             self._next.cancel()
             self._next.add_done_callback(lambda item: item.cancelled() or item.exception())
 
     async def stop(self) -> None:
-        """The same; on return the stream is no longer read from."""
+        """Cancels the pending read and waits for its end."""
         self.cut()
         if self._next is not None:
             await asyncio.wait((self._next,))
@@ -257,7 +243,7 @@ class _Sender(Generic[_T]):
             return None
 
     def _patience_s(self) -> float:
-        """How long the sender may now be silent."""
+        """Computes the seconds that the sender may be silent now."""
         settings = self._settings
         behind = settings.slow_start_s + self._bytes / settings.min_bytes_per_s - self._waited_s
         return min(behind, _STALL_S, settings.deadline_s - self._waited_s)

@@ -1,4 +1,4 @@
-"""The API server: HTTP and gRPC in one process, on one event loop."""
+"""API server: HTTP and gRPC in one process on one event loop."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from fastsplat_contract.errors import ResourceError
 
 _log = logging.getLogger(__name__)
 
-_TURN_S = 0.001  # so long a computing thread may keep the event loop, and with it /livez, waiting
+_TURN_S = 0.001  # longest time that a computing thread may block the event loop, and with it /livez
 _MOST_FILES = 65_536
 
 
@@ -45,11 +45,11 @@ class Ports:
 
 
 def run(settings: Settings) -> None:
-    """Serve REST on host:http_port and gRPC on host:grpc_port until SIGTERM or SIGINT; running calls may finish.
+    """Serves REST and gRPC until SIGTERM or SIGINT, then lets running calls finish.
 
     Raises:
         InvalidInputError: keys are off and the host is not loopback, or the TLS files cannot be used.
-        ResourceError: a port, the data folder or the database cannot be had.
+        ResourceError: a port, the data folder or the database is not available.
     """
 
     async def until_signal() -> None:
@@ -75,19 +75,18 @@ async def serve(
     stop: asyncio.Event,
     on_ready: Callable[[Ports], None] = lambda ports: None,
 ) -> None:
-    """Serve both faces until `stop` is set; port 0 takes a free one, and `on_ready` tells which.
+    """Serves both protocols until `stop` is set.
 
-    Then nothing is ready any more for `drain_notice_s`, no new call is taken, and those that run have `drain_s`.
+    The server then reports "not ready" for `drain_notice_s`, takes no new calls, and gives running ones `drain_s`.
 
     Args:
-        service: what answers. Anything but a SceneService has no keys, no figures, and is always ready.
-        settings: hosts, ports, keys, TLS, limits.
-        stop: set to end.
-        on_ready: called once, when both faces answer.
+        service: a SceneService; any other object has no keys and no metrics of jobs, and is always ready.
+        settings: port 0 takes a free one.
+        on_ready: called once with the actual ports when both protocols answer.
 
     Raises:
         InvalidInputError: as `run`.
-        ResourceError: a port cannot be had.
+        ResourceError: a port is not available.
     """
     check_exposure(settings)
     tls = tls_of(settings)
@@ -138,12 +137,12 @@ async def serve(
 
 
 def _import_renderer() -> None:
-    """Import what draws pictures, on a thread: that takes seconds, which the first who asks need not wait for."""
+    """Imports the renderer on a thread, so that the first request need not wait."""
     threading.Thread(target=import_module, args=("fastsplat.service.query.drawing.scene_renderer",)).start()
 
 
 def _raise_file_limit() -> None:
-    """A thousand robots are a thousand sockets, and the customary soft limit is 1024 files."""
+    """Raises the soft limit of open files, by default often 1024, for many connections."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     enough = _MOST_FILES if hard == resource.RLIM_INFINITY else min(hard, _MOST_FILES)
     if soft != resource.RLIM_INFINITY and soft < enough:
@@ -151,7 +150,7 @@ def _raise_file_limit() -> None:
 
 
 def _listen(host: str, port: int) -> list[socket.socket]:
-    """Sockets of an address, and of the other loopback, too, for a loopback: browsers ask "localhost" at either."""
+    """Opens sockets; for loopback IPv4 and IPv6, because browsers use either for "localhost"."""
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         listeners = [socket.create_server((host, port), family=family, backlog=2048)]
@@ -163,11 +162,11 @@ def _listen(host: str, port: int) -> list[socket.socket]:
         ) from error
     if host in ("127.0.0.1", "localhost", "::1"):
         other = ("::1", socket.AF_INET6) if family == socket.AF_INET else ("127.0.0.1", socket.AF_INET)
-        with suppress(OSError):  # a machine without IPv6, or a port that is another's there
+        with suppress(OSError):  # no IPv6, or the port is taken there
             address = (other[0], listeners[0].getsockname()[1])
             listeners.append(socket.create_server(address, family=other[1], backlog=2048))
     for listener in listeners:
-        # Connections inherit this. asyncio sets it only where it opened the listener itself, and without it every
-        # answer waits 40 ms for the client's delayed acknowledgement of its head.
+        # Inherited by connections. asyncio sets it only on listeners of its own, and without it every answer waits
+        # 40 ms for the client's delayed ACK of its head.
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return listeners

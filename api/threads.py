@@ -1,7 +1,6 @@
-"""Thread pools of the server: bounded, and the only place where blocking work runs.
+"""The server's bounded thread pools, shared by both protocols; all blocking work runs here.
 
-Both faces share one event loop and these pools, so that the number of calls at work is one number, and an idle
-stream (a robot that watches an operation for an hour) costs no thread.
+Idle streams, such as a robot watching an operation for an hour, hold no thread.
 """
 
 from __future__ import annotations
@@ -22,14 +21,14 @@ from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import LimitSettings, UploadSettings
 
 _CALL_DEADLINE_S = 600.0
-"""Seconds that any other call may take, waiting included."""
+"""Deadline of calls other than questions and pictures, waiting included."""
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 
 class Threads:
-    """Bounded pools: one for calls, others for uploads, so that uploads never starve questions."""
+    """Bounded pools for calls and, separately, for uploads, which cannot starve calls."""
 
     def __init__(
         self,
@@ -38,8 +37,7 @@ class Threads:
         uploads: UploadSettings | None = None,
         validations: int = 1,
     ) -> None:
-        """Threads as `limits` say, for uploads as slow as `uploads` say, of which so many are validated at a time;
-        `metrics` learns what waits and runs."""
+        """Prepares the pools; uploads have two threads for each concurrent validation."""
         self._limits = limits or LimitSettings()
         threads = self._limits.threads or max(4, 2 * (os.cpu_count() or 1))
         self._calls = FairPool(threads, "call", self._limits.niceness)
@@ -47,25 +45,18 @@ class Threads:
         self._metrics = metrics or Metrics()
 
     async def answer(self, function: Callable[[], _R], background: bool = False) -> _R:
-        """As `call`, for a question or a picture, which have less time.
-
-        Args:
-            function: the service call.
-            background: it renders, so that it runs where it holds up no short call.
-
-        Raises:
-            DeadlineExceededError: it was not done in the time that the server gives it.
-        """
+        """Runs a question or a picture as `call` does, with the shorter deadline `answer_s`."""
         return await self.call(function, self._limits.answer_s, background)
 
     async def call(
         self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S, background: bool = False
     ) -> _R:
-        """Run a service call on a thread and await its answer. If this coroutine is cancelled, so is the call: it stops
-        at its next `check_cancelled`; keys take turns.
+        """Runs a service call on a thread, at low priority if `background`; keys take turns.
+
+        Cancelling this coroutine cancels the call, which stops at its next `check_cancelled`.
 
         Raises:
-            DeadlineExceededError: it was not done in the time that the server gives it.
+            DeadlineExceededError: the deadline has passed.
         """
         cancellation = Cancellation(timeout_s)
 
@@ -78,10 +69,10 @@ class Threads:
             while True:
                 try:
                     with self._metrics.queued() as call:
-                        run = partial(contextvars.copy_context().run, call.run, watched)  # the thread knows who calls
+                        run = partial(contextvars.copy_context().run, call.run, watched)  # with the caller's identity
                         call.future = self._calls.submit(caller_id(), run, background=background)
                         return await asyncio.wrap_future(call.future)
-                except CallAgainError as again:  # it waits here, without a thread
+                except CallAgainError as again:  # waits without holding a thread
                     await asyncio.sleep(again.after_s)
         except asyncio.CancelledError:
             cancellation.cancel()
@@ -90,10 +81,9 @@ class Threads:
     async def receive(
         self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
-        """See `UploadReceiver.receive`."""
         return await self._uploads.receive(stream, sink, size, memory_bytes)
 
     def close(self) -> None:
-        """Wait for what runs, drop what waits."""
+        """Waits for running calls and drops waiting ones."""
         self._uploads.close()
         self._calls.close()

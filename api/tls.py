@@ -1,4 +1,4 @@
-"""TLS for both ports from the same files."""
+"""TLS of both ports, from the same files."""
 
 from __future__ import annotations
 
@@ -14,26 +14,19 @@ from fastsplat_contract.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class Tls:
-    """PEM files of one server.
+    """PEM files of a server."""
 
-    Attributes:
-        cert: its certificate chain.
-        key: its private key.
-        client_ca: certificates; clients must show one that they signed. None: clients show none.
-    """
-
-    cert: Path
+    cert: Path  # certificate chain
     key: Path
-    client_ca: Path | None
+    client_ca: Path | None  # CA certificates for mutual TLS
 
     def grpc_credentials(self) -> grpc.ServerCredentials:
-        """For the gRPC port."""
         roots = None if self.client_ca is None else self.client_ca.read_bytes()
         pair = (self.key.read_bytes(), self.cert.read_bytes())
         return grpc.ssl_server_credentials([pair], roots, require_client_auth=roots is not None)
 
     def http_context(self) -> ssl.SSLContext:
-        """For the HTTP port: TLS 1.2 and later. Raises `OSError`: a file cannot be read, or does not fit the other."""
+        """Builds the HTTP port's context, TLS 1.2 or later. Raises `OSError` for unusable files."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         context.load_cert_chain(self.cert, self.key)
@@ -44,10 +37,10 @@ class Tls:
 
 
 def tls_of(settings: Settings) -> Tls | None:
-    """The files that the settings name, read once to see that they fit; None without any.
+    """Returns the TLS files of the settings, after loading them once; None without any.
 
     Raises:
-        InvalidInputError: only some of them are named, or they cannot be read or do not fit.
+        InvalidInputError: the certificate or its key is not set, or the files are unreadable or do not match.
     """
     if settings.tls_cert is None and settings.tls_key is None and settings.tls_client_ca is None:
         return None

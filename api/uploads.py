@@ -1,4 +1,4 @@
-"""Uploads of captures, as far as both protocols handle them alike."""
+"""Upload helpers shared by both protocols."""
 
 from __future__ import annotations
 
@@ -10,27 +10,18 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.jobs.operations import SceneOptions
 
 OPTIONS = frozenset(field.name for field in fields(SceneOptions)) - {"labels"}
-"""Names of the options that both faces send as they are."""
+"""Names of the options that both protocols pass on unchanged."""
 
 
 def scene_options(labels: Sequence[str], sent: Mapping[str, Any]) -> SceneOptions:
-    """Options as sent; the service refuses what is none.
-
-    Args:
-        labels: one string may hold several, separated by commas.
-        sent: of `OPTIONS`; None and "" leave one open.
-    """
+    """Collects unvalidated options; labels may be comma-separated, None and "" are unset."""
     names = [part.strip() for text in labels for part in text.split(",")]
     options = {name: value for name, value in sent.items() if value not in (None, "")}
     return SceneOptions(tuple(name for name in names if name), **options)
 
 
 def check_announced(size: int, max_upload_bytes: int) -> None:
-    """Refuse at once, before a byte is read, an upload that says it will be too large.
-
-    Raises:
-        LimitExceededError: `size` passes the server's limit.
-    """
+    """Raises `LimitExceededError` if an upload's announced size, in bytes, passes the limit."""
     if size > max_upload_bytes:
         raise LimitExceededError(
             f"the upload announces {size} bytes",

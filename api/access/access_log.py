@@ -1,4 +1,4 @@
-"""The access log: one line a request."""
+"""Access log: one line per request."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ _MAX_CHARS = 200
 def log_request(
     log: logging.Logger, request_id: str, method: str, path: str, status: int | str, started: float, peer: str
 ) -> None:
-    """One record: who asked for what, the outcome, how long it took. Never a header, a query string or a body.
+    """Logs caller, request, outcome and duration; never headers, query strings or bodies.
 
     Args:
-        log: the protocol's logger.
-        request_id: as the answer carries it.
-        method: HTTP's, or "gRPC".
-        path: without its query string, or the RPC.
-        status: HTTP's number or gRPC's name.
-        started: `time.perf_counter()` when the request came.
-        peer: address of the caller; of one behind a trusted proxy, what the proxy says.
+        method: the HTTP method, or "gRPC".
+        path: the path without its query string, or the RPC.
+        status: HTTP status number or gRPC status name.
+        started: `time.perf_counter()` at arrival.
+        peer: the caller's address; behind a trusted proxy, the one that it forwards.
     """
     milliseconds = round(1000 * (time.perf_counter() - started), 1)
     log.info(

@@ -1,4 +1,4 @@
-"""Authentication: keys to callers, at the start of a call and for as long as it goes on."""
+"""Authentication of callers by key, at the start of a call and while it runs."""
 
 from __future__ import annotations
 
@@ -22,36 +22,31 @@ _HOW = 'Send it as "Authorization: Bearer KEY"; make one with: fastsplat keys cr
 
 
 class Credentials(NamedTuple):
-    """Credentials of a call: its key and its project, each "" where it names none.
-
-    Attributes:
-        key: the access key.
-        project: the project that the call is about, if it is not the key's; for operators.
-    """
+    """A call's access key, and the project it names (operators only); "" where absent."""
 
     key: str
     project: str = ""
 
     @classmethod
     def of(cls, headers: Mapping[str, str]) -> Credentials:
-        """Those in a request's headers, or in a call's metadata; their names are in lower case."""
+        """Reads credentials from HTTP headers or gRPC metadata with lower-case names."""
         scheme, _, value = headers.get("authorization", "").partition(" ")
         key = value if scheme.lower() == "bearer" else headers.get("x-api-key", "")
         return cls(key.strip(), headers.get("x-fastsplat-project", "").strip())
 
 
 class Authenticator:
-    """Turns keys into callers, from a copy of the valid keys in memory that is never older than `FRESH_S` seconds.
+    """Authenticates callers against an in-memory copy of the valid keys, at most `FRESH_S` seconds old.
 
-    All of it runs on the event loop alone.
+    Not thread-safe: it runs on the event loop only.
 
     Args:
         load: reads the valid keys from the database, on a thread.
-        auth_enabled: False: nobody needs a key, and everybody is an operator in the default project.
+        auth_enabled: if False, no key is needed, and every caller is an operator in the default project.
     """
 
     FRESH_S = 1.0
-    _GLANCE_S = 0.2  # a key that is not known may be new; whoever guesses waits, and costs one look in this time
+    _GLANCE_S = 0.2  # unknown keys may be new: they cause at most one reload in this time
 
     def __init__(self, load: Callable[[], KeyRing], auth_enabled: bool) -> None:
         self._load = load
@@ -63,16 +58,12 @@ class Authenticator:
         self._watching: asyncio.Task[None] | None = None
 
     async def authenticate(self, credentials: Credentials, rule: Rule) -> Principal | None:
-        """Who calls, if they may; None for an open route, whatever key came with it.
-
-        Args:
-            credentials: as the caller sent them.
-            rule: that of the matched route.
+        """Returns the permitted caller; None for an open route.
 
         Raises:
-            UnauthenticatedError: no key, or none that is valid.
-            PermissionDeniedError: the key's role is too small for this call, or it is a key of one scene.
-            NotFoundError: the call is about a project that is not there for this key.
+            UnauthenticatedError: the key is missing or invalid.
+            PermissionDeniedError: the key's role is insufficient, or it is limited to one scene.
+            NotFoundError: the project does not exist for this key.
             DatabaseError: the keys cannot be read.
         """
         if rule.role is None:
@@ -103,11 +94,7 @@ class Authenticator:
 
     @contextmanager
     def watch(self, principal: Principal) -> Iterator[KeyWatch]:
-        """End the block, which the running task is in, soon after the caller's key is no longer valid.
-
-        Raises:
-            UnauthenticatedError: the key was revoked, or has expired, before the block was over.
-        """
+        """Ends the running task's block by `UnauthenticatedError` soon after the caller's key becomes invalid."""
         task = asyncio.current_task()
         assert task is not None
         watch = KeyWatch(principal.key_id, task)
@@ -118,7 +105,7 @@ class Authenticator:
         try:
             yield watch
         except asyncio.CancelledError:
-            if not watch.take_back():  # somebody else cancelled it
+            if not watch.take_back():  # cancelled by someone else
                 raise
         finally:
             self._watches.discard(watch)
@@ -130,7 +117,7 @@ class Authenticator:
         if not credentials.key:
             raise UnauthenticatedError("this call carries no key", field="authorization", hint=_HOW)
         key_id = key_id_of(credentials.key)
-        while self._loaded_at < called_at - self.FRESH_S:  # a reading under way may have begun long ago
+        while self._loaded_at < called_at - self.FRESH_S:  # a pending reload may have begun too early
             await self._refresh()
         if key_id:
             await self._look_again_unless(lambda: key_id in self._ring, called_at)
@@ -140,10 +127,10 @@ class Authenticator:
         return record.id, record.project, record.role, record.scene_id
 
     async def _look_again_unless(self, known: Callable[[], bool], called_at: float) -> None:
-        """Read until it is known, or not in what was read since the call; an older copy may lack what is new."""
+        """Reloads until `known()`, or until a copy read after the call still lacks it."""
         while not known() and self._loaded_at < called_at:
             await asyncio.sleep(self._GLANCE_S - self._age())
-            if self._age() >= self._GLANCE_S:  # nobody else has looked meanwhile
+            if self._age() >= self._GLANCE_S:  # no other task has reloaded meanwhile
                 await self._refresh()
 
     async def _look_after_watches(self) -> None:
@@ -151,7 +138,7 @@ class Authenticator:
             await asyncio.sleep(max(self._GLANCE_S, self.FRESH_S - self._age()))
             try:
                 await self._refresh()
-            except FastSplatError as error:  # a key that expires meanwhile does so by the clock all the same
+            except FastSplatError as error:  # expiry goes by the clock and needs no reload
                 _log.warning("the keys cannot be read again: %s", error.message)
             for watch in tuple(self._watches):
                 if not self._ring.is_valid(watch.key_id):
@@ -165,21 +152,21 @@ class Authenticator:
         if self._loading is None:
             self._loading = asyncio.create_task(self._reload())
             self._loading.add_done_callback(self._loaded)
-        await asyncio.shield(self._loading)  # a caller that goes away must not fail the others
+        await asyncio.shield(self._loading)  # a caller's cancellation must not fail the others
 
     async def _reload(self) -> None:
-        begun = time.monotonic()  # a key revoked while this reads may still be in what it brings
+        begun = time.monotonic()  # a key revoked during the read may still be in the copy
         self._ring = await asyncio.to_thread(self._load)
         self._loaded_at = begun
 
     def _loaded(self, task: asyncio.Task[None]) -> None:
         self._loading = None
         if not task.cancelled():
-            task.exception()  # those who wait have seen it
+            task.exception()  # the waiting tasks have received it
 
 
 class KeyWatch:
-    """A call that is cancelled when its key ends."""
+    """Watch over a call, which is cancelled when its key becomes invalid."""
 
     def __init__(self, key_id: str, task: asyncio.Task[object]) -> None:
         self.key_id = key_id
@@ -190,11 +177,7 @@ class KeyWatch:
 
     @contextmanager
     def deferred(self) -> Iterator[None]:
-        """Where the task must not be cancelled because it runs somebody else's code; the block ends at its end.
-
-        gRPC, cancelled while it sends a message, tells the client nothing; so a client that does not read what it was
-        sent hears of the end when it reads on.
-        """
+        """Defers cancellation during the block, because gRPC cancelled while writing sends no status."""
         self._deferred = True
         try:
             yield
@@ -203,7 +186,7 @@ class KeyWatch:
         self.check()
 
     def end(self) -> None:
-        """The key is no longer valid."""
+        """Cancels the call, or marks it for cancellation, because its key is invalid."""
         if not self.ended:
             self.ended = True
             if not self._deferred:
@@ -211,14 +194,14 @@ class KeyWatch:
                 self._task.cancel()
 
     def take_back(self) -> bool:
-        """Undo the cancellation by `end`. Returns whether it was the only one."""
+        """Undoes the cancellation by `end` and returns True if there was no other."""
         if not self._cancelled:
             return False
         self._cancelled = False
         return self._task.uncancel() == 0
 
     def check(self) -> None:
-        """Raise once the key is no longer valid. Raises `UnauthenticatedError`: it was revoked, or has expired."""
+        """Raises `UnauthenticatedError` if the key was revoked or has expired."""
         if self.ended:
             self.take_back()
             raise UnauthenticatedError(

@@ -1,4 +1,4 @@
-"""The caller of the running task, or of the thread it started; and the service within the caller's project."""
+"""The caller of the running task or thread, and the service within the caller's project."""
 
 from __future__ import annotations
 
@@ -14,50 +14,36 @@ from fastsplat_contract.server.keys import Role
 
 @dataclass(frozen=True)
 class Principal:
-    """The caller: key, project and role.
+    """An authenticated caller."""
 
-    Attributes:
-        key_id: the key's; "" where keys are switched off.
-        project: whose scenes the call is about.
-        role: what the caller may do there.
-        scene_id: the one scene that there is for the caller; "" for all of the project.
-    """
-
-    key_id: str
+    key_id: str  # "" if keys are off
     project: str
     role: Role
-    scene_id: str = ""
+    scene_id: str = ""  # the only scene that the caller may see; "": all of the project
 
 
 current_principal: ContextVar[Principal | None] = ContextVar("current_principal", default=None)
-"""None where no key was asked for."""
+"""None for calls without authentication."""
 
 
 def caller_id() -> str:
-    """The id of the key behind the current call; "" without keys."""
+    """Returns the key id of the current call; "" without keys."""
     principal = current_principal.get()
     return principal.key_id if principal is not None else ""
 
 
 def caller_project() -> str:
-    """The project that the current call is about.
-
-    Raises:
-        UnauthenticatedError: nobody was asked for a key. Such a call must not reach any project's scenes.
-    """
+    """Returns the current call's project. Raises `UnauthenticatedError` for calls without authentication."""
     return _caller().project
 
 
 def caller_role() -> Role:
-    """What the caller may do in that project. Raises `UnauthenticatedError`: as `caller_project`."""
+    """Returns the caller's role. Raises `UnauthenticatedError` as `caller_project`."""
     return _caller().role
 
 
 def in_callers_project(service: SceneService) -> SceneService:
-    """`service` as the caller's project has it, whoever calls: what both protocols serve, so that no route forgets it.
-
-    Anything but a `SceneService` knows no projects, and is returned as it is.
-    """
+    """Limits all calls to their caller's project and scene; no route can forget it."""
     return cast(SceneService, _InCallersProject(service)) if isinstance(service, SceneService) else service
 
 

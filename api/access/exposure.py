@@ -1,4 +1,4 @@
-"""Network exposure of a server without keys: loopback alone, and no pages of other sites."""
+"""Network exposure of a server without keys: loopback only, no pages of other sites."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from urllib.parse import urlsplit
 
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 
-if TYPE_CHECKING:  # commands that listen nowhere need none
+if TYPE_CHECKING:  # keeps commands without a server light
     from fastsplat.service.settings import Settings
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine can reach an address of this name."""
+    """Returns True for loopback addresses and "localhost"."""
     try:
         return ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
@@ -22,11 +22,7 @@ def is_loopback(host: str) -> bool:
 
 
 def check_exposure(settings: Settings) -> None:
-    """Keys may be off only where nobody else can come in.
-
-    Raises:
-        InvalidInputError: `auth` is off, and `host` or one of `cors_origins` is not this machine's own.
-    """
+    """Raises `InvalidInputError` if keys are off and `host` or a CORS origin is not loopback."""
     if settings.auth == "off" and not is_loopback(settings.host):
         raise InvalidInputError(
             f"without keys the server does not listen on {settings.host}",
@@ -45,16 +41,16 @@ def check_exposure(settings: Settings) -> None:
 
 
 def check_local(headers: Mapping[str, str]) -> None:
-    """Without keys, a page of another site that a browser on this machine shows must not reach in.
+    """Refuses browser requests from pages of other sites, for servers without keys.
 
-    Its requests carry its own name as `Origin`, or, by DNS rebinding, as `Host`; those for an image carry no origin,
-    but browsers say that they come from another site.
+    Such requests carry the site's name as `Origin` or, with DNS rebinding, as `Host`. Image requests carry no origin
+    but `Sec-Fetch-Site: cross-site`.
 
     Raises:
-        PermissionDeniedError: the browser says so, or one of the two names another machine.
+        PermissionDeniedError: one of the three headers names another site.
     """
     origin = headers.get("origin", "")
-    # A page of http://localhost is another site to http://127.0.0.1; CORS decides whether it may read the answer.
+    # A page of http://localhost is cross-site to http://127.0.0.1; CORS decides whether it may read the answer.
     if headers.get("sec-fetch-site") == "cross-site" and not is_loopback(_host_of(origin)):
         raise PermissionDeniedError(
             "without keys, requests from pages of other sites are refused",
@@ -73,7 +69,7 @@ def check_local(headers: Mapping[str, str]) -> None:
 
 
 def _host_of(value: str) -> str:
-    """The host of an origin, or of a Host header; "" where it is neither in its one plain form."""
+    """Parses the host of an Origin or Host header; "" unless in plain form."""
     try:
         parts = urlsplit(value if "://" in value else f"http://{value}")
         host, port = parts.hostname or "", parts.port

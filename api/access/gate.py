@@ -1,4 +1,4 @@
-"""The gate of both protocols: authentication, policy and rate limits of every call, and its count in the metrics."""
+"""Gate of both protocols: authentication, rate limits and metrics of every call."""
 
 from __future__ import annotations
 
@@ -19,14 +19,7 @@ from fastsplat_contract.errors import FastSplatError
 
 @dataclass(frozen=True)
 class Gate:
-    """Authentication and limits of a call; one for both protocols, so that a key's limits are one.
-
-    Attributes:
-        authenticator: knows the keys.
-        limiter: knows who has how many calls under way.
-        metrics: counts.
-        auth_enabled: False only by an explicit setting.
-    """
+    """Authentication and limits of calls, shared so that a key's limits span both protocols."""
 
     authenticator: Authenticator
     limiter: RateLimiter
@@ -35,7 +28,7 @@ class Gate:
 
     @contextmanager
     def refusals_counted(self) -> Iterator[None]:
-        """Count what the block raises."""
+        """Counts errors that the block raises as refusals."""
         try:
             yield
         except FastSplatError as error:
@@ -43,13 +36,12 @@ class Gate:
             raise
 
     async def authenticate(self, credentials: Credentials, rule: Rule) -> Principal | None:
-        """See `Authenticator.authenticate`."""
         with self.refusals_counted():
             return await self.authenticator.authenticate(credentials, rule)
 
     @contextmanager
     def entered(self, principal: Principal, rule: Rule) -> Iterator[KeyWatch]:
-        """Count a call as under way while the block runs, and end the block soon after its key is no longer valid.
+        """Counts a call as in flight; the block ends if its key becomes invalid.
 
         Raises:
             RateLimitedError, OverloadedError: as `RateLimiter.enter`.
@@ -65,7 +57,7 @@ class Gate:
 
 
 def build_gate(settings: Settings, admin: Admin | None, metrics: Metrics | None = None) -> Gate:
-    """The gate as `settings` ask for it; without an `admin` there are no keys, and with keys on nobody gets in."""
+    """Builds the gate; without an `admin` there are no valid keys."""
     on = settings.auth == "on"
     load = admin.keys.valid if admin is not None else lambda: KeyRing({})
     return Gate(Authenticator(load, on), RateLimiter(settings.limits), metrics or Metrics(), on)

@@ -1,7 +1,4 @@
-"""The access policy: role and cost of each call, looked up by the matched route, never by the text of a path.
-
-The table of calls says it of each call. What is in no table needs an operator, so that nothing is open by mistake.
-"""
+"""Access policy: role and cost by matched route; unlisted routes need an operator."""
 
 from __future__ import annotations
 
@@ -16,10 +13,10 @@ _WATCH = Rule("reader", long_lived=True)
 _MANAGE_UPLOAD = Rule("editor", also=("uploader",))
 
 UNMATCHED = Rule("reader", long_lived=True)
-"""A path that no route has, or not with this method: with any key one learns that there is none."""
+"""Rule of unknown paths and methods: any key may learn that they do not exist."""
 
 _ONE_PROTOCOL: Mapping[str, Rule] = {
-    # The page and the API's description hold nothing of anybody; a browser cannot send a key to ask for them.
+    # The page and the API's description are public; a browser cannot send a key with these requests.
     "GET /": _OPEN,
     "GET /docs": _OPEN,
     "GET /openapi.json": _OPEN,
@@ -32,10 +29,8 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.health.v1.Health/Watch": _OPEN,
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
     "GET /v1/server": SHOW,
-    "POST /mcp": FETCH._replace(
-        also=("suggester",)
-    ),  # each tool then makes calls of the table above, with the same key
-    # tus, by which CreateScene's files may come over HTTP
+    "POST /mcp": FETCH._replace(also=("suggester",)),  # each tool makes calls of the contract's table with the same key
+    # tus: resumable uploads for CreateScene
     "OPTIONS /v1/uploads": FOLLOW,
     "POST /v1/uploads": UPLOAD,
     "HEAD /v1/uploads/{upload_id}": _MANAGE_UPLOAD,
@@ -50,14 +45,12 @@ RULES: Mapping[str, Rule] = {
     **{route: call.rule for call in CALLS for route in call.routes},
     **_ONE_PROTOCOL,
 }
-"""Every rule by "METHOD /path/{template}", "MOUNT /path" or "/package.Service/Method"."""
+"""Rules by "METHOD /path/{template}", "MOUNT /path" or "/package.Service/Method"."""
 
 
 def rule_of(route: str) -> Rule:
-    """The rule of a route, named as in `RULES`; one that is not there needs an operator."""
     return RULES.get(route, OPERATE)
 
 
 def is_known_route(route: str) -> bool:
-    """Whether the table names this route."""
     return route in RULES

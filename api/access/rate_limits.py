@@ -1,7 +1,6 @@
-"""Rate limits and limits of concurrent calls: refused at once rather than answered late.
+"""Rate limits (token bucket per key) and limits of concurrent calls.
 
-Every call of a key takes a token from its bucket and counts among its calls under way; those that compute also count
-among the admitted of all keys, which bounds the queue in front of the threads. All of it on the event loop alone.
+Excess calls are refused at once. A limit over all keys bounds the thread pool's queue. Event loop only.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ class RateLimiter:
         self._clock = clock
         self._accounts: OrderedDict[str, _Account] = OrderedDict()
         self.admitted = 0
-        """Calls that compute, or wait for a thread."""
+        """Calls in flight that are not long-lived."""
 
     def enter(self, principal: Principal, rule: Rule) -> Permit:
-        """Count a call as under way until it leaves.
+        """Admits a call, which counts as in flight until its permit leaves.
 
         Raises:
-            RateLimitedError: the key calls too often, or has too many calls under way.
-            OverloadedError: the server has all the work it can answer in good time.
+            RateLimitedError: the key calls too often or has too many calls in flight.
+            OverloadedError: the limit over all keys is reached.
         """
         limits = self._settings
         account = self._account(principal.key_id)
@@ -91,13 +90,12 @@ class RateLimiter:
 
 
 class Permit:
-    """The admission of one call; it must `leave`, once."""
+    """Admission of one call; `leave` must be called once."""
 
     def __init__(self, limiter: RateLimiter, account: _Account, rule: Rule) -> None:
         self._limiter, self._account, self._rule = limiter, account, rule
 
     def leave(self) -> None:
-        """The call is over."""
         self._account.in_flight -= 1
         self._account.uploads -= self._rule.upload
         self._limiter.admitted -= not self._rule.long_lived

@@ -1,4 +1,4 @@
-"""Examples of what those see who run a place: its keys and the names that it knows."""
+"""Examples of keys, projects, server status and known names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Examples of measuring and of going through versions."""
+"""Examples of edits, versions, measurements and detections."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from fastsplat_contract.messages.things import NameSuggestion
 from fastsplat_contract.photos.next_photos import NextPhoto, NextPhotoList
 
 Bodies = Mapping[str, tuple[str, Any]]
-"""Bodies of one type by name, with a summary each."""
+"""Bodies of one type by name, each with a summary."""
 
 _KNOWN_LENGTH = KnownLength(
     Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001

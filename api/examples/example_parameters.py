@@ -1,4 +1,4 @@
-"""Examples of the parameters in paths and queries of the API's description."""
+"""Examples of path and query parameters in the OpenAPI document."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IDS = {
     "observation_id": "e5b0c9f2e7d1a4b38",
     "name_id": "8a6b1d2c4e5f4a3b9c7d0e1f2a3b4c5d-1",
 }
-"""Ids of things that are on no server: whoever tries an example puts their own in."""
+"""Placeholder ids, which no server has."""
 
 PAGE_TOKEN = write_page_token(1767225600.0, IDS["scene_id"])
 
@@ -60,4 +60,4 @@ PARAMETERS: Mapping[str, Any] = {
     "view_picture kind": "overlay",
     "width": 4032,
 }
-"""By the parameter's name, or by "operation name" where one operation needs another value."""
+"""Values by parameter name, or by "operation name" where one operation needs another value."""

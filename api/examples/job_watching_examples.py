@@ -1,4 +1,4 @@
-"""Examples of jobs that run, and of what they show."""
+"""Examples of running jobs and their previews."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PLACED = PlacedCameras(
 
 
 def running_operation(operation_id: str, scene_id: str, posted: datetime, updated: datetime) -> Operation:
-    """A job in the middle of its second stage."""
+    """Builds a job in the middle of its second stage."""
     return Operation(
         id=operation_id,
         scene_id=scene_id,

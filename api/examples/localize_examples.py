@@ -33,10 +33,10 @@ LOCALIZE_FORM: Mapping[str, Any] = {
     "focals": [3024.0],
     "poses": [json.dumps(to_plain(pose)) for pose in _ROUGH],
 }
-"""The form with two photos, here by their names, from one camera half a unit apart."""
+"""Form with two photos (named only) from one camera, half a scene unit apart."""
 
 OBSERVE_FORM: Mapping[str, Any] = {**LOCALIZE_FORM, "seen_at": "2026-11-23T18:00:00+01:00", "request_id": "monday"}
-"""The form with two photos of another day."""
+"""Form with two photos of another day."""
 
 LOCALIZATION = Localization(
     photos=(

@@ -1,5 +1,4 @@
-"""Examples of scenes, questions and their answers: values of the contract's own types, so that they say nothing that it
-does not."""
+"""Examples of scenes, questions and answers, as values of the contract's types."""
 
 from __future__ import annotations
 
@@ -271,4 +270,4 @@ FORM: Mapping[str, Any] = {
     "priority": 0,
     "request_id": "a-name-of-your-choice",
 }
-"""The form that posts a capture which was sent as a resumable upload before."""
+"""Form that posts a capture already sent as a resumable upload."""

@@ -1,4 +1,4 @@
-"""Access control of gRPC: an interceptor before every handler, streams included."""
+"""Access control of gRPC: an interceptor for all RPCs, streams included."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CODES = {code.value[0]: code.name for code in grpc.StatusCode}
 
 
 class AccessInterceptor(aio.ServerInterceptor):
-    """Interceptor that asks the gate before the handler runs."""
+    """Interceptor that authenticates and limits RPCs before their handler runs."""
 
     def __init__(self, gate: Gate) -> None:
         self._gate = gate
@@ -36,7 +36,6 @@ class AccessInterceptor(aio.ServerInterceptor):
         continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Handler | None]],
         handler_call_details: grpc.HandlerCallDetails,
     ) -> Handler | None:
-        """Hand out the handler, wrapped; or one that refuses."""
         method = str(handler_call_details.method)
         metadata = {str(name): str(value) for name, value in handler_call_details.invocation_metadata or ()}
         handler = await continuation(handler_call_details)
@@ -63,10 +62,10 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
                 current_principal.set(principal)
                 with gate.entered(principal, rule) as watch:
                     yield watch
-            except FastSplatError as error:  # the gate's: the handler answers with its own
+            except FastSplatError as error:  # raised by the gate; the handler reports its own errors
                 async with guarded(context, route):
                     raise error
-            except (asyncio.CancelledError, aio.InternalError):  # the caller is gone; gRPC may hear of it by a write
+            except (asyncio.CancelledError, aio.InternalError):  # the caller is gone; gRPC may notice only on a write
                 status = "CANCELLED"
                 raise
             finally:
@@ -77,11 +76,11 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
             return await inner(request, context)
 
     async def many(request: Any, context: Context) -> None:
-        # No generator, which gRPC would leave to the garbage collector when its reader is gone: everything below is
-        # closed in the call's own task, while the call is there.
+        # Not a generator: gRPC would leave it to the garbage collector when its reader is gone, but it must be closed
+        # in the call's own task.
         async with entered(context) as watch, aclosing(inner(request, context)) as responses:
             async for response in responses:
-                with watch.deferred():  # in there the task runs gRPC's own code
+                with watch.deferred():  # gRPC's own code must not be cancelled
                     await context.write(response)
 
     return replaced(handler, many if handler.response_streaming else one)

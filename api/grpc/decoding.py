@@ -1,4 +1,4 @@
-"""Decoding errors of gRPC as INVALID_INPUT. gRPC itself answers UNKNOWN or INTERNAL and logs a traceback."""
+"""Reports gRPC decoding errors as INVALID_INPUT; gRPC itself answers UNKNOWN or INTERNAL."""
 
 from __future__ import annotations
 
@@ -19,20 +19,19 @@ Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"
 
 @dataclass(frozen=True)
 class _Unreadable:
-    """Stands where a message should."""
+    """Placeholder for a message that could not be decoded."""
 
     size: int
 
 
 class DecodingInterceptor(aio.ServerInterceptor):
-    """Interceptor that refuses messages which cannot be decoded, those of a stream included, with INVALID_INPUT."""
+    """Interceptor that refuses undecodable messages, in streams too, with INVALID_INPUT."""
 
     async def intercept_service(
         self,
         continuation: Callable[[grpc.HandlerCallDetails], Awaitable[Handler | None]],
         handler_call_details: grpc.HandlerCallDetails,
     ) -> Handler | None:
-        """Hand out the handler, wrapped."""
         handler = await continuation(handler_call_details)
         if handler is None or handler.request_deserializer is None:
             return handler
@@ -51,7 +50,7 @@ class DecodingInterceptor(aio.ServerInterceptor):
 
 
 def wrapped_behavior(handler: Handler) -> Callable[[Any, Context], Any]:
-    """The function that a handler calls with a request, or an iterator of requests, and the context."""
+    """Returns the function that a handler calls with its request(s) and context."""
     behavior: Any
     if handler.request_streaming:
         behavior = handler.stream_stream if handler.response_streaming else handler.stream_unary
@@ -64,7 +63,7 @@ def wrapped_behavior(handler: Handler) -> Callable[[Any, Context], Any]:
 def replaced(
     handler: Handler, behavior: Callable[[Any, Context], Any], decoder: Callable[[bytes], Any] | None = None
 ) -> Handler:
-    """A handler like this one that calls `behavior`, and decodes by `decoder` if there is one."""
+    """Copies a handler with another behavior and, if given, another decoder."""
     make = {
         (False, False): grpc.unary_unary_rpc_method_handler,
         (False, True): grpc.unary_stream_rpc_method_handler,

@@ -1,4 +1,4 @@
-"""Wrapper of every RPC: its request id, its errors as google.rpc.Status, its line in the log."""
+"""Wrapper of every RPC: request id, errors as google.rpc.Status, access log."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _KEY = "x-request-id"
 
 @asynccontextmanager
 async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
-    """Run an RPC's body; whatever it raises becomes the RPC's status with its details."""
+    """Runs an RPC's body; its exceptions become the RPC's status with details."""
     metadata = dict(context.invocation_metadata() or ())
     request_id = accepted_request_id(str(metadata.get(_KEY, "")))
     context.set_trailing_metadata(((_KEY, request_id),))
-    # Before the body: once the call is gone, peer(), auth_context() and peer_identities() end the process with a
-    # segmentation fault (grpcio 1.85.1).
+    # Read before the body: after the call has ended, peer(), auth_context() and peer_identities() crash the process
+    # with a segmentation fault (grpcio 1.85.1).
     address = _address(context.peer())
     started = time.perf_counter()
     outcome = "OK"
@@ -47,5 +47,5 @@ async def guarded(context: Context, rpc: str) -> AsyncIterator[None]:
 
 
 def _address(peer: str) -> str:
-    """The address in gRPC's "ipv4:127.0.0.1:4711" or "ipv6:%5B::1%5D:4711"."""
+    """Extracts the address from "ipv4:127.0.0.1:4711" or "ipv6:%5B::1%5D:4711"."""
     return unquote(peer.partition(":")[2].rpartition(":")[0]).strip("[]")

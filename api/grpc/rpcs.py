@@ -1,4 +1,4 @@
-"""All RPCs: those of `SceneServicer`, and the others as the table of calls has them."""
+"""Registration of all RPCs: those of `SceneServicer`, the others from the table of calls."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SERVICE = pb.DESCRIPTOR.services_by_name["SceneService"]
 
 
 def add_rpcs(server: aio.Server, service: SceneService, threads: Threads) -> None:
-    """Serve `fastsplat.v1.SceneService`: each call by `SceneServicer`'s method of its name, or by its handler."""
+    """Registers `fastsplat.v1.SceneService`: methods of `SceneServicer`, else entries of `HANDLERS`."""
     written = SceneServicer(service, threads)
     handlers = {}
     for call in CALLS:
@@ -41,7 +41,7 @@ def add_rpcs(server: aio.Server, service: SceneService, threads: Threads) -> Non
 
 
 def _message(handler: Handler[Any, Any], service: SceneService, threads: Threads) -> Behavior:
-    """One request, one answer; both are read and written on the thread."""
+    """Builds a unary RPC; messages are converted on the thread."""
 
     async def behavior(request: Message, context: Context) -> Message:
         async with guarded(context, handler.call.rpc):
@@ -51,7 +51,7 @@ def _message(handler: Handler[Any, Any], service: SceneService, threads: Threads
 
 
 def _file(handler: Handler[Any, Any], service: SceneService, threads: Threads) -> Behavior:
-    """One request, a file in chunks."""
+    """Builds an RPC that answers a file in chunks."""
 
     async def behavior(request: Message, context: Context) -> AsyncIterator[pb.Chunk]:
         async with guarded(context, handler.call.rpc):

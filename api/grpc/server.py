@@ -1,4 +1,4 @@
-"""The gRPC server: `grpc.aio`, as a robot's stream that idles for hours must not hold a thread."""
+"""gRPC server on `grpc.aio`, because idle streams must not hold threads."""
 
 from __future__ import annotations
 
@@ -22,33 +22,29 @@ from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2
 
 _STREAMS_PER_CONNECTION = 256
-"""Calls of one gRPC connection at a time."""
+"""Concurrent calls per connection."""
 _IDLE_S = 300.0
-"""Seconds after which a gRPC connection without calls is closed."""
+"""Time after which a connection without calls is closed."""
 
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
 
 
 @dataclass(frozen=True)
 class RunningServer:
-    """A started server.
-
-    Attributes:
-        port: where it listens.
-    """
+    """A started server and the port it listens on."""
 
     port: int
     _server: aio.Server
     _health: health.aio.HealthServicer
 
     async def tell(self, ready: bool) -> None:
-        """What health checks hear from now on."""
+        """Sets the status that health checks report."""
         status = health_pb2.HealthCheckResponse.SERVING if ready else health_pb2.HealthCheckResponse.NOT_SERVING
         for name in ("", _SERVICE):
             await self._health.set(name, status)
 
     async def stop(self, grace_s: float) -> None:
-        """Say NOT_SERVING, take no new calls, give the others `grace_s` seconds."""
+        """Reports NOT_SERVING, takes no new calls, and gives running ones `grace_s` seconds."""
         await self._health.enter_graceful_shutdown()
         await self._server.stop(grace_s)
 
@@ -56,10 +52,9 @@ class RunningServer:
 async def start_server(
     service: SceneService, threads: Threads, host: str, port: int, gate: Gate, tls: Tls | None, limits: LimitSettings
 ) -> RunningServer:
-    """Listen on host:port (0 takes a free port) with health checks (not serving until told otherwise) and reflection.
+    """Starts the server with reflection and health checks, NOT_SERVING at first.
 
-    Raises:
-        ResourceError: the port cannot be had.
+    Port 0 takes a free one. Raises `ResourceError` if the port is not available.
     """
     server = aio.server(
         interceptors=[AccessInterceptor(gate), DecodingInterceptor()],
@@ -69,10 +64,10 @@ async def start_server(
             ("grpc.max_concurrent_streams", _STREAMS_PER_CONNECTION),
             ("grpc.max_connection_idle_ms", round(_IDLE_S * 1000)),
             ("grpc.server_handshake_timeout_ms", round(limits.head_s * 1000)),
-            ("grpc.keepalive_time_ms", 60_000),  # a robot that lost its network is noticed
+            ("grpc.keepalive_time_ms", 60_000),  # detects clients that lost their network
             ("grpc.keepalive_timeout_ms", 20_000),
             ("grpc.http2.min_ping_interval_without_data_ms", 10_000),
-            ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
+            ("grpc.so_reuseport", 0),  # otherwise two servers could silently share a port
         ],
     )
     add_rpcs(server, in_callers_project(service), threads)

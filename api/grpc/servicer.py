@@ -1,4 +1,4 @@
-"""The RPCs that do more than ask and answer: uploads, streams, waiting, photos."""
+"""RPCs that are not plain request and answer: uploads, streams, waiting, photos."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ M = TypeVar("M")
 
 
 class SceneServicer:
-    """The RPCs of `fastsplat.v1.SceneService` that stream, wait or read files; see `rpcs` for the others."""
+    """RPCs of `fastsplat.v1.SceneService` that stream, wait or read files."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:
         self._service = service
@@ -35,23 +35,20 @@ class SceneServicer:
     async def CreateScene(
         self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
     ) -> pb.Operation:
-        """Upload a capture and queue its training."""
         async with guarded(context, "CreateScene"):
             operation = await self._threads.receive(
                 _whole(request_iterator, context),
                 StreamSink(self._service),
                 size=pb.CreateSceneRequest.ByteSize,
-                memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next comes in
+                memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next arrives
             )
             return _message(operation)
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
-        """The operation when it is done, or when the time is up."""
         async with guarded(context, "WaitOperation"):
             return _message(await self._operations.wait(request.operation_id, request.timeout_s))
 
     async def WatchOperation(self, request: pb.WatchOperationRequest, context: Context) -> AsyncIterator[pb.Operation]:
-        """The operation now and on every change, until it is done."""
         async with guarded(context, "WatchOperation"):
             first = await self._operations.current(request.operation_id)
             async with aclosing(self._operations.changes(first)) as changes:
@@ -59,8 +56,6 @@ class SceneServicer:
                     yield _message(change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
-        """Ranked labels, masks and objects."""
-
         def asked() -> list[pb.QueryResponse]:
             return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
 
@@ -71,14 +66,12 @@ class SceneServicer:
     async def StreamQuery(
         self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
     ) -> AsyncIterator[pb.StreamQueryResponse]:
-        """A standing question and pose after pose."""
         answers = answer_stream(self._service, self._threads, aiter(request_iterator))
         async with guarded(context, "StreamQuery"), aclosing(answers):
             async for message in answers:
                 yield message
 
     async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
-        """A photo of one of the scene's cameras."""
         async with guarded(context, "DownloadPhoto"):
             path, _ = await self._threads.call(
                 lambda: self._service.photos.path(request.scene_id, request.view, request.version)
@@ -97,9 +90,11 @@ def _message(operation: Operation) -> pb.Operation:
 
 
 async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:
-    """The client's messages. Of a call that was cancelled gRPC reads an end like any other, sometimes long before the
-    news of the cancellation; what has arrived then must not pass for the whole. A stream that the client has cut can
-    no longer be written to either, one that has ended can: so the answer's head is sent first."""
+    """Yields the client's messages, and raises `CancelledError` if the call was cancelled before their end.
+
+    gRPC ends the iteration for a cancelled call as for a complete one, sometimes long before it reports the
+    cancellation. Only a complete stream can still be written to, so the initial metadata are sent as a test.
+    """
     async for message in messages:
         yield message
     try:

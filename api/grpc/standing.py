@@ -1,4 +1,4 @@
-"""`StreamQuery`: a subscription that answers pose after pose, the newest first and without a queue."""
+"""`StreamQuery`: answers a standing question at the newest pose, without a queue."""
 
 from __future__ import annotations
 
@@ -44,13 +44,10 @@ class _Pose:
 async def answer_stream(
     service: SceneService, threads: Threads, requests: AsyncIterator[pb.StreamQueryRequest]
 ) -> AsyncGenerator[pb.StreamQueryResponse]:
-    """The stream's answers; see StreamQueryRequest in the contract.
+    """Yields the answers of a stream, see StreamQueryRequest in the contract.
 
-    What waits is one pose, one question and one range of dropped numbers, however fast the poses come and however
-    slowly the answers are read.
-
-    Raises:
-        FastSplatError: what the stream, the question or a pose says is wrong, or the scene is gone.
+    Memory is bounded: at most one pose, one question and one range of dropped sequence numbers wait. Raises
+    `FastSplatError` if the stream, a question or a pose is invalid, or the scene is gone.
     """
     inbox = _Inbox(service.heartbeat_s)
     reading = asyncio.create_task(inbox.read(requests))
@@ -90,7 +87,7 @@ def _heartbeat(question: int) -> pb.StreamQueryResponse:
 
 
 class _Inbox:
-    """Messages that came in and are not answered yet."""
+    """Received messages that are not answered yet."""
 
     def __init__(self, heartbeat_s: float) -> None:
         self._default_heartbeat_s = heartbeat_s
@@ -104,16 +101,14 @@ class _Inbox:
 
     @property
     def number(self) -> int:
-        """Of the newest question."""
         return self._question.number if self._question is not None else 0
 
     @property
     def scene_id(self) -> str:
-        """Of the newest question."""
         return self._question.query.scene_id if self._question is not None else ""
 
     async def read(self, requests: AsyncIterator[pb.StreamQueryRequest]) -> None:
-        """Take everything that comes, at once."""
+        """Reads requests as they arrive; a newer pose or question replaces an unanswered one."""
         try:
             async for request in requests:
                 part = request.WhichOneof("part")
@@ -131,7 +126,7 @@ class _Inbox:
             self._arrived.set()
 
     async def wait(self) -> bool:
-        """Until something has come, or the stream has ended; False after a heartbeat's silence."""
+        """Waits for a message or the stream's end; False after one heartbeat interval without any."""
         beat = self._question.heartbeat_s if self._question is not None else self._default_heartbeat_s
         if self._question is None:
             await self._arrived.wait()
@@ -144,12 +139,11 @@ class _Inbox:
         return True
 
     def take_question(self) -> _Question | None:
-        """A question that was not accepted yet."""
         asked, self._asked = self._asked, None
         return asked
 
     def take_pose(self) -> tuple[_Pose | None, pb.DroppedPoses | None]:
-        """The newest pose, and those that it replaced."""
+        """Returns the newest pose and the range of poses that it replaced."""
         pose, self._pose = self._pose, None
         dropped, self._dropped = self._dropped, None
         if not self.ended:
@@ -192,13 +186,13 @@ class _Inbox:
 
 
 def _accept(service: SceneService, query: QueryRequest) -> str:
-    """The scene's version, once the question has been found to make sense (a 2D mask needs the poses to come)."""
+    """Validates a question by asking it without outputs; returns the scene's version."""
     answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1)).answers
     return answers[0].version
 
 
 def _seen_from(query: QueryRequest, camera: PosedCamera) -> QueryRequest:
-    """The question at one pose; who asks stands there, unless the question says where."""
+    """Sets the question's camera, and its asker's pose unless the question gives one."""
     asker = query.asker
     if asker is None and query.asker_view is None:
         world = camera.world_from_camera

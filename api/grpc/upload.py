@@ -1,4 +1,4 @@
-"""`CreateScene`: the stream of header, files and chunks into an upload session while it arrives."""
+"""`CreateScene`: writes the stream of header, files and chunks to an upload session."""
 
 from __future__ import annotations
 
@@ -12,15 +12,11 @@ from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 MAX_MESSAGE_BYTES = 4 * 2**20
-"""gRPC's own default, which every client has; what could pass it is streamed."""
+"""gRPC's default limit, which all clients have; larger content is streamed."""
 
 
 class StreamSink:
-    """Takes the stream's messages, see `api.receiving.Sink`; what is refused leaves nothing behind.
-
-    What the order of the messages, the files or the service's limits have against the upload comes out of its methods
-    as a `FastSplatError`.
-    """
+    """The `api.receiving.Sink` of `CreateScene`; refused uploads leave nothing behind."""
 
     slow_finish = True  # validation
 
@@ -33,11 +29,9 @@ class StreamSink:
         self._file: UploadFile | None = None
 
     def open(self) -> None:
-        """See `Sink`."""
         self._session = self._service.new_upload()
 
     def write(self, items: Sequence[pb.CreateSceneRequest]) -> None:
-        """See `Sink`."""
         for message in items:
             part = message.WhichOneof("part")
             if self._header is None:
@@ -55,7 +49,6 @@ class StreamSink:
                 )
 
     def finish(self) -> Operation:
-        """See `Sink`."""
         if self._header is None:
             raise _no_header()
         self._end_file()
@@ -64,7 +57,6 @@ class StreamSink:
         )
 
     def close(self) -> None:
-        """See `Sink`."""
         if self._session is not None:
             self._session.abort()
 

@@ -1,4 +1,4 @@
-"""Access control of HTTP: a middleware before the router, which knows the route that will match."""
+"""Access control of HTTP: a middleware that matches the route before the router does."""
 
 from __future__ import annotations
 
@@ -25,19 +25,13 @@ from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
 _log = logging.getLogger(__name__)
 
 _DEPRECATION = f"@{DEPRECATED_SINCE.timestamp():.0f}"
-"""Of a call that goes with the next release, as RFC 9745 has it."""
+"""Deprecation header of deprecated calls (RFC 9745)."""
 NO_ROUTE = "unmatched"
-"""The name of all that no route has, in metrics."""
+"""Route name of unmatched requests in metrics."""
 
 
 class AccessLayer:
-    """ASGI middleware: matches as the router will, then asks the gate.
-
-    Args:
-        app: the next layer.
-        routed: the application whose routes decide.
-        gate: see there.
-    """
+    """ASGI middleware that matches a route of `routed`, then passes the gate."""
 
     def __init__(self, app: ASGIApp, routed: FastAPI, gate: Gate) -> None:
         self._app = app
@@ -46,7 +40,7 @@ class AccessLayer:
         self._routes: tuple[_Route, ...] = ()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request. Raises `FastSplatError`: it may not come in; the layer outside answers."""
+        """Handles one request. Raises `FastSplatError` on refusal; the outer layer answers."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -73,7 +67,7 @@ class AccessLayer:
                     return
                 with self._gate.entered(principal, rule):
                     await self._app(scope, receive, counted_send)
-            except Exception as error:  # answered by the layer outside
+            except Exception as error:  # answered by the outer layer
                 if started and isinstance(error, UnauthenticatedError):
                     _log.info("%s ends before its answer is complete: %s", route, error.message)
                     if not over:
@@ -83,7 +77,7 @@ class AccessLayer:
                 raise
 
     def matched_route(self, scope: Scope) -> str:
-        """The route that the router will choose, as the table of rules names it; `NO_ROUTE` if it has none."""
+        """Finds the route that the router will choose, named as in `RULES`, or `NO_ROUTE`."""
         if not self._routes:
             self._routes = tuple(map(_Route, iter_route_contexts(self._routed.routes)))
         method, path = scope["method"], scope["path"]
@@ -101,14 +95,14 @@ class AccessLayer:
 
 
 def route_name(context: RouteContext, method: str) -> str:
-    """How the table of rules names a route."""
+    """Builds a route's name as in `RULES`."""
     if isinstance(context.original_route, Mount):
         return f"MOUNT {context.path}"
     return f"{method} {context.path}"
 
 
 class _Route:
-    """One route of the router, with what its own `matches` looks at, and no more: every request passes all of them."""
+    """A route reduced to what matching needs, because every request may test all routes."""
 
     def __init__(self, context: RouteContext) -> None:
         methods = context.methods
@@ -118,7 +112,7 @@ class _Route:
         self.name = route_name(context, "")
 
     def matches(self, method: str, path: str) -> bool:
-        """Whether the router would take this route: there is no root path, so the scope's path is the route's."""
+        """Returns True if the router would choose this route; assumes there is no root path."""
         return (self._methods is None or method in self._methods) and self._fits(path) is not None
 
 

@@ -47,7 +47,7 @@ from fastsplat_contract.server.server_info import ServerInfo
 
 _SWAGGER = (
     Path(fastapi_offline.__file__).parent / "static"
-)  # FastAPI's own page wants a CDN, and a robot's LAN has none
+)  # FastAPI's own page needs a CDN, which an isolated network cannot reach
 _TAGS = (
     {"name": "server", "description": "What this server can do."},
     {"name": "scenes", "description": "Captures come in, scenes are looked at, edited and deleted."},
@@ -58,7 +58,7 @@ _TAGS = (
     {"name": "known names", "description": "What people named in the project's scenes, to be suggested in others."},
     {"name": "health", "description": "For load balancers; needs no key."},
 )
-_DOCS_POLICY = (  # Swagger UI draws with inline styles, and its page starts with an inline script
+_DOCS_POLICY = (  # Swagger UI needs inline styles and an inline script
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
@@ -96,15 +96,13 @@ def create_app(
     readiness: Readiness | None = None,
     grpc_port: int | None = None,
 ) -> FastAPI:
-    """The REST face of `service`, with the web page at `/`.
+    """Builds the REST application, with the web page at `/`.
 
     Args:
-        service: what answers.
-        settings: limits on uploads.
-        threads: where blocking calls run, to share them with another face; its owner closes it.
-        gate: who may call, shared with the other protocol; without, and with keys on, nobody.
-        readiness: what `/readyz` tells; without, never ready.
-        grpc_port: where gRPC listens, for clients that ask.
+        threads: pools shared with gRPC; the caller closes them.
+        gate: access control shared with gRPC; if None and keys are on, all calls that need a key are refused.
+        readiness: the state of `/readyz`; if None, never ready.
+        grpc_port: the port of gRPC, told to clients.
     """
     service = in_callers_project(service)
     threads = threads or Threads()
@@ -121,7 +119,7 @@ def create_app(
         openapi_tags=[dict(tag) for tag in _TAGS],
         license_info={"name": "Apache-2.0", "identifier": "Apache-2.0"},
         lifespan=assistant.lifespan,
-        redirect_slashes=False,  # a redirect would tell those without a key which paths there are
+        redirect_slashes=False,  # a redirect would reveal paths to callers without a key
     )
     app.add_middleware(AccessLayer, routed=app, gate=gate or build_gate(settings, None))
     app.add_middleware(HeadLayer)
@@ -148,7 +146,7 @@ def create_app(
         ("queries", localize_routes(service, settings, threads)),
         ("queries", export_routes(service, threads)),
     )
-    for tag, router in written:  # before those of the table: the path of a job matches that of waiting for it, too
+    for tag, router in written:  # before the table's: the path of a job also matches that of waiting for it
         app.include_router(router, tags=[tag])
     for tag in get_args(Tag):
         app.include_router(table_routes(tag, service, threads, root_path), tags=[tag])
@@ -173,7 +171,7 @@ def create_app(
     @app.get("/docs", include_in_schema=False)
     async def docs() -> Response:
         page = get_swagger_ui_html(
-            openapi_url="openapi.json",  # relative, as all of the page's: a proxy may show it under any path
+            openapi_url="openapi.json",  # relative URLs work behind a proxy under any path
             title=app.title,
             swagger_js_url="docs-files/swagger-ui-bundle.js",
             swagger_css_url="docs-files/swagger-ui.css",

@@ -1,4 +1,4 @@
-"""Puts the examples of calls into the API's description."""
+"""Adds examples to the OpenAPI document."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _ANSWERS: Mapping[str, Any] = {
         scene_examples.ANSWERS,
     )
 }
-"""By the name of the type: what a route answers that says it answers with that."""
+"""Example answers by type name."""
 
 _BODIES: Mapping[str, Bodies] = {
     type(value).__name__: bodies
@@ -53,15 +53,15 @@ _BODIES: Mapping[str, Bodies] = {
     )
     for _, value in bodies.values()
 }
-"""By the name of the type: bodies that a route takes which takes that."""
+"""Example bodies by type name."""
 
 
 _FORMS = {"localize": LOCALIZE_FORM, "observe_scene": OBSERVE_FORM}
-"""By the operation: forms other than that of an upload."""
+"""Example forms by operation; all others use the upload's."""
 
 
 def add_examples(document: dict[str, Any]) -> None:
-    """Put an example beside every body, parameter and answer of an OpenAPI document that is not plain bytes."""
+    """Adds examples of all bodies, parameters and non-binary answers to an OpenAPI document."""
     document["components"]["examples"] = {
         name: {"summary": error.message, "value": to_plain(refusal_of(error, "0b6a4d2c8e1f4a3d").as_problem())}
         for errors in PROBLEMS.values()
@@ -104,6 +104,6 @@ def _with_examples(status: str, response: Mapping[str, Any]) -> Iterator[tuple[s
 
 
 def _type_of(content: Mapping[str, Any]) -> str | None:
-    """The name of the contract's type that a body is of; None for others."""
+    """Finds the name of the schema that a body refers to; None without a reference."""
     choices = [content["schema"], *content["schema"].get("anyOf", ())]
     return next((choice["$ref"].rpartition("/")[2] for choice in choices if "$ref" in choice), None)

@@ -16,17 +16,10 @@ _FIRST = re.compile(r"(\d+)-(\d*)|-(\d+)")
 
 
 def immutable_file(request: Request, path: Path, media_type: str, filename: str, tag: str) -> Response:
-    """The file, a range of it, or 304 if the client's copy is the same.
-
-    Args:
-        request: its headers Range, If-Range and If-None-Match count.
-        path: of the file.
-        media_type: of the answer.
-        filename: that a browser saves it as.
-        tag: names the content, for ever.
+    """Answers with a file, a range of it, or 304; `tag` identifies the content permanently.
 
     Raises:
-        RangeNotSatisfiableError: no byte of the range is in the file.
+        RangeNotSatisfiableError: the range lies outside the file.
     """
     etag = f'"{tag}"'
     headers = {"ETag": etag, "Cache-Control": "private, no-cache"}
@@ -36,7 +29,7 @@ def immutable_file(request: Request, path: Path, media_type: str, filename: str,
     range_header = request.headers.get("range")
     if range_header is not None and request.headers.get("if-range", etag) == etag:
         if not _RANGE.fullmatch(range_header) or not _consistent(range_header):
-            _ignore_range(request)  # RFC 9110: an invalid Range is as good as none
+            _ignore_range(request)  # RFC 9110: an invalid Range is ignored
         elif not _within(range_header, size):
             raise RangeNotSatisfiableError(
                 f"no byte of {range_header[:80]!r} is in a file of {size} bytes", field="Range", limit=f"{size} bytes"

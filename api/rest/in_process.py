@@ -1,4 +1,4 @@
-"""In-process HTTP transport: requests of this process to its own application."""
+"""In-process HTTP transport to this process's own application."""
 
 from __future__ import annotations
 
@@ -16,13 +16,7 @@ _JOIN_S = 30.0
 
 
 class InProcess(httpx.BaseTransport):
-    """Transport from any thread but the loop's own into an application on its event loop.
-
-    Args:
-        app: the application.
-        loop: that it runs on.
-        caller: address and port that the requests come from.
-    """
+    """Transport to an application on an event loop, usable from any other thread."""
 
     def __init__(self, app: ASGIApp, loop: asyncio.AbstractEventLoop, caller: tuple[str, int]) -> None:
         self._inner = httpx.ASGITransport(app, raise_app_exceptions=False, client=caller)
@@ -32,11 +26,11 @@ class InProcess(httpx.BaseTransport):
         self._stopped = False
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
-        """The whole answer.
+        """Sends a request and returns the complete answer.
 
         Raises:
-            httpx.ReadTimeout: it has not come in the time of the request.
-            httpx.ReadError: nobody wants it any more, see `stop`.
+            httpx.ReadTimeout: the request's read timeout has passed.
+            httpx.ReadError: the transport was stopped.
         """
         with self._lock:
             if self._stopped:
@@ -55,7 +49,7 @@ class InProcess(httpx.BaseTransport):
                 self._under_way.discard(future)
 
     def stop(self) -> None:
-        """End what is under way, down to the rasterizer, and take no more."""
+        """Cancels running requests, down to the rasterizer, and accepts no more."""
         with self._lock:
             self._stopped = True
             under_way = tuple(self._under_way)
@@ -72,7 +66,7 @@ class InProcess(httpx.BaseTransport):
 
 
 async def _pieces(request: httpx.Request) -> AsyncIterator[bytes]:
-    """The body as it is read from its files: an upload is larger than memory."""
+    """Streams the body, because an upload may exceed memory."""
     assert isinstance(request.stream, httpx.SyncByteStream)
     for piece in request.stream:
         yield piece
@@ -80,7 +74,7 @@ async def _pieces(request: httpx.Request) -> AsyncIterator[bytes]:
 
 @contextmanager
 def running_loop() -> Iterator[asyncio.AbstractEventLoop]:
-    """An event loop on a thread of its own while the block runs."""
+    """Runs an event loop on a separate thread during the block."""
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, name="event loop", daemon=True)
     thread.start()

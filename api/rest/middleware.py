@@ -1,4 +1,4 @@
-"""Outermost middleware: request ids, a limit on small bodies, and the last resort for errors."""
+"""Outermost middleware: request ids, limits on headers and bodies, and error answers."""
 
 from __future__ import annotations
 
@@ -17,24 +17,23 @@ from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_respon
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotReadyNowError
 
 MAX_HEADERS = 100
-"""Header lines of a request; browsers send about 20."""
+"""Limit of header lines; browsers send about 20."""
 
 _HOST = re.compile(r"([\w.~-]+|\[[0-9A-Fa-f:.%]+\])(:[0-9]{1,5})?")
 _log = logging.getLogger(__name__)
 _UPLOADS = re.compile(r"POST /v1/scenes(/\w+(:localize|/observations))?|(POST|PATCH) /v1/uploads(/\w+)?")
 
 MAX_BODY_BYTES = 4 * 2**20
-"""What a request other than an upload may weigh: as much as a gRPC message."""
+"""Body limit of requests other than uploads, equal to that of gRPC messages."""
 
 
 class OuterLayer:
-    """ASGI middleware; plain ASGI because a response class in between would hide the client's disconnect."""
+    """ASGI middleware; Starlette's BaseHTTPMiddleware would hide client disconnects."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -65,7 +64,7 @@ class OuterLayer:
                 raise ambiguity
             check_header_count(headers)
             await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
-        except asyncio.CancelledError:  # by the server, which stops and has waited long enough
+        except asyncio.CancelledError:  # by the server, at the end of its drain time
             if status:
                 raise
             stopping = NotReadyNowError("the server stops", hint="Wait a moment, then send it again.")
@@ -74,7 +73,7 @@ class OuterLayer:
             _log.info("request %s: the client went away", request_id)
         except Exception as error:
             if status:
-                raise  # too late for another answer; the server closes the connection
+                raise  # the answer has begun; the server closes the connection
             await problem_response(request_id, error)(scope, receive, tagged_send)
         peer = (scope.get("client") or ("",))[0]
         log_request(_log, request_id, scope["method"], scope["path"], status, started, peer)
@@ -96,7 +95,7 @@ def _limited(receive: Receive) -> Receive:
 
 
 def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | None:
-    """What can be read in two ways; after the refusal the connection must end: what follows may be part of either."""
+    """Finds ambiguous framing or a bad Host; the connection must then be closed."""
     if "transfer-encoding" in headers and "content-length" in headers:
         return InvalidInputError(
             "a request with Transfer-Encoding and Content-Length", field="content-length", hint="Send one of the two."
@@ -110,7 +109,7 @@ def find_ambiguity(headers: Headers, http_version: str) -> InvalidInputError | N
 
 
 def check_header_count(headers: Headers) -> None:
-    """Check that a request has at most `MAX_HEADERS` headers. Raises `LimitExceededError`: it has more."""
+    """Raises `LimitExceededError` for more than `MAX_HEADERS` headers."""
     if len(headers.raw) > MAX_HEADERS:
         raise LimitExceededError(
             f"{len(headers.raw)} headers",

@@ -1,4 +1,4 @@
-"""Rewrites `openapi.json`, the committed contract of the REST face: `python -m fastsplat.api.rest.openapi`."""
+"""Rewrites the committed `openapi.json`: `python -m fastsplat.api.rest.openapi`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ COMMITTED = Path(__file__).with_name("openapi.json")
 
 
 def describe() -> dict[str, Any]:
-    """The OpenAPI document of the app as it is now; no service is needed to describe the routes."""
+    """Generates the OpenAPI document; this needs no service."""
     return create_app(cast(SceneService, None), Settings()).openapi()
 
 

@@ -1,4 +1,4 @@
-"""The web page: built by `make page` from `api/web/`, a few static files that use the public REST interface."""
+"""Web page: a client of the public REST API, built by `make page` from `api/web/`."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ from fastsplat.api.rest.static_files import ReleaseFiles
 from fastsplat_contract.errors import NotFoundError
 
 BUILT_PAGE = Path(__file__).resolve().parent.parent / "web" / "dist"
-"""Where the built page is, in a checkout and in a wheel."""
+"""Folder of the built page, in a checkout and in a wheel."""
 
 PAGE_POLICY = (
-    # Nothing from elsewhere, nothing inline, no eval. The 3D engine sorts in workers that it makes of blobs; pictures
-    # that need the key are fetched and shown as blobs.
+    # Nothing external or inline, no eval. Blobs: the 3D engine's workers, and pictures fetched with the key.
     "default-src 'none'; script-src 'self'; worker-src 'self' blob:; connect-src 'self'; img-src 'self' blob: data:; "
     "style-src 'self'; font-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
 
 
 def add_page(app: FastAPI, folder: Path = BUILT_PAGE) -> None:
-    """Adds the page at `/` and its files at `/web`; where it is not built, `/` says what to do."""
+    """Adds the page (or how to build it) at `/` and its files at `/web`."""
     files = ReleaseFiles(folder, immutable="assets")
 
     @app.get("/", include_in_schema=False)

@@ -1,4 +1,4 @@
-"""Problem documents (RFC 9457) for every answer that is not a success."""
+"""Problem documents (RFC 9457) for all error answers."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ PROBLEM_RESPONSE: dict[str, Any] = {
     "description": "a problem (RFC 9457)",
     "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
 }
-"""What OpenAPI says of every answer that is not a success."""
+"""OpenAPI response of all errors."""
 
 
 class BodyTooLargeError(HTTPException):
-    """An HTTPException, as FastAPI lets only those pass while it reads a body."""
+    """A too large body; an HTTPException, the only kind that FastAPI's body reader passes on."""
 
     def __init__(self, limit: int) -> None:
         super().__init__(413)
@@ -41,7 +41,6 @@ class BodyTooLargeError(HTTPException):
 
 
 def problem_response(request_id: str, error: Exception) -> Response:
-    """The response that tells of `error`."""
     refusal = refusal_of(error, request_id)
     headers = {}
     if refusal.status.http in (429, 503):
@@ -52,7 +51,7 @@ def problem_response(request_id: str, error: Exception) -> Response:
 
 
 def problem_document(request_id: str, error: Exception) -> str:
-    """The problem that tells of `error`, as JSON without line breaks."""
+    """Builds the problem document of an error as JSON without line breaks."""
     return _document(refusal_of(error, request_id))
 
 
@@ -62,7 +61,7 @@ def _document(refusal: Refusal) -> str:
 
 
 def install(app: FastAPI) -> None:
-    """Make `app` answer every error it knows of with a problem; the middleware does so for all others."""
+    """Registers handlers that answer known errors with problems; `OuterLayer` answers all others."""
     app.add_exception_handler(FastSplatError, _known)
     app.add_exception_handler(RequestValidationError, _invalid)
     app.add_exception_handler(HTTPException, _transport)
@@ -76,7 +75,7 @@ async def _invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     errors = error.errors()
     where, *inside = errors[0]["loc"]
-    if not inside or isinstance(inside[0], int):  # a place in unreadable JSON
+    if not inside or isinstance(inside[0], int):  # an offset in malformed JSON
         errors = [{**errors[0], "loc": ("", where)}]
     problem = invalid_input(errors, skip=1)
     problem.hint = problem.hint or "The fields, their types and their units are described at /docs."
@@ -104,12 +103,12 @@ async def _transport(request: Request, error: Exception) -> Response:
 
 
 def _allowed(request: Request) -> str:
-    """Starlette names the methods of the first route that fits; a path may have several routes."""
+    """Lists the methods of all routes of a path; Starlette reports only the first route's."""
     routes = request.app.router.routes
     methods = ("GET", "HEAD", "POST", "PATCH", "DELETE", "OPTIONS")
 
     def fits(method: str) -> bool:
         return any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)
 
-    # A HEAD is answered wherever a GET is, though no route says so: see `standard_http`.
+    # `HeadLayer` answers HEAD wherever there is GET.
     return ", ".join(method for method in methods if fits(method) or (method == "HEAD" and fits("GET")))

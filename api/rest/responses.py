@@ -1,4 +1,4 @@
-"""Responses of routes: one service call on a thread, cancelled when the client disconnects."""
+"""Responses of routes: service calls on threads, cancelled when the client disconnects."""
 
 from __future__ import annotations
 
@@ -22,35 +22,33 @@ class Run(Protocol):
     """Runs a function on a thread."""
 
     def __call__(self, function: Callable[[], _R], /) -> Awaitable[_R]:
-        """Await its result."""
+        """Runs it."""
 
 
 _GZIP_FROM_BYTES = 4_096
 _GZIP_LEVEL = 4
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
-"""What OpenAPI says of every route's errors."""
+"""OpenAPI error responses of all routes."""
 UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
-"""What OpenAPI says of a route that is not asked again for what the client has."""
+"""OpenAPI response of conditional requests."""
 
 
 def file_response(*media_types: str, description: str) -> dict[int | str, dict[str, Any]]:
-    """What OpenAPI says of a route that answers with bytes."""
+    """Builds the OpenAPI response of a route that answers with a file."""
     of_json, other = {"type": "object"}, {"type": "string", "format": "binary"}
     content = {kind: {"schema": of_json if kind == "application/json" else other} for kind in media_types}
     return {200: {"content": content, "description": description}}
 
 
 async def while_connected(request: Request, awaitable: Awaitable[_R], body_read: asyncio.Event | None = None) -> _R:
-    """What `awaitable` returns; when the client closes the connection it is cancelled, down to the rasterizer.
+    """Awaits work, and cancels it, down to the rasterizer, when the client disconnects.
 
     Args:
-        request: whose connection.
-        awaitable: the work.
-        body_read: set once the work has read the whole body, if it does; until then it notices by itself.
+        body_read: set once the work has read the whole body; until then the work itself notices a disconnect.
 
     Raises:
-        ClientDisconnect: nobody waits for the result any more.
+        ClientDisconnect: the client has disconnected.
     """
     work = asyncio.ensure_future(awaitable)
     disconnect = asyncio.ensure_future(_disconnect(request, body_read))
@@ -67,14 +65,9 @@ async def while_connected(request: Request, awaitable: Awaitable[_R], body_read:
 async def json_of_call(
     request: Request, run: Run, function: Callable[[], _R], encode: Callable[[_R], bytes] = to_json
 ) -> Response:
-    """The result of a service call as the contract's JSON, written on the thread: a large answer must not hold up the
-    event loop.
+    """Answers with a service call's result as JSON, encoded and compressed on its thread.
 
-    Args:
-        request: what is answered.
-        run: `Threads.call` or `Threads.answer`.
-        function: the service call.
-        encode: makes JSON of its result.
+    `run` is `Threads.call` or `Threads.answer`.
     """
     compress = reads_gzip(request.headers)
 
@@ -90,12 +83,11 @@ async def json_of_call(
 
 
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
-    """JSON that is written already."""
     return Response(body, status, headers, "application/json")
 
 
 def accepted(operation: Operation, root_path: str) -> Response:
-    """A job that was ordered, and where it is; the API is served under `root_path`."""
+    """Builds the 202 response of a queued job, with its Location under `root_path`."""
     return json_response(to_json(operation), 202, {"Location": f"{root_path}/v1/operations/{operation.id}"})
 
 
@@ -103,4 +95,4 @@ async def _disconnect(request: Request, body_read: asyncio.Event | None) -> None
     if body_read is not None:
         await body_read.wait()
     while (await request.receive())["type"] != "http.disconnect":
-        pass  # what is left of the body
+        pass  # the rest of the body

@@ -1,4 +1,4 @@
-"""Standard HTTP: HEAD wherever there is GET, ETags of what is computed, gzip for those who read it."""
+"""Standard HTTP: HEAD for all GET routes, ETags of computed answers, gzip negotiation."""
 
 from __future__ import annotations
 
@@ -12,17 +12,16 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 _GZIP_REFUSED = re.compile(r"gzip\s*;\s*q\s*=\s*0(?:\.0*)?\s*(?:,|$)", re.IGNORECASE)
-_OWN_HEAD = re.compile(r"/v1/uploads(/|$)")  # tus gives HEAD a meaning of its own
+_OWN_HEAD = re.compile(r"/v1/uploads(/|$)")  # tus defines its own HEAD
 
 
 class HeadLayer:
-    """ASGI middleware: a HEAD is answered as its GET, without the body (RFC 9110, section 9.3.2)."""
+    """ASGI middleware that answers HEAD as GET without the body (RFC 9110, section 9.3.2)."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Handle one request."""
         if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
             await self._app(scope, receive, send)
             return
@@ -42,17 +41,17 @@ class HeadLayer:
 
 
 def reads_gzip(headers: Headers) -> bool:
-    """Whether the client says that it reads gzip (RFC 9110, section 12.5.3)."""
+    """Returns True if the client accepts gzip (RFC 9110, section 12.5.3)."""
     accepted = headers.get("accept-encoding", "")
     return "gzip" in accepted.lower() and _GZIP_REFUSED.search(accepted) is None
 
 
 def etag_of(*parts: object) -> str:
-    """The tag of an answer that depends on nothing but `parts` and this release."""
+    """Computes the ETag of an answer that depends only on `parts` and this release."""
     return f'"{hashlib.sha256(repr((version("fastsplat"), *parts)).encode()).hexdigest()[:32]}"'
 
 
 def not_modified(request: Request, headers: dict[str, str]) -> Response | None:
-    """304 if the client's copy has the ETag of `headers`; else None."""
+    """Returns a 304 response if If-None-Match has the ETag of `headers`, else None."""
     tags = {part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")}
     return Response(status_code=304, headers=headers) if tags & {headers["ETag"].removeprefix("W/"), "*"} else None

@@ -1,4 +1,4 @@
-"""Static files of this release over HTTP: compressed, and cached by browsers as long as they are right."""
+"""Static files of this release, with compression and cache headers."""
 
 from __future__ import annotations
 
@@ -18,11 +18,9 @@ _COMPRESSED_TYPES = {"text/html", "text/css", "text/javascript", "application/ja
 
 
 class ReleaseFiles(StaticFiles):
-    """Files of a folder. The next release has others under the same names, so a browser asks whether its copy holds.
+    """Files of a folder, which may be missing; browsers revalidate them, as releases reuse names.
 
-    Args:
-        folder: where they are; without it there are no files.
-        immutable: a folder in it whose files have their content's hash in their names: a browser never asks again.
+    Files in the subfolder `immutable` have a content hash in their names and are not revalidated.
     """
 
     def __init__(self, folder: Path, immutable: str = "") -> None:
@@ -30,17 +28,16 @@ class ReleaseFiles(StaticFiles):
         self._immutable = folder / immutable if immutable else None
 
     async def check_config(self) -> None:
-        """Nothing: a folder that is not there is no fault of the server."""
+        """Accepts a missing folder."""
 
     def file_response(
         self, full_path: str | os.PathLike[str], stat_result: os.stat_result, scope: Scope, status_code: int = 200
     ) -> Response:
-        """The file, compressed where the browser reads that."""
         response = super().file_response(full_path, stat_result, scope, status_code)
         etag = response.headers["etag"]
         path = Path(full_path)
         is_immutable = self._immutable is not None and path.is_relative_to(self._immutable.resolve())
-        # Weak: one tag for the file as it is and compressed.
+        # Weak: the same tag for the plain and the compressed file.
         headers = {
             "Cache-Control": "public, max-age=31536000, immutable" if is_immutable else "no-cache",
             "Vary": "Accept-Encoding",
@@ -58,5 +55,5 @@ class ReleaseFiles(StaticFiles):
 
 @cache
 def _compressed(path: Path, etag: str) -> bytes:
-    """A file of this release, of which there are few."""
+    """Compresses a file; the cache is unbounded because a release has few."""
     return gzip.compress(path.read_bytes(), mtime=0)

@@ -8,8 +8,7 @@
         (answer,) = client.query(operation.scene_id, "mug", views=["0001.jpg"], outputs=["mask2d", "objects"])
         mask = answer.masks[0].array()  # bool [H, W]
 
-It speaks the contract's own types and raises the contract's own errors, as the service does in process. The most used
-ones are here; all of them are in `fastsplat_contract`.
+Types and errors are those of `fastsplat_contract`; this package exports the common ones.
 """
 
 from fastsplat_client.client import Client

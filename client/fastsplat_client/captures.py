@@ -1,4 +1,4 @@
-"""A capture on disk as the parts of an upload: a folder travels as the zip of it would."""
+"""Collects the files of a capture folder for upload."""
 
 from __future__ import annotations
 
@@ -13,27 +13,22 @@ _PHOTOS = {".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", "
 _SPLATS = {".ply", ".spz", ".sog", ".splat", ".ksplat"}
 _VIDEOS = {".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"}
 _NOT_READ = {".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"}
-"""The server says what to do about these."""
+"""Unsupported formats, sent because the server's error explains what to do."""
 _COLMAP = {f"{part}{suffix}" for part in ("cameras", "images", "points3D") for suffix in (".bin", ".txt")}
 _DEPTHS = {".npy", ".depth", ".conf"}
 _SENT = _PHOTOS | _VIDEOS | _NOT_READ | _SPLATS | _DEPTHS | {".json"}
 _METADATA = "metadata"
-"""Record3D's, which has no suffix."""
+"""Record3D's metadata file, which has no suffix."""
 _LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 
 
 class CaptureFiles:
-    """The files of a folder that make a capture, under their names in the folder; none of a file, which travels alone.
+    """The capture files of a folder (none for a single file); a context manager.
 
-    Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points or a splat; hidden
-    files and what operating systems leave behind stay. A context manager.
-
-    Args:
-        capture: the folder, or a file.
-        photos: the folder of the photos of a splat, which `capture` then is; they travel together.
+    Hidden and system files are left out. `photos` is a folder of photos to be sent with the splat `capture`.
 
     Raises:
-        InvalidInputError: there is no such file or folder, no photo, video or splat in it, or two files of one name.
+        InvalidInputError: the file or folder does not exist, or has no photo, video or splat; or two names clash.
     """
 
     def __init__(self, capture: Path, photos: Path | None = None) -> None:
@@ -48,13 +43,13 @@ class CaptureFiles:
             file.close()
 
     def form(self, fields: Sequence[tuple[str, str]]) -> list[tuple[str, Any]]:
-        """httpx's `files` of a form with these fields and the files, from the first byte on; call it for each try."""
+        """Builds httpx's `files` with these fields and all files; call it for each try."""
         files = [("files", (name, file, "application/octet-stream")) for name, file in self._files]
         return [*((field, (None, value)) for field, value in fields), *files]
 
 
 class _LateFile:
-    """A file that is opened by its first read and closed by its last: a form of thousands has one open at a time."""
+    """File opened by its first read and closed by its last, for large forms."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -72,7 +67,7 @@ class _LateFile:
         return 0 if self._file is None else self._file.tell()
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        """To the beginning; or to the end, which tells the length and opens nothing."""
+        """Supports only start and end; returns the length for the end, without opening the file."""
         if whence == os.SEEK_END:
             return self._path.stat().st_size
         self.close()
@@ -101,7 +96,6 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
 
 
 def _with_splat(files: list[tuple[str, Path]], splat: Path) -> list[tuple[str, Path]]:
-    """The splat and the files beside it; once, should it be one of them."""
     others = [(name, path) for name, path in files if not path.samefile(splat)]
     if any(name == splat.name for name, _ in others):
         raise InvalidInputError(

@@ -1,4 +1,4 @@
-"""Every call of the service, over REST; standing questions over gRPC."""
+"""Client of all calls, over REST; standing questions over gRPC."""
 
 from __future__ import annotations
 
@@ -51,23 +51,21 @@ _LONG_POLL_S = 20.0
 
 
 class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
-    """Client of one server. A context manager; threads may share it.
+    """Thread-safe client of one server; a context manager.
 
-    Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
+    Idempotent calls are retried; creating calls carry a request id that makes them idempotent. All calls raise the
+    server's `FastSplatError`, `UnreachableError` or `DeadlineExceededError`.
 
     Args:
-        url: of the REST interface.
-        key: an access key; "" where the server needs none.
-        grpc_target: "host:port" of gRPC, for standing questions; by default what the server at `url` says. The key goes
-            to these two addresses and to no other.
-        project: which project to ask about, for operators; "": the key's own. Nobody else may name another than that.
-        ca: PEM certificates to trust in place of the system's, for both interfaces.
-        timeout_s: of a call that names none, retries included.
-        retry: see `Retry`.
-        piece_bytes: of a large upload; a connection that breaks costs no more.
-        transport: what carries REST's requests in place of the network, as to a server in the same process.
-
-    All calls raise the `FastSplatError` that the server raised, `UnreachableError` or `DeadlineExceededError`.
+        url: URL of the REST interface.
+        key: access key; "" if the server needs none.
+        grpc_target: "host:port" of gRPC; by default as the server reports. The key goes to these two addresses only.
+        project: the project, for operators; "": the key's own, the only one that other keys may name.
+        ca: PEM certificates to trust instead of the system's, for both interfaces.
+        timeout_s: default timeout of a call, retries included.
+        retry: retry policy.
+        piece_bytes: piece size of large uploads, the most that a broken connection costs.
+        transport: replaces the network for REST, e.g. for a server in the same process.
     """
 
     def __init__(
@@ -87,9 +85,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         self._headers = {name: value for name, value in own.items() if value}
         super().__init__(Transport(url, self._headers, ca, timeout_s, retry, transport))
         self.known_names = ClientKnownNames(self._transport)
-        """What people named in the project's scenes, to be suggested in others."""
+        """Names given in the project's scenes, suggested in others."""
         self.keys = ClientKeys(self._transport)
-        """Access keys of the project, for its admins and for operators."""
+        """Access keys of the project, for admins and operators."""
         self._url = urlsplit(url)
         self._grpc_target = grpc_target
         self._ca = ca
@@ -104,15 +102,15 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         self.close()
 
     def close(self) -> None:
-        """Close the connections."""
+        """Closes the connections."""
         self._transport.close()
 
     def server(self) -> ServerInfo:
-        """The server's release, and where its gRPC interface is; warns by `ReleaseWarning` where that does not fit."""
+        """Gets the server's release and gRPC address; warns by `ReleaseWarning` if the release is incompatible."""
         return fitting(read(ServerInfo, self._transport.call("GET", "/v1/server")))
 
     def server_status(self) -> ServerStatus:
-        """What the server can do, and how much room the project has left, as the caller may know it."""
+        """Gets the server's capabilities and the project's quota, as visible to the caller."""
         return fitting(self.call(calls.GET_SERVER_STATUS, None))
 
     def create_scene(
@@ -125,11 +123,10 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         request_id: str = "",
         timeout_s: float = 3600.0,
     ) -> Operation:
-        """Upload a folder, an archive, a video or a splat; its training is queued, durably, on return.
+        """Uploads a folder, an archive, a video or a splat, and durably queues its training.
 
-        A folder travels as one form: photos, and what lies beside them: transforms.json or a COLMAP model, masks, label
-        maps with labels.json, points, a splat. An archive, a video or a splat alone goes piece by piece, and a
-        connection that breaks is taken up where it was. A splat goes with the folder of its `photos`, if it has them.
+        A folder may hold photos, transforms.json or a COLMAP model, masks, label maps with labels.json, points, a
+        splat. A single file is uploaded resumably. A splat may be sent with the folder of its `photos`.
         """
         options = options or SceneOptions()
         fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
@@ -150,12 +147,12 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return read(Operation, response)
 
     def operations(self, state: OperationState | None = None) -> Iterator[Operation]:
-        """All jobs, newest first, page by page."""
+        """Lists jobs, newest first."""
         pages = self._pages(calls.LIST_OPERATIONS, requests.ListOperationsRequest(state=state))
         return (operation for page in pages for operation in page.operations)
 
     def watch(self, operation_id: str) -> Iterator[Operation]:
-        """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
+        """Yields the job now and on every change until it is done; resumes broken connections."""
         path, last, failures = f"/v1/operations/{in_path(operation_id)}/events", "", 0
         while True:
             try:
@@ -178,11 +175,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                 time.sleep(self._retry.pause(failures - 1))
 
     def wait(self, operation_id: str, *, timeout_s: float = float("inf")) -> Operation:
-        """The job when it is done, whichever way.
-
-        Raises:
-            DeadlineExceededError: it is not done after `timeout_s`.
-        """
+        """Waits until a job is done, successfully or not; raises `DeadlineExceededError` after `timeout_s`."""
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
@@ -194,33 +187,33 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                 raise DeadlineExceededError(f"operation {operation_id} is {operation.state} after {timeout_s:g} s")
 
     def scene(self, scene_id: str) -> Scene:
-        """One scene with its dictionary, cameras and quality."""
+        """Gets a scene with its dictionary, cameras and quality."""
         return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
     def scenes(self) -> Iterator[SceneSummary]:
-        """All scenes, newest first, without dictionary, cameras and quality."""
+        """Lists scenes, newest first, without dictionary, cameras and quality."""
         pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest())
         return (scene for page in pages for scene in page.scenes)
 
     def open_sample(self) -> Scene:
-        """The project's copy of the sample scene that the server brings; it is made where there is none."""
+        """Gets the project's copy of the server's sample scene, and creates it if necessary."""
         return self.call(calls.OPEN_SAMPLE, requests.OpenSampleRequest())
 
     def rename_scene(self, scene_id: str, name: str, *, expected_name: str | None = None) -> Scene:
-        """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name."""
+        """Renames a scene; with `expected_name`, only if that or `name` is its name."""
         return self.call(calls.UPDATE_SCENE, requests.UpdateSceneRequest(scene_id, name, expected_name))
 
     def delete_scene(self, scene_id: str) -> None:
-        """Forget a scene and all its files."""
+        """Deletes a scene and all its files."""
         self.call(calls.DELETE_SCENE, requests.DeleteSceneRequest(scene_id))
 
     def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
-        """A scene's whole dictionary, by label id."""
+        """Lists a scene's dictionary by label id."""
         pages = self._pages(calls.LIST_LABELS, requests.ListLabelsRequest(scene_id))
         return (label for page in pages for label in page.labels)
 
     def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
-        """What became of each photo of a scene's capture, by name; none before its capture stage is done."""
+        """Lists each photo's outcome by name; empty until the capture stage is done."""
         pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
         return (photo for page in pages for photo in page.photos)
 
@@ -235,14 +228,13 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         timeout_s: float | None = None,
         **choices: Any,
     ) -> tuple[Answer, ...]:
-        """Ask one scene, one answer a text; or, with "" for a scene, all of them.
+        """Asks a scene, or with "" all scenes; returns answers per text and scene.
 
         Args:
-            texts: one question or several.
-            cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
+            cameras, views: free viewpoints, and names of the scene's cameras, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
-            timeout_s: when to give up; the server then stops, too.
-            choices: other fields of `QueryRequest`, as version, max_matches, asker_view.
+            timeout_s: cancels the server's work, too.
+            choices: other fields of `QueryRequest`, e.g. version, max_matches, asker_view.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)
@@ -251,13 +243,13 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
     def ask(
         self, request: QueryRequest, *, timeout_s: float | None = None, protocol: Literal["REST", "gRPC"] = "REST"
     ) -> tuple[Answer, ...]:
-        """As `query`, with the request as the service takes it, over either protocol (gRPC does not retry)."""
+        """Asks a `QueryRequest` over either protocol; gRPC does not retry."""
         return self.ask_everywhere(request, timeout_s=timeout_s, protocol=protocol).answers
 
     def ask_everywhere(
         self, request: QueryRequest, *, timeout_s: float | None = None, protocol: Literal["REST", "gRPC"] = "REST"
     ) -> QueryOut:
-        """As `ask`, with the scenes that a question to all of them did not ask: they are damaged, or too many."""
+        """Asks as `ask`, and also returns scenes that were skipped as damaged or too many."""
         if protocol == "gRPC":
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
         body = _without_scene(request)
@@ -272,7 +264,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return read(QueryOut, response)
 
     def mask3d(self, scene_id: str, text: str, *, version: str = "") -> NDArray[np.bool_]:
-        """bool [G]: which Gaussians answer the text; row number = Gaussian id of the version."""
+        """Segments the Gaussians that answer a text: bool [G], by Gaussian id of the version."""
         (answer,) = self.query(scene_id, text, outputs=["mask3d"], version=version, max_matches=1)
         return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
 
@@ -289,38 +281,38 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         tints: Sequence[Tint] = (),
         dimming: float = 0.0,
     ) -> bytes:
-        """A PNG or JPEG from one of the scene's own cameras (its name) or from a free viewpoint; see `RenderIn`."""
+        """Renders a PNG or JPEG from a camera's name or free viewpoint; see `RenderIn`."""
         more: dict[str, Any] = {"format": image_format, "tints": tuple(tints), "dimming": dimming}
         request = PictureRequest(scene_id, kind, text or None, version=version, depth_scale=depth_scale, **more)
         return self._render(viewpoint, request)
 
     def label_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
-        """uint16 [H, W]: label ids, 0 where undetected or too little is covered."""
+        """Renders label ids: uint16 [H, W], 0 where undetected or coverage is too low."""
         return np.asarray(self._array(scene_id, "label_map", viewpoint, version), dtype=np.uint16)
 
     def thing_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
-        """uint16 [H, W]: ids of things, 0 where there is none or too little is covered."""
+        """Renders thing ids: uint16 [H, W], 0 for none or too low coverage."""
         return np.asarray(self._array(scene_id, "thing_map", viewpoint, version), dtype=np.uint16)
 
     def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
-        """float32 [H, W]: camera z in scene units, 0 where nothing is."""
+        """Renders depth: float32 [H, W], camera z in scene units, 0 where empty."""
         return np.asarray(self._array(scene_id, "depth", viewpoint, version), dtype=np.float32)
 
     def normals(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
-        """float32 [H, W, 3]: unit normals of surfaces, world frame, towards the camera; 0 where nothing is."""
+        """Renders unit normals: float32 [H, W, 3], world frame, towards the camera, 0 where empty."""
         return np.asarray(self._array(scene_id, "normals", viewpoint, version), dtype=np.float32)
 
     def confidence(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
-        """float32 [H, W]: how far depth and normal can be relied on, 0 to 1; 0 where nothing is."""
+        """Renders confidence of depth and normals: float32 [H, W] in 0..1, 0 where empty."""
         return np.asarray(self._array(scene_id, "confidence", viewpoint, version), dtype=np.float32)
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
-        """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
+        """Downloads the scene as a 3DGS PLY file, resuming broken connections; returns its ETag."""
         path, params = f"{scene_path(scene_id)}/scene.ply", {"version": version} if version else {}
         tag, failures = "", 0
         with target.open("wb") as file:
             while True:
-                # If another version became current meanwhile, If-Range makes the server begin anew.
+                # If-Range restarts the download if another version has become current.
                 headers = {"Range": f"bytes={file.tell()}-", "If-Range": tag} if tag and file.tell() else {}
                 try:
                     with self._transport.streamed(path, params=params, headers=headers) as response:
@@ -347,7 +339,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         things: Sequence[int] = (),
         cell: float = 0.0,
     ) -> bytes:
-        """A scene, or only some of its things, as a file for other programs; formats and cell as in `ExportRequest`."""
+        """Exports a scene, or only some things; formats and cell as in `ExportRequest`."""
         params = {"version": version, "thing": list(things), "cell": cell}
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
@@ -366,5 +358,4 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
 
 def _without_scene(request: QueryRequest | PictureRequest) -> dict[str, Any]:
-    """The body of a request whose path names the scene."""
     return {name: value for name, value in to_plain(request).items() if name != "scene_id"}

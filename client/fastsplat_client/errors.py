@@ -1,4 +1,4 @@
-"""Errors of the server, raised in the client as the same exceptions."""
+"""Conversion of server errors to the contract's exceptions."""
 
 from __future__ import annotations
 
@@ -28,22 +28,18 @@ _KINDS = {
 
 
 class RemoteError(FastSplatError):
-    """An error of the server that this client has no exception for; its `kind` and `reason` are the server's."""
+    """A server error unknown to this client; `kind` and `reason` are the server's."""
 
 
 class UnreachableError(FastSplatError):
-    """No connection, or one that broke before the answer was whole."""
+    """The connection failed or broke before the answer was complete."""
 
     kind = Kind.UNAVAILABLE
     reason = "UNREACHABLE"
 
 
 def read(kind: type[T], answer: httpx.Response | str) -> T:
-    """What the server answered.
-
-    Raises:
-        RemoteError: it cannot be read, as from a server of another release.
-    """
+    """Decodes an answer. Raises `RemoteError` if it is unreadable, e.g. from an incompatible release."""
     try:
         return from_json(kind, answer if isinstance(answer, str) else answer.content)
     except InvalidInputError as error:
@@ -55,12 +51,9 @@ def read(kind: type[T], answer: httpx.Response | str) -> T:
 
 
 def problem_of(content: str | bytes, status: int = 0, after: str = "") -> FastSplatError:
-    """What a problem document (RFC 9457) says, as the exception that the server raised.
+    """Converts a problem document (RFC 9457), or any other error body, to an exception.
 
-    Args:
-        content: the document, or whatever else the server sent.
-        status: of the answer; 0: what the document says.
-        after: the header Retry-After, "" without.
+    `status` 0 means the document's; `after` is the Retry-After header.
     """
     try:
         body = json.loads(content)
@@ -72,21 +65,16 @@ def problem_of(content: str | bytes, status: int = 0, after: str = "") -> FastSp
 
 
 def seconds_after(header: str) -> float | None:
-    """What a Retry-After header says, if it says seconds; one that says a date, or "", says nothing."""
+    """Parses a Retry-After header in seconds; None for a date or ""."""
     return float(header) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", header) else None
 
 
 def error_of(
     reason: str, kind: Kind, message: str, details: Mapping[str, str], retry_after_s: float | None = None
 ) -> FastSplatError:
-    """The exception of that reason, with the server's own words and the request's id as a note.
+    """Builds the exception of a reason, or a `RemoteError` of `kind` for an unknown one.
 
-    Args:
-        reason: UPPER_SNAKE_CASE, as in problem+json and ErrorInfo.
-        kind: for a reason that is not known here.
-        message: one sentence.
-        details: any of field, limit, hint and request_id.
-        retry_after_s: when the server said so.
+    `details` may have field, limit, hint and request_id, which is added as a note.
     """
     raised: type[FastSplatError] = next(
         (known for known in _tree(FastSplatError) if known.reason == reason),
@@ -102,7 +90,7 @@ def error_of(
 
 
 def _tree(root: type[FastSplatError]) -> Iterator[type[FastSplatError]]:
-    """The errors of the contract; others may be defined beside it."""
+    """Yields the contract's error classes, without those that other modules define."""
     if root.__module__ == FastSplatError.__module__:
         yield root
     for kind in root.__subclasses__():

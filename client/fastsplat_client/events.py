@@ -1,4 +1,4 @@
-"""Server-sent events as they come over the wire (WHATWG HTML, section 9.2.6), as far as this service uses them."""
+"""Parser of server-sent events (WHATWG HTML, section 9.2.6), as far as the service uses them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Event(NamedTuple):
-    """One event; `id` continues after it."""
+    """One event; its `id` resumes the stream after it."""
 
     id: str
     data: str
@@ -15,7 +15,7 @@ class Event(NamedTuple):
 
 
 def events_of(lines: Iterable[str]) -> Iterator[Event]:
-    """The whole events in a stream's lines; one that the end cuts off is none."""
+    """Yields the complete events of a stream's lines."""
     name, kind, data = "", "", list[str]()
     for line in lines:
         if not line:

@@ -1,4 +1,4 @@
-"""What people named in the scenes of a project."""
+"""Calls about a project's known names."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from fastsplat_contract.messages.known_names import KnownName
 
 
 class ClientKnownNames(TableCalls):
-    """Known names of the client's project. All calls raise as those of `Client`."""
+    """Known names of the client's project."""
 
     def all(self) -> Iterator[KnownName]:
-        """The names that people gave and that are suggested in other scenes, newest first, page by page."""
+        """Lists names given by people and suggested in other scenes, newest first."""
         pages = self._pages(calls.LIST_KNOWN_NAMES, requests.ListKnownNamesRequest())
         return (name for page in pages for name in page.names)
 
     def forget(self, name_id: str) -> None:
-        """Suggest a name, or with "all" every name of the project, no more, and remove what it looks like; scenes keep
-        their names."""
+        """Deletes a known name ("all": every one) with its appearance; scenes keep their names."""
         self.call(calls.DELETE_KNOWN_NAME, requests.DeleteKnownNameRequest(name_id))

@@ -1,7 +1,7 @@
-"""A namer of one's own: a model that sees pictures, behind the OpenAI chat format, is asked what is on the sheets.
+"""Name suggestions by a vision-language model with an OpenAI-compatible chat interface.
 
-What it says are suggestions: no thing bears such a name until a person confirms it. Pictures of things without a name,
-their sizes and the names beside them go to the namer's host, and nowhere else.
+A thing gets a suggested name only when a person confirms it. Pictures of unnamed things, their sizes and the names of
+their neighbors are sent to the namer's host and nowhere else.
 """
 
 from __future__ import annotations
@@ -35,20 +35,19 @@ if TYPE_CHECKING:
     from fastsplat_client.client import Client
 
 MAX_REQUESTS = 40
-"""To a namer for one scene, repeated ones included."""
+"""Limit per scene, retries included."""
 _TRIES = 3
 _PAUSES = Retry(first_s=1.0, most_s=10.0)
-"""Between tries: a model that is being loaded, or asked by too many, is left alone for a moment."""
+"""Pauses between tries, for models that are loading or overloaded."""
 _MAX_ANSWER = 1_000_000
 _MOST_ALIKE, _FEW = 0.5, 4
-"""Of `_FEW` things and more, not more than this share may get the same name without support, see `_obeyed`."""
+"""Largest share of `_FEW` or more things with an unsupported common name, see `_obeyed`."""
 _SIZES_APART = 0.25
-"""What support of a name allows: by how much the logarithms of the sizes of things differ from their medians, in the
-mean over things and three sides. In the validation rooms of `benchmarks.rooms` it is 0.14 for a shelf's books, and 0.31
-to 0.91 for all things of a room."""
+"""Largest mean deviation of log side lengths from their medians that supports a common name.
+In the validation rooms of `benchmarks.rooms` it is 0.14 for a shelf's books, 0.31 to 0.91 for all things of a room."""
 _MAX_NAME, _MAX_SOURCE, _MAX_ALIASES = 200, 60, 5
 _SMALLEST = 1e-3
-"""Of a side, in the scene's unit: flat things differ by less than can be known."""
+"""Lower bound of a side, scene units: differences of flat things below it mean nothing."""
 _AGAIN = (408, 429)
 _Name = Mapping[str, Any]
 """Fields of `SuggestedName`."""
@@ -85,21 +84,13 @@ _SCHEMA: Mapping[str, Any] = {
 
 @dataclass(frozen=True)
 class Namer:
-    """Who is asked.
+    """Address and limits of a naming model."""
 
-    Attributes:
-        url: of its OpenAI-compatible interface, e.g. http://localhost:11434/v1.
-        model: as the interface calls it; also who says so, in suggestions.
-        key: for its header Authorization; "" for none.
-        request_s: seconds for one answer.
-        total_s: seconds for all of a scene.
-    """
-
-    url: str
-    model: str
+    url: str  # OpenAI-compatible, e.g. http://localhost:11434/v1
+    model: str  # also the source of suggestions
     key: str = field(default="", repr=False)
     request_s: float = 120.0
-    total_s: float = 900.0
+    total_s: float = 900.0  # for a whole scene
 
     def __post_init__(self) -> None:
         try:
@@ -120,27 +111,19 @@ class Namer:
 
     @property
     def host(self) -> str:
-        """Where pictures go: host, and port if it is given."""
+        """Host and, if given, port that pictures are sent to."""
         return urlsplit(self.url).netloc
 
 
 @dataclass(frozen=True)
 class NamedSheets:
-    """What a namer said of a scene.
+    """A namer's suggestions for a scene."""
 
-    Attributes:
-        names: what it suggests, at most one name for a thing.
-        shown: how many things its pictures showed.
-        refused: names that were left out: of numbers that no picture bears, unusable, or the same for too many things.
-        requests: how often it was asked.
-        problem: why things were not asked about, for people; "" if all were.
-    """
-
-    names: tuple[SuggestedName, ...]
-    shown: int
-    refused: int
-    requests: int
-    problem: str = ""
+    names: tuple[SuggestedName, ...]  # at most one per thing
+    shown: int  # things in the pictures
+    refused: int  # names left out: of unknown numbers, unusable, or the same for too many things
+    requests: int  # retries included
+    problem: str = ""  # why some things were not asked about, for display
 
 
 class _Told(BaseModel):
@@ -159,18 +142,13 @@ class _Answer(BaseModel):
 
 
 def ask_namer(namer: Namer, sheets: Iterable[ThingSheet]) -> NamedSheets:
-    """Ask a namer about each sheet, one request a sheet. Nothing is told to the scene's server.
+    """Asks a namer about each sheet of a scene; an unanswered sheet ends the run.
 
-    Its host alone is spoken to: redirects are not followed, and proxies of the environment are not used. A sheet that
-    is not answered ends the asking; what was said before it stays.
-
-    Args:
-        namer: whom to ask.
-        sheets: of one scene; each is fetched as it is needed.
+    Contacts no other host: redirects are not followed, and proxies from the environment are not used.
 
     Raises:
-        NamerError: it refused the key, or answered no sheet at all.
-        FastSplatError: whatever `sheets` raises.
+        NamerError: it refused the key or did not answer the first sheet.
+        FastSplatError: raised by `sheets`, which are fetched as needed.
     """
     ends = time.monotonic() + namer.total_s
     told: list[tuple[ThingSheet, list[_Name]]] = []
@@ -197,12 +175,9 @@ def ask_namer(namer: Namer, sheets: Iterable[ThingSheet]) -> NamedSheets:
 
 
 def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
-    """Ask a namer about all things of a scene that have no name, and suggest what it says, as one version; where it
-    says nothing usable there is none. Errors as `ask_namer`.
+    """Suggests a namer's names for all unnamed things, as one version; raises as `ask_namer`.
 
-    Args:
-        client: of the scene's server; a key of the role suggester will do.
-        namer: whom to ask.
+    The role suggester is sufficient for the client's key.
     """
     named = ask_namer(namer, client.thing_sheets(scene_id))
     if named.names:
@@ -211,7 +186,7 @@ def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
 
 
 def _answer(namer: Namer, http: httpx.Client, sheet: ThingSheet, ends: float, most: int) -> tuple[_Answer, int]:
-    """What a namer says of a sheet, and how often it was asked."""
+    """Returns a namer's answer to a sheet and the number of requests."""
     failed, pause = "too many requests", 0.0
     for tried in range(1, min(_TRIES, most) + 1):
         left = ends - time.monotonic()
@@ -234,7 +209,7 @@ def _answer(namer: Namer, http: httpx.Client, sheet: ThingSheet, ends: float, mo
 
 
 class _AgainError(Exception):
-    """An answer that another try may better; `after_s`, if the namer said so, is when, in seconds."""
+    """A failure worth a retry, after `after_s` seconds if the namer gave a time."""
 
     def __init__(self, message: str, after_s: float | None = None) -> None:
         super().__init__(message)
@@ -242,7 +217,7 @@ class _AgainError(Exception):
 
 
 class _Deadline:
-    """Shuts the connection of a request once its time is over; timeouts of httpx begin anew with each byte."""
+    """Closes a request's connection at its deadline; httpx's timeouts restart with each byte."""
 
     def __init__(self, seconds: float) -> None:
         self._socket: socket.socket | None = None
@@ -268,12 +243,12 @@ class _Deadline:
     def _end(self) -> None:
         self._over = True
         if self._socket is not None:
-            with suppress(OSError):  # during a handshake, which has a deadline of its own, TLS holds the socket
+            with suppress(OSError):  # TLS holds the socket during its handshake, which has its own deadline
                 socket.socket.shutdown(self._socket, socket.SHUT_RDWR)
 
 
 def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -> _Answer:
-    # A compressed answer of some kilobytes may be gigabytes; a connection for each request has its own deadline.
+    # No compression, as a small answer may expand to gigabytes; one connection per request, for its own deadline.
     headers = {"Accept-Encoding": "identity", "Connection": "close"}
     if namer.key:
         headers["Authorization"] = f"Bearer {namer.key}"
@@ -336,7 +311,7 @@ def _request(namer: Namer, sheet: ThingSheet) -> Mapping[str, Any]:
 
 
 def _usable(answer: _Answer, sheet: ThingSheet) -> list[_Name]:
-    """The likeliest usable name of each thing that the sheet shows."""
+    """Selects the most probable usable name of each thing on the sheet."""
     ids = {each.number: each.thing for each in sheet.things}
     best: dict[int, _Name] = {}
     for each in sorted(answer.names, key=lambda one: -one.probability):
@@ -353,8 +328,7 @@ def _is_name(text: str) -> bool:
 
 
 def _not_obeyed(told: Sequence[tuple[ThingSheet, Sequence[_Name]]], shown: int) -> list[_Name]:
-    """What is left of a scene's names, of which `shown` things were shown: none of a sheet that obeys a poster, nor the
-    poster's name elsewhere; none at all where what is left obeys one."""
+    """Drops names due to prompt injection: all of such sheets, their name elsewhere, or everything."""
     obeyed = [_obeyed([sheet], names, len(sheet.things)) for sheet, names in told]
     kept = [each for (_, names), poster in zip(told, obeyed, strict=True) if not poster for each in names]
     kept = [each for each in kept if _key(each) not in obeyed]
@@ -362,10 +336,10 @@ def _not_obeyed(told: Sequence[tuple[ThingSheet, Sequence[_Name]]], shown: int) 
 
 
 def _obeyed(sheets: Sequence[ThingSheet], names: Sequence[_Name], shown: int) -> str:
-    """The name that was said of so many of the things shown, though the things do not support it, that something in a
-    picture, as a poster that tells readers what to say, was followed in place of what was asked; "" for none.
+    """Finds a name given to implausibly many of `shown` things, or "".
 
-    A shelf of books supports its name: their sizes are alike. Where photos show the name written, nothing supports it.
+    It is a sign of prompt injection, e.g. by a poster. Similar sizes, as of books on a shelf, make a common name
+    plausible, unless photos show it in writing.
     """
     counts = Counter(map(_key, names)).most_common(1)
     if shown < _FEW or not counts or counts[0][1] <= math.floor(_MOST_ALIKE * shown):
@@ -389,5 +363,5 @@ def _key(told: _Name) -> str:
 
 
 def _squeezed(text: str) -> str:
-    """Letters and figures alone, as readers of print miss spaces."""
+    """Keeps only letters and digits, because OCR misses spaces."""
     return "".join(filter(str.isalnum, text.casefold()))

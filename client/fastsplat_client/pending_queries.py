@@ -1,4 +1,4 @@
-"""Pending queries and poses of a subscription, whatever becomes of its connections."""
+"""Pending questions and poses of a stream, kept across reconnects."""
 
 from __future__ import annotations
 
@@ -14,45 +14,28 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 @dataclass(frozen=True)
 class StandingQuestion:
-    """A query that is asked of every pose.
+    """A query that is asked at every pose."""
 
-    Attributes:
-        request: one scene, without cameras and views.
-        heartbeat_s: how long the server may be silent; 0 for its own choice.
-    """
-
-    request: QueryRequest
-    heartbeat_s: float = 0.0
+    request: QueryRequest  # for one scene, without cameras and views
+    heartbeat_s: float = 0.0  # longest silence of the server; 0: its default
 
 
 @dataclass
 class Connection:
-    """One of the connections that a stream has had.
+    """State of one connection of a stream."""
 
-    Attributes:
-        asked: the numbers of the questions that went over it, in their order.
-        over: nothing more is sent over it.
-        accepted: the server took a question.
-        alive: the server went on after that. (One that ends with every pose takes the question each time.)
-        whole: the server answered all that was sent, and ended the stream.
-    """
-
-    asked: list[int] = field(default_factory=list)
+    asked: list[int] = field(default_factory=list)  # numbers of the questions sent, in order
     over: bool = False
-    accepted: bool = False
-    alive: bool = False
-    whole: bool = False
+    accepted: bool = False  # the server accepted a question
+    alive: bool = False  # and sent more after it; a server that fails at every pose still accepts questions
+    whole: bool = False  # the server answered everything and ended the stream
 
 
 class PendingQueries:
-    """Queue of a subscription: its newest query and pose, and the source of the next ones. Safe from any thread.
+    """Thread-safe queue of a stream: newest question, newest pose, source of further parts.
 
-    The parts are read one at a time, each when the connection can take it, by the thread that sends them. A thread
-    that still waits for a part when its connection breaks leaves that part here, for the next connection.
-
-    Args:
-        question: the first one.
-        parts: poses, and questions that each replace the one before.
+    The sending thread reads parts one at a time, when the connection can take them. A part that arrives after its
+    connection broke is kept for the next one.
     """
 
     def __init__(self, question: StandingQuestion, parts: Iterable[PosedCamera | StandingQuestion]) -> None:
@@ -65,45 +48,43 @@ class PendingQueries:
         self._reading = False
         self._ended = False
         self.error: BaseException | None = None
-        """What reading the parts raised; there are no more of them then."""
+        """Exception raised by `parts`, which ends them."""
 
     def question(self, number: int) -> QueryRequest:
-        """The question of that number, counted from 1."""
+        """Returns a question by number, from 1."""
         return self._questions[number - 1].request
 
     @property
     def longest_heartbeat_s(self) -> float:
-        """The largest that any question asked for."""
         with self._changed:
             return max(question.heartbeat_s for question in self._questions)
 
     @property
     def finished(self) -> bool:
-        """Whether there are no more parts, and the newest pose was answered."""
+        """True if there are no more parts and the newest pose was answered."""
         with self._changed:
             return self._ended and self._answered == self._sequence
 
     @property
     def ended(self) -> bool:
-        """Whether there are no more parts."""
         with self._changed:
             return self._ended
 
     def answered(self, sequence: int) -> int:
-        """Note that this pose was answered; returns how many before it, after the last answered one, were not."""
+        """Records an answered pose; returns the number of unanswered ones since the last answer."""
         with self._changed:
             dropped = sequence - self._answered - 1
             self._answered = sequence
             return dropped
 
     def close(self, connection: Connection) -> None:
-        """Let no more be sent over it, and end the thread that waits to."""
+        """Stops sending over a connection and releases its waiting thread."""
         with self._changed:
             connection.over = True
             self._changed.notify_all()
 
     def requests(self, connection: Connection) -> Iterator[pb.StreamQueryRequest]:
-        """What is sent over a connection: the newest question, the newest pose if it has no answer, then what comes."""
+        """Yields a connection's requests: newest question, newest unanswered pose, then further parts."""
         sent = 0
         while True:
             with self._changed:
@@ -134,13 +115,13 @@ class PendingQueries:
         return self._ended or not asked or self._sequence > max(sent, self._answered)
 
     def _read(self) -> None:
-        """Take in the next part; nobody else does meanwhile."""
+        """Reads the next part; only one thread does so at a time."""
         part, error, ended = None, None, False
         try:
             part = next(self._parts)
         except StopIteration:
             ended = True
-        except BaseException as raised:  # it is raised where the answers are read
+        except BaseException as raised:  # raised again where answers are read
             error, ended = raised, True
         with self._changed:
             self._reading = False

@@ -1,4 +1,4 @@
-"""The calls about photos of scenes, photos that find their place in one, and cameras that show a thing best."""
+"""Calls about scenes' photos, visual localization, observations and best views."""
 
 from __future__ import annotations
 
@@ -21,19 +21,15 @@ from fastsplat_contract.photos.scene_photos import BestView, ScenePhoto
 
 
 class PhotoCalls(TableCalls):
-    """The part of `Client` that speaks of photos."""
+    """Photo calls of `Client`."""
 
     def photos(self, scene_id: str, *, version: str = "") -> Iterator[ScenePhoto]:
-        """The photos that are stored with a scene, in the order of its cameras, page by page."""
+        """Lists a scene's stored photos in the order of its cameras."""
         pages = self._pages(calls.LIST_PHOTOS, requests.ListPhotosRequest(scene_id, version))
         return (photo for page in pages for photo in page.photos)
 
     def photo(self, scene_id: str, view: str, *, version: str = "") -> bytes:
-        """The photo of one of the scene's cameras (its name) as a JPEG file.
-
-        It is undistorted, so that it fits the camera with the intrinsics scaled to its size
-        (`PosedCamera.camera.scaled_to`).
-        """
+        """Gets a camera's undistorted photo as JPEG; it fits the camera scaled by `Camera.scaled_to`."""
         return self.call(calls.DOWNLOAD_PHOTO, requests.DownloadPhotoRequest(scene_id, version, view))
 
     def localize(
@@ -46,16 +42,15 @@ class PhotoCalls(TableCalls):
         version: str = "",
         timeout_s: float | None = None,
     ) -> Localization:
-        """Where photos were taken in a scene, how sure that is, what is seen from there, and what they show that the
-        scene does not; a photo without a sure place comes back with the reason.
+        """Localizes photos in a scene: poses, covariances, visible things and changes.
+
+        Photos that cannot be localized reliably are returned with the reason.
 
         Args:
-            photos: image files, or their bytes.
-            focals: focal length of each photo, pixels of the upright photo; one number is that of all; none: found out.
-            poses: roughly where each was taken, in any one frame, scene units, OpenCV camera axes: the photos find
-                their place together; none: each by itself.
-            version: of the scene; "" is the current one.
-            timeout_s: when to give up; the first request to a scene takes longer.
+            focals: focal length of each photo, or one of all, in pixels of the upright photo; empty: estimated.
+            poses: rough pose of each photo in a common frame, scene units, OpenCV camera axes, to localize them
+                jointly; empty: each photo on its own.
+            timeout_s: the first request to a scene takes longer.
         """
         form = _form(photos, focals, poses, version=version)
         path = f"{scene_path(scene_id)}:localize"
@@ -73,15 +68,13 @@ class PhotoCalls(TableCalls):
         request_id: str = "",
         timeout_s: float = 600.0,
     ) -> Observation:
-        """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene; `undo_edit`
-        takes the newest back.
+        """Adds two or more photos of another day with detected changes; `undo_edit` removes the newest.
 
         Args:
-            photos: image files, or their bytes; two at least.
             focals, poses: as for `localize`.
-            seen_at: when they were taken, with its time zone; None: by their metadata, or now.
-            request_id: the same id with the same photos returns the same observation; "": a new one.
-            timeout_s: when to give up; ten photos take two cores half a minute, slow ones more.
+            seen_at: time of the photos, with time zone; None: from their metadata, or now.
+            request_id: makes the call idempotent; "": a new one.
+            timeout_s: ten photos take half a minute on two fast cores.
         """
         seen = {} if seen_at is None else {"seen_at": seen_at.isoformat()}
         form = _form(photos, focals, poses, request_id=request_id or uuid.uuid4().hex, **seen)
@@ -90,28 +83,27 @@ class PhotoCalls(TableCalls):
         return read(Observation, answer)
 
     def observations(self, scene_id: str, *, version: str = "") -> Iterator[Observation]:
-        """What photos of other days said of a scene, the newest photos first, page by page."""
+        """Lists a scene's observations by photos of other days, newest photos first."""
         pages = self._pages(calls.LIST_OBSERVATIONS, ListObservationsRequest(scene_id, version))
         return (each for page in pages for each in page.observations)
 
     def observation(self, scene_id: str, observation_id: str, *, version: str = "") -> Observation:
-        """What photos of another day said of a scene. Their own files: `photo` of their `view`."""
+        """Gets an observation; `photo` of a photo's `view` gets its file."""
         return self.call(calls.GET_OBSERVATION, GetObservationRequest(scene_id, version, observation_id))
 
     def next_photos(self, scene_id: str, version: str = "") -> tuple[NextPhoto, ...]:
-        """Where to stand for the next photos of a scene: at most three places, the most useful first."""
+        """Suggests at most three viewpoints for further photos, most useful first."""
         return self.call(calls.LIST_NEXT_PHOTOS, requests.ListNextPhotosRequest(scene_id, version)).photos
 
     def best_views(
         self, scene_id: str, things: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""
     ) -> tuple[BestView, ...]:
-        """Which of the scene's cameras show some things best, best first, and where in their pictures those are.
+        """Ranks cameras by how well they show things together, and locates these in their pictures.
 
         Args:
-            things: ids of things or parts, seen together.
-            text: instead of `things`: those that answer it.
-            max_views: at most so many, up to 16; 0: three.
-            version: of the scene; "" is the current one.
+            things: ids of things or parts.
+            text: query that selects things, instead of `things`.
+            max_views: up to 16; 0: three.
         """
         ids = (things,) if isinstance(things, int) else tuple(things)
         request = requests.ListBestViewsRequest(scene_id, version, ids, text, max_views)
@@ -121,7 +113,6 @@ class PhotoCalls(TableCalls):
 def _form(
     photos: Sequence[Path | bytes], focals: Sequence[float], poses: Sequence[Pose], **texts: str
 ) -> list[tuple[str, tuple[str | None, bytes | str]]]:
-    """The parts of a form with photos."""
     sent = [photo.read_bytes() if isinstance(photo, Path) else photo for photo in photos]
     form: list[tuple[str, tuple[str | None, bytes | str]]] = [
         ("photos", (f"photo{number}", content)) for number, content in enumerate(sent)

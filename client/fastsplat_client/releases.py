@@ -1,4 +1,4 @@
-"""Which releases of server and client fit each other; the same rule is in docs/operating.md."""
+"""Compatibility of server and client releases; docs/operating.md states the same rule."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ Told = TypeVar("Told", ServerInfo, ServerStatus)
 
 
 class ReleaseWarning(UserWarning):
-    """Client and server are of releases that do not fit; calls may fail."""
+    """Client and server releases are incompatible; calls may fail."""
 
 
 def fitting(told: Told) -> Told:
-    """What a server told of itself, as it is; warns by `ReleaseWarning` where its release does not fit the client's."""
+    """Returns its argument; warns by `ReleaseWarning` if the server's release is incompatible."""
     try:
         own = version("fastsplat-client")
-    except PackageNotFoundError:  # its sources on a path, which have no release
+    except PackageNotFoundError:  # not installed, hence without a release
         return told
     if said := advice(own, told.version):
         warnings.warn(said, ReleaseWarning, stacklevel=3)
@@ -29,10 +29,10 @@ def fitting(told: Told) -> Told:
 
 
 def advice(client: str, server: str) -> str:
-    """What to do about a client and a server of these releases; "" where they fit, or one is no release.
+    """Explains how to fix incompatible releases; "" if they are compatible or unknown.
 
-    A server answers clients of its own major release (below 1.0: of its own minor one) that are not newer than it. Only
-    major and minor numbers count.
+    A server supports clients of its own major release (below 1.0: its own minor one) that are not newer than itself.
+    Only major and minor numbers count.
     """
     ours, theirs = _numbers(client), _numbers(server)
     if ours is None or theirs is None or ours == theirs:

@@ -1,4 +1,4 @@
-"""Resumable upload of one large file by the tus protocol 1.0.0: a connection that breaks costs one piece."""
+"""Resumable upload of a large file by tus 1.0.0; a broken connection costs one piece."""
 
 from __future__ import annotations
 
@@ -19,24 +19,17 @@ _TUS = {"Tus-Resumable": "1.0.0"}
 
 
 def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: float, piece_bytes: int) -> str:
-    """The id of the upload that now holds the file.
-
-    Args:
-        transport: of the server.
-        path: the file.
-        retry: how often in a row a piece may fail.
-        timeout_s: of one piece.
-        piece_bytes: of one piece.
+    """Uploads a file in pieces, each within `timeout_s`, and returns the upload's id.
 
     Raises:
-        FastSplatError: what the server has against it; a connection that breaks only after `retry.tries` in a row.
+        FastSplatError: the server's error, or that of a connection after `retry.tries` failures in a row.
     """
     size = path.stat().st_size
     name = base64.b64encode(path.name.encode()).decode()
     headers = {**_TUS, "Upload-Length": str(size), "Upload-Metadata": f"filename {name}"}
     made = transport.call("POST", "/v1/uploads", headers=headers).headers["location"]
     upload_id = made.rpartition("/")[2]
-    path_there = f"/v1/uploads/{upload_id}"  # below the transport's own address; `made` may begin with a proxy's path
+    path_there = f"/v1/uploads/{upload_id}"  # not `made`, which may begin with a proxy's path
     offset = failures = 0
     with path.open("rb") as file:
         while offset < size:
@@ -56,7 +49,7 @@ def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: fl
 
 @contextmanager
 def dropped_if_refused(transport: Transport, upload_id: str) -> Iterator[None]:
-    """Remove an upload ("" for none) if the block, which makes a scene of it, is told that none was made."""
+    """Deletes an upload ("": none) if the server refuses the block's request."""
     try:
         yield
     except FastSplatError as error:
@@ -67,7 +60,7 @@ def dropped_if_refused(transport: Transport, upload_id: str) -> Iterator[None]:
 
 
 def _send(transport: Transport, location: str, offset: int, piece: bytes, timeout_s: float) -> int:
-    """The offset after the piece, which the server has on disk."""
+    """Sends a piece and returns the durable offset after it."""
     headers = {
         **_TUS,
         "Content-Type": "application/offset+octet-stream",

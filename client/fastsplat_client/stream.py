@@ -1,4 +1,4 @@
-"""gRPC transport of subscriptions: poses go in, masks and objects come out."""
+"""gRPC transport of standing questions, with keepalive and reconnection."""
 
 from __future__ import annotations
 
@@ -31,11 +31,7 @@ _SERVICE = pb.DESCRIPTOR.services_by_name["SceneService"]
 
 
 class SceneServiceStub:
-    """The RPCs of `fastsplat.v1.SceneService` over a channel, each by its name, as `stub.GetScene(request)`.
-
-    Args:
-        channel: to the server; of `grpc.aio` where calls are awaited.
-    """
+    """Stub of `fastsplat.v1.SceneService` over a blocking or asyncio channel: `stub.GetScene(request)`."""
 
     def __init__(self, channel: grpc.Channel | aio.Channel) -> None:
         for rpc, method in _SERVICE.methods_by_name.items():
@@ -53,29 +49,19 @@ class SceneServiceStub:
 
 
 class _Call(Protocol):
-    """The part of a streaming gRPC call that is used here."""
-
     def __iter__(self) -> Iterator[pb.StreamQueryResponse]: ...
 
     def cancel(self) -> object: ...
 
 
 class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
-    """Replies of a call with a timeout: where the reader waits too long for one, the call is cancelled.
-
-    Time that the reader spends elsewhere does not count.
-
-    Args:
-        call: its replies are read.
-        limit_s: says how long the silence may last, each time that it is looked at.
-    """
+    """Replies of a call, which is cancelled after `limit_s()` seconds without one."""
 
     def __init__(self, call: _Call, limit_s: Callable[[], float]) -> None:
         self._call = call
         self._replies = iter(call)
         self._limit_s = limit_s
         self.timed_out = False
-        """Whether the call was cancelled for its silence."""
         self._waiting_since: float | None = None
         self._over = threading.Event()
         threading.Thread(target=self._watch, daemon=True).start()
@@ -88,7 +74,6 @@ class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
             self._waiting_since = None
 
     def close(self) -> None:
-        """Cancel the call, and watch it no longer."""
         self._over.set()
         self._call.cancel()
 
@@ -103,65 +88,36 @@ class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
 
 @dataclass(frozen=True)
 class Reconnect(Retry):
-    """Policy of reconnection: how a stream of answers goes on after its connection broke.
+    """Reconnection policy of a stream, with pauses as in `Retry`."""
 
-    Attributes:
-        tries: connections in a row that may fail before the stream ends with the last one's error; 0: the stream ends
-            with its connection.
-        first_s, most_s: see `Retry`.
-        silence_s: a connection over which nothing comes for so long, heartbeats included, is taken for broken; at least
-            three heartbeats.
-    """
-
-    tries: int = 40
-    silence_s: float = 30.0
+    tries: int = 40  # connections in a row that may fail; 0: no reconnection
+    silence_s: float = 30.0  # without even a heartbeat, until a connection counts as broken; at least 3 heartbeats
 
 
 @dataclass(frozen=True)
 class PoseAnswer:
-    """Answers for one pose.
+    """Answers at one pose."""
 
-    Attributes:
-        sequence: which of the poses, counted from 1; it grows from answer to answer.
-        question: which of the questions, counted from 1.
-        answers: one a text.
-        dropped: how many poses before this one, and after the last answer, were not looked at, or went with a
-            connection.
-        seconds: the server's, waiting aside.
-        reconnected: how many new connections it took since the last answer.
-    """
-
-    sequence: int
-    question: int
-    answers: tuple[Answer, ...]
-    dropped: int
-    seconds: float
-    reconnected: int = 0
+    sequence: int  # number of the pose, from 1, increasing
+    question: int  # number of the question, from 1
+    answers: tuple[Answer, ...]  # one per text
+    dropped: int  # poses since the last answer that were skipped or lost with a connection
+    seconds: float  # the server's computing time, without waiting
+    reconnected: int = 0  # new connections since the last answer
 
 
 @dataclass(frozen=True)
 class Grpc:
-    """Address and credentials of the gRPC interface.
+    """Address and credentials of the gRPC interface."""
 
-    Attributes:
-        target: "host:port".
-        headers: of every call, as metadata: who asks, about which project.
-        secure: whether it speaks TLS.
-        ca: PEM certificates to trust in place of the system's.
-    """
-
-    target: str
-    headers: Mapping[str, str]
+    target: str  # "host:port"
+    headers: Mapping[str, str]  # sent as metadata of every call
     secure: bool
-    ca: Path | None
+    ca: Path | None  # PEM certificates to trust instead of the system's
 
     @contextmanager
     def opened(self) -> Iterator[tuple[SceneServiceStub, tuple[tuple[str, str], ...]]]:
-        """A stub and the metadata of its calls; what they raise is the service's own.
-
-        Raises:
-            FastSplatError: what the server raised, `UnreachableError` or `DeadlineExceededError`.
-        """
+        """Opens a stub and metadata; RPC errors in the block become `FastSplatError`."""
         if self.secure:
             credentials = grpc.ssl_channel_credentials(None if self.ca is None else self.ca.read_bytes())
             channel = grpc.secure_channel(self.target, credentials)
@@ -175,7 +131,6 @@ class Grpc:
                 raise error_from(error) from error
 
     def ask(self, request: QueryRequest, timeout_s: float) -> QueryOut:
-        """One answer a text, and the scenes that were not asked, over gRPC; raises as `Client.ask_everywhere`."""
         with self.opened() as (stub, metadata):
             call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
             return query_of(call, request.outputs)
@@ -183,7 +138,7 @@ class Grpc:
     def stream_query(
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], reconnect: Reconnect
     ) -> Iterator[PoseAnswer]:
-        """The answer to each pose that the server looks at; raises as `Client.stream_query`."""
+        """Yields answers and reconnects; raises as `Client.stream_query`."""
         pending = PendingQueries(question, poses)
         failed = reconnected = 0
         established = False
@@ -213,7 +168,6 @@ class Grpc:
     def _answers_over(
         self, connection: Connection, pending: PendingQueries, silence_s: float
     ) -> Generator[PoseAnswer, None, None]:
-        """The answers that come over one connection."""
         with self.opened() as (stub, metadata):
             call = stub.StreamQuery(pending.requests(connection), metadata=metadata)
             replies = KeepaliveReplies(call, lambda: max(silence_s, 3 * pending.longest_heartbeat_s))
@@ -229,11 +183,7 @@ class Grpc:
 
 
 def grpc_address(server: ServerInfo, host: str) -> str:
-    """ "host:port" of a server that was asked at `host`.
-
-    Raises:
-        InvalidInputError: it does not say where its gRPC interface is.
-    """
+    """Returns "host:port" of gRPC; raises `InvalidInputError` if the server does not report it."""
     if server.grpc is None:
         raise InvalidInputError(
             "the server does not say where its gRPC interface is",
@@ -245,7 +195,6 @@ def grpc_address(server: ServerInfo, host: str) -> str:
 
 
 def error_from(error: grpc.RpcError) -> FastSplatError:
-    """What a failed RPC says, as the exception that the server raised."""
     assert isinstance(error, grpc.Call)
     info, retry_after_s = _details(error)
     if info is not None:
@@ -258,7 +207,7 @@ def error_from(error: grpc.RpcError) -> FastSplatError:
 
 
 def _details(error: grpc.Call) -> tuple[status_pb2.ErrorInfo | None, float | None]:
-    """The ErrorInfo of a google.rpc.Status, and the seconds of its RetryInfo, where there are such."""
+    """Extracts ErrorInfo and RetryInfo (seconds) from the google.rpc.Status, if present."""
     metadata = {str(key): value for key, value in error.trailing_metadata() or ()}
     content = metadata.get("grpc-status-details-bin", b"")
     info: status_pb2.ErrorInfo | None = None
@@ -281,14 +230,14 @@ def _kind(error: grpc.Call) -> Kind:
 
 
 def _may_pass(error: FastSplatError) -> bool:
-    """Whether the same may be taken by a later connection: the network or the server broke off, or asks to wait."""
+    """Returns True for errors that a reconnect may cure."""
     return error.kind in (Kind.UNAVAILABLE, Kind.CANCELLED) or error.retry_after_s is not None
 
 
 def _answers(
     replies: Iterable[pb.StreamQueryResponse], pending: PendingQueries, connection: Connection
 ) -> Iterator[PoseAnswer]:
-    """The answers that come over one connection, whose state is noted in it."""
+    """Yields the answers of one connection and updates its state."""
     pieces: list[pb.QueryResponse] = []
     for reply in replies:
         part = reply.WhichOneof("part")

@@ -1,4 +1,4 @@
-"""Standing questions: poses go in as a robot moves, answers come out."""
+"""Standing questions, answered at a stream of poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _USUAL = Reconnect()
 
 
 class StreamCalls:
-    """The part of `Client` that goes over gRPC as a stream."""
+    """Streaming calls of `Client`."""
 
     def _grpc(self) -> Grpc:
         raise NotImplementedError
@@ -24,21 +24,19 @@ class StreamCalls:
         *,
         reconnect: Reconnect = _USUAL,
     ) -> Iterator[PoseAnswer]:
-        """A standing question: an answer for each pose, or for the newest of those that came faster than the answers.
+        """Answers a standing question at each pose, or at the newest if poses arrive faster.
 
-        When the connection breaks once a question was accepted, a new one is made: the newest question is asked again
-        by itself, and by it the newest pose, if that has no answer yet. No pose is answered twice; those that went with
-        the connection are counted in `PoseAnswer.dropped`, new connections in `reconnected`. The pauses between tries
-        are spent where the next answer is waited for; poses are not read meanwhile.
+        Once a question was accepted, a broken connection is replaced, and the newest question and unanswered pose are
+        sent again. No pose is answered twice; lost ones count in `PoseAnswer.dropped`, new connections in
+        `reconnected`. During pauses between tries the iterator blocks, and no poses are read.
 
         Args:
-            question: what is asked of every pose.
-            poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
-                before.
-            reconnect: see `Reconnect`.
+            question: asked at every pose.
+            poses: cameras, read on a separate thread; a question among them replaces the one before.
+            reconnect: reconnection policy.
 
         Raises:
-            FastSplatError: what the server refuses (as a key that was revoked, a scene that is gone), at once; what
-                broke the connection, where the first one failed or all tries have.
+            FastSplatError: a refusal by the server (revoked key, deleted scene), at once; or a connection error, if the
+                first connection or all tries fail.
         """
         return self._grpc().stream_query(question, poses, reconnect)

@@ -1,4 +1,4 @@
-"""Calls of the contract's table over REST: path, query and body follow from the table and the request's type."""
+"""Generic REST calls: path, query and body follow from the contract's table of calls."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.messages.requests import InPages
 
 _PAGE = 500
-"""Entries that are asked for at a time; a server gives as many as it allows."""
+"""Requested page size; the server may return less."""
 
 
 class _Page(Protocol):
@@ -30,18 +30,17 @@ Page = TypeVar("Page", bound=_Page)
 
 
 class TableCalls:
-    """What the parts of `Client` make their calls by."""
+    """Base class of the parts of `Client`."""
 
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
     def call(self, call: Call[Asked, Answered], asked: Asked, *, timeout_s: float | None = None) -> Answered:
-        """What the server answers to a call of `fastsplat_contract.calls` whose request is no form and no stream.
+        """Makes a call of `fastsplat_contract.calls` whose request is neither a form nor a stream.
 
         Args:
-            call: which, as `calls.MEASURE_SCENE`.
-            asked: its request, as `MeasureRequest`; None where the call has none.
-            timeout_s: when to give up.
+            call: the call, e.g. `calls.MEASURE_SCENE`.
+            asked: its request, e.g. `MeasureRequest`; None if the call has none.
         """
         method, template = call.route.split(" ")
         plain: dict[str, Any] = {} if asked is None else to_plain(asked)
@@ -56,7 +55,6 @@ class TableCalls:
         return cast(Answered, response.content) if call.response is bytes else read(call.response, response)
 
     def _pages(self, call: Call[Listed, Page], asked: Listed) -> Iterator[Page]:
-        """All pages of a list."""
         token = ""
         while True:
             page = self.call(call, replace(asked, page_size=_PAGE, page_token=token))
@@ -66,10 +64,9 @@ class TableCalls:
 
 
 def in_path(name: str) -> str:
-    """A name as one segment of a path."""
+    """Escapes a name as one path segment."""
     return quote(name, safe="")
 
 
 def scene_path(scene_id: str) -> str:
-    """The path of a scene."""
     return f"/v1/scenes/{in_path(scene_id)}"

@@ -1,4 +1,4 @@
-"""The calls about things and versions: listed, picked, named, edited, undone."""
+"""Calls about things and versions."""
 
 from __future__ import annotations
 
@@ -27,20 +27,19 @@ from fastsplat_contract.messages.thing_sheets import ThingSheet
 from fastsplat_contract.messages.things import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 
 _EDITS = 100
-"""In one request, as the server takes them."""
-"""Of the server's namer, drawing what it is shown included: as long as the server lets a call run."""
+"""The server's limit of edits per request."""
 
 
 class ThingCalls(TableCalls):
-    """The part of `Client` that speaks of things and versions."""
+    """Thing and version calls of `Client`."""
 
     def things(self, scene_id: str, *, version: str = "", parts: bool = False) -> Iterator[SceneThing]:
-        """Every thing of a scene, with or without a name, by id; with `parts` each followed by its parts."""
+        """Lists things, named or not, by id; with `parts` each followed by its parts."""
         pages = self._pages(calls.LIST_THINGS, requests.ListThingsRequest(scene_id, version, parts=parts))
         return (thing for page in pages for thing in page.things)
 
     def thing_ids(self, scene_id: str, *, version: str = "") -> NDArray[np.uint16]:
-        """uint16 [G]: which thing each Gaussian belongs to, by row; 0 for none."""
+        """Gets the thing id of each Gaussian: uint16 [G], 0 for none."""
         content = self.call(calls.EXPORT_SCENE, ExportRequest(scene_id, "things", version))
         return np.frombuffer(content, dtype="<u2").astype(np.uint16)
 
@@ -56,16 +55,15 @@ class ThingCalls(TableCalls):
         level: AskedLevel = "likeliest",
         mask3d: bool = False,
     ) -> PickedThing:
-        """The thing at a place, the part of it there and the group that it is in, with the mask of one of these.
+        """Picks the thing, part and group at a place, with one's mask.
 
         Args:
-            viewpoint: one of the scene's own cameras (its name) or a free viewpoint; None for a point.
-            pixel: x, y in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
+            viewpoint: a scene's camera (its name) or a free viewpoint; None for a point.
+            pixel: x, y in the viewpoint's picture; its first pixel's center is (0.5, 0.5).
             box: left, top, right, bottom, instead of `pixel`.
             point: x, y, z in the world frame, instead of `pixel`.
-            version: of the scene; "" is the current one.
-            level: what the masks show: part, thing, group, or what is likeliest meant.
-            mask3d: whether to answer the Gaussians of it as well, see `decode_mask3d`.
+            level: level of the masks: part, thing, group, or the likeliest.
+            mask3d: also return its Gaussians, see `decode_mask3d`.
         """
         request = PickRequest(
             scene_id,
@@ -81,40 +79,30 @@ class ThingCalls(TableCalls):
         return self.call(calls.PICK_THING, request)
 
     def measure(self, scene_id: str, *places: Place | int, version: str = "") -> Measurement:
-        """Where one place is, how large one thing is, or how far two places are from each other.
-
-        Args:
-            places: one or two; a number is the id of a thing.
-            version: of the scene; "" is the current one.
-        """
+        """Measures one place or thing (its id), or the distance between two."""
         of = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
         return self.call(calls.MEASURE_SCENE, MeasureRequest(scene_id, of, version))
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, *, version: str = "") -> Goal:
-        """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.
+        """Finds the nearest free place from which a robot sees a thing or part.
 
-        Args:
-            thing_id: of a thing or a part.
-            robot_radius: meters; 0: 0.2.
-            version: of the scene; "" is the current one.
+        The scene must be in meters with z up; `robot_radius` is in meters, 0 means 0.2.
         """
         return self.call(calls.GET_GOAL, requests.GetGoalRequest(scene_id, version, thing_id, robot_radius))
 
     def detections(self, scene_id: str, *, version: str = "") -> Iterator[Detection]:
-        """Every thing of a scene as a robot needs it, by id: pose and covariance, names, what carries it, who saw it.
-        Frame and unit say the pages of `detection_page`."""
+        """Lists things by id with pose, covariance, names, support and views, see `detection_page`."""
         pages = self._pages(calls.LIST_DETECTIONS, requests.ListDetectionsRequest(scene_id, version))
         return (detection for page in pages for detection in page.detections)
 
     def detection_page(self, scene_id: str, *, version: str = "", page_token: str = "") -> DetectionList:
-        """One page of `detections`, with their frame, their unit and what is up."""
+        """Gets one page of `detections`, with frame, unit and up direction."""
         return self.call(
             calls.LIST_DETECTIONS, requests.ListDetectionsRequest(scene_id, version, page_token=page_token)
         )
 
     def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
-        """Make a new version whose units are meters by these lengths, these sizes of things, and those of before, see
-        `Scene.scaling`."""
+        """Makes a metric version by known lengths and sizes, adding to earlier ones; see `Scene.scaling`."""
         lengths = tuple(each for each in known if isinstance(each, KnownLength))
         sizes = tuple(each for each in known if isinstance(each, KnownSize))
         return self.edit_scene(scene_id, [Edit("scale", known_lengths=lengths, known_sizes=sizes)])
@@ -129,55 +117,45 @@ class ThingCalls(TableCalls):
         kinds: Sequence[str] = (),
         looked_at: str = "",
     ) -> SceneVersion:
-        """Make a new version in which these things have a name; see `edit_scene`.
+        """Names things in a new version, see `edit_scene`.
 
-        Where it says `asks_kind`, no word of the name is known: `kinds` say what it is, in another such call.
+        If the version has `asks_kind`, no word of the name is known; call again with `kinds` that say what it is.
         """
         ids = (things,) if isinstance(things, int) else tuple(things)
         edit = Edit("name", things=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
     def thing_sheets(self, scene_id: str, *, version: str = "") -> Iterator[ThingSheet]:
-        """Pictures of all things without a name, of at most 20 each, see `ThingSheet`; for whoever can tell what they
-        are and says so by `suggest_names`, also between two sheets."""
+        """Yields pictures of unnamed things, at most 20 each; `suggest_names` is allowed meanwhile."""
         return self._pages(calls.GET_THING_SHEET, requests.GetThingSheetRequest(scene_id, version))
 
     def suggest_names(
         self, scene_id: str, suggestions: Sequence[SuggestedName], *, request_id: str = ""
     ) -> SceneVersion:
-        """Suggest names for things, see `SuggestedName`: they can be asked for, and nothing bears them until somebody
-        gives them, by `name_things` or `confirm_names`.
+        """Suggests 1 to 1,000 names, queryable at once; `name_things` or `confirm_names` confirms them.
 
-        Args:
-            suggestions: 1 to 1,000; what a source says of a thing replaces what it said before.
-            request_id: the same id returns the version that it made; by default a new one.
+        A source's new suggestions for a thing replace its earlier ones. `request_id` makes the call idempotent.
         """
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
 
     def ask_namer(self, scene_id: str, *, request_id: str = "") -> Operation:
-        """Ask the server's namer about all things without a name; the job is queued, durably, on return. Once it has
-        succeeded, `Operation.ask_namer` says what came of it. The project agrees to the namer's host first, see
-        `agree_to_namer`.
+        """Queues a job that asks the server's namer about all unnamed things.
 
-        Args:
-            request_id: the same id returns the same operation; by default a new one.
+        `Operation.ask_namer` has its result. `request_id` makes the call idempotent.
 
         Raises:
             ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project did not agree.
+            PermissionDeniedError: the project has not agreed, see `agree_to_namer`.
         """
         return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id, request_id or uuid.uuid4().hex))
 
     def agree_to_namer(self, host: str) -> NamerStatus:
-        """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer
-        (`server_status().namer.host`) when somebody asks it; "" takes that back."""
+        """Lets the project send pictures of unnamed things to `server_status().namer.host`; "" revokes it."""
         return self.call(calls.AGREE_TO_NAMER, AgreeIn(host))
 
     def confirm_names(self, scene_id: str, *, least: float = 0.8) -> tuple[SceneThing, ...]:
-        """Give every thing without a name the likeliest one that is suggested for it, from a probability on: a person's
-        word, as by `name_things`. Returns these things as they were.
-        """
+        """Gives unnamed things their likeliest suggested name, if probable enough; returns them as before."""
         likely = [
             thing
             for thing in self.things(scene_id)
@@ -202,12 +180,12 @@ class ThingCalls(TableCalls):
         aliases: Sequence[str] = (),
         looked_at: str = "",
     ) -> SceneVersion:
-        """Make a new version in which a piece of a thing is a thing of its own, see `SceneVersion.prompted`.
+        """Splits a piece off a thing in a new version, see `SceneVersion.prompted`.
 
         Args:
-            thing: its id; it keeps what is left of it, and its name.
-            viewpoint: one of the scene's own cameras (its name) or a free viewpoint.
-            pixels: x, y on the piece in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
+            thing: its id; it keeps the rest and its name.
+            viewpoint: a scene's camera (its name) or a free viewpoint.
+            pixels: x, y on the piece in the viewpoint's picture; its first pixel's center is (0.5, 0.5).
             background: x, y beside the piece.
             box: left, top, right, bottom around the piece.
             name, aliases: of the new thing.
@@ -229,7 +207,7 @@ class ThingCalls(TableCalls):
         aliases: Sequence[str] = (),
         looked_at: str = "",
     ) -> SceneVersion:
-        """Make a new version with a thing that was missing, whatever its Gaussians belonged to; see `split_thing`."""
+        """Adds a missing thing in a new version, whatever its Gaussians belonged to; see `split_thing`."""
         prompt = _prompt(viewpoint, pixels, background, box)
         edit = Edit("add", prompt=prompt, name=name, aliases=tuple(aliases))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
@@ -243,53 +221,47 @@ class ThingCalls(TableCalls):
         looked_at: str = "",
         timeout_s: float | None = None,
     ) -> SceneVersion:
-        """Make a new version; it is current on return.
+        """Makes a new version, which becomes the current one.
 
         Args:
             edits: at least one, applied in order.
-            request_id: the same id returns the version that it made; by default a new one.
-            looked_at: the version that was looked at: only names that stood in it are replaced.
-            timeout_s: when to give up.
+            request_id: makes the call idempotent; "": a new one.
+            looked_at: the version that was shown; only names that stood in it are replaced.
         """
         request = requests.EditSceneRequest(scene_id, tuple(edits), request_id or uuid.uuid4().hex, looked_at)
         return self.call(calls.EDIT_SCENE, request, timeout_s=timeout_s)
 
     def preview_edit(self, scene_id: str, edits: Sequence[Edit], *, version: str = "") -> EditPreview:
-        """Which Gaussians edits, whose action is remove, would remove from a version, "" the current one; nothing is
-        changed."""
+        """Computes the Gaussians that edits with action remove would remove; changes nothing."""
         return self.call(calls.PREVIEW_EDIT, PreviewEditRequest(scene_id, tuple(edits), version))
 
     def look_again(self, scene_id: str, texts: str | Sequence[str], *, request_id: str = "") -> Operation:
-        """Search a scene for more names with the server's open-set detector; the job is queued, durably, on return.
+        """Queues a job that searches a scene for things by text with the open-set detector.
 
-        Names that people or label maps gave stay. Once it has succeeded, `Operation.look_again` says what was found,
-        and the scene has a new version.
-
-        Args:
-            texts: what to look for, in plain words.
-            request_id: the same id returns the same operation; by default a new one.
+        Names by people or label maps are kept. The job makes a new version; `Operation.look_again` has its findings.
+        `request_id` makes the call idempotent.
         """
         sought = (texts,) if isinstance(texts, str) else tuple(texts)
         return self.call(calls.LOOK_AGAIN, requests.LookAgainRequest(scene_id, sought, request_id or uuid.uuid4().hex))
 
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
-        """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
+        """Aligns a scene to a map frame in a new version; `Scene.alignment` has the residuals."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one; with `version`, only if that is the current one."""
+        """Undoes the current version; with `version`, only if that is the current one."""
         return self.call(calls.UNDO_EDIT, requests.UndoEditRequest(scene_id, version))
 
     def redo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go forward to the version that was undone; with `version`, only if that is the current one."""
+        """Redoes the undone version; with `version`, only if that is the current one."""
         return self.call(calls.REDO_EDIT, requests.RedoEditRequest(scene_id, version))
 
     def restore_version(self, scene_id: str, version: str, *, expected: str = "") -> SceneVersion:
-        """Make any version current; with `expected`, only if that is the current one. All others stay."""
+        """Makes a version current; with `expected`, only if that is the current one."""
         return self.call(calls.RESTORE_VERSION, requests.RestoreVersionRequest(scene_id, version, expected))
 
     def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version, oldest first."""
+        """Lists versions, oldest first."""
         return self.call(calls.LIST_VERSIONS, requests.ListVersionsRequest(scene_id)).versions
 
 

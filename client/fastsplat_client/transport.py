@@ -1,4 +1,4 @@
-"""HTTP transport with one deadline a call, and retries of what may be repeated."""
+"""HTTP transport with one deadline per call and retries of idempotent calls."""
 
 from __future__ import annotations
 
@@ -21,35 +21,22 @@ _AGAIN = (429, 502, 503, 504)
 
 @dataclass(frozen=True)
 class Retry:
-    """Policy of retries: how often, and after how long, a call is repeated. Only calls that change nothing by being
-    repeated are.
+    """Retry policy of idempotent calls: exponential backoff, shortened at random by up to half.
 
-    Attributes:
-        tries: calls in all.
-        first_s: the first pause; each next one is twice as long, and shortened at random by up to half.
-        most_s: the longest pause. A pause that the server asks for (Retry-After) is taken as it is.
+    The server's Retry-After takes precedence.
     """
 
-    tries: int = 4
-    first_s: float = 0.2
-    most_s: float = 5.0
+    tries: int = 4  # in all
+    first_s: float = 0.2  # first pause
+    most_s: float = 5.0  # longest pause
 
     def pause(self, attempt: int) -> float:
-        """Seconds after the failed call `attempt`, counted from 0."""
+        """Computes the pause in seconds after the failed call `attempt`, from 0."""
         return min(self.most_s, self.first_s * 2.0 ** min(attempt, 60)) * random.uniform(0.5, 1.0)
 
 
 class Transport:
-    """HTTP connections to one server. Threads may share it.
-
-    Args:
-        url: e.g. "https://robots.example:8000".
-        headers: of every request: who asks, about which project.
-        ca: PEM certificates to trust in place of the system's.
-        timeout_s: of calls that name none, retries included.
-        retry: see there.
-        carrier: what carries the requests; None: the network.
-    """
+    """Thread-safe HTTP connections to one server; parameters as of `Client` (`carrier`: its `transport`)."""
 
     def __init__(
         self,
@@ -68,7 +55,6 @@ class Transport:
         self._retry = retry
 
     def close(self) -> None:
-        """Close the connections."""
         self._http.close()
 
     def call(
@@ -83,16 +69,15 @@ class Transport:
         repeatable: bool = True,
         timeout_s: float | None = None,
     ) -> httpx.Response:
-        """A response of status 2xx, read to its end.
+        """Makes a request and returns the complete successful response.
 
         Args:
-            method, path, params, json, headers: of the request.
-            content: makes httpx's own arguments anew for each try, for bodies that are read while they are sent.
-            repeatable: whether to send it again when it is not known that nothing was done.
+            content: builds further httpx arguments for each try, for streamed bodies.
+            repeatable: False: do not retry if the server may have acted.
             timeout_s: for all tries together.
 
         Raises:
-            FastSplatError: what the server says, `UnreachableError` or `DeadlineExceededError`.
+            FastSplatError: the server's error, `UnreachableError` or `DeadlineExceededError`.
         """
 
         def send(timeout: httpx.Timeout) -> httpx.Response:
@@ -106,7 +91,7 @@ class Transport:
     def streamed(
         self, path: str, *, params: Mapping[str, Any] | None = None, headers: Mapping[str, str] | None = None
     ) -> Iterator[httpx.Response]:
-        """A GET whose body is read by the caller; between two pieces of it may pass the usual time.
+        """Opens a GET whose body the caller reads; the default timeout applies to each piece.
 
         Raises:
             FastSplatError: as `call`; also while the body is read.
@@ -139,7 +124,7 @@ class Transport:
                 if response.is_success or response.status_code == 304:
                     return response
                 error = problem_of(response.content, response.status_code, response.headers.get("retry-after", ""))
-                # 429 turns away before any work, so that even what must not be done twice may be sent again.
+                # 429 is sent before any work, so that even non-idempotent calls may be retried.
                 again = response.status_code in _AGAIN and (repeatable or response.status_code == 429)
                 pause = pause if error.retry_after_s is None else error.retry_after_s
             except httpx.TimeoutException as broken:

@@ -1,7 +1,6 @@
-"""`/mcp`: the tools of an assistant in this process, under the caller's key, project and limits.
+"""`/mcp`: assistant tools in this process, with the caller's key, project and limits.
 
-A tool asks the service as any client does, through the whole application: what a key may not do over REST, no tool of
-it does, and a refusal is the same to the word. Who goes away ends what their call has begun.
+Tools call the REST application in process, so that permissions and errors are the same. A disconnect cancels a call.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from fastsplat_contract.errors import MissingPackageError
 if TYPE_CHECKING:
     from fastsplat_client import Client
 
-_MAX_REQUEST_BYTES = 2**18  # a tool's arguments are a few lines
+_MAX_REQUEST_BYTES = 2**18  # bytes; a tool's arguments are short
 _CALL_S = 60.0
 
 
 class Assistant:
-    """The MCP server of a process; `lifespan` must be entered before it answers, and can be once."""
+    """MCP server of a process; its `lifespan` must be entered, exactly once, before requests."""
 
     def __init__(self) -> None:
         self._handle: ASGIApp | None = None
@@ -37,9 +36,10 @@ class Assistant:
 
     @asynccontextmanager
     async def lifespan(self, app: object) -> AsyncIterator[None]:
-        """Hold what answers open, as FastAPI's `lifespan`. What it needs is imported here: a third of a second, which
-        a command is not to wait for that asks the application in its own process. Without the package of the extra,
-        each request is refused."""
+        """Runs the MCP session manager, as FastAPI's `lifespan`; without its optional package requests are refused.
+
+        The package is imported here because that takes 0.3 s, which in-process commands should not wait for.
+        """
         try:
             with needed(ASSISTANT, "/mcp", ""):
                 from mcp.server.transport_security import TransportSecuritySettings
@@ -51,10 +51,10 @@ class Assistant:
             return
         server = assistant_server(_client_of, version("fastsplat"))
         server.streamable_http_app(
-            stateless_http=True,  # so that any server behind a balancer may answer any call
+            stateless_http=True,  # any server behind a load balancer may answer
             json_response=True,
             max_request_body_size=_MAX_REQUEST_BYTES,
-            # Who asks from where is looked at before, see `check_local`.
+            # `check_local` has checked the origin already.
             transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
         )
         async with server.session_manager.run():
@@ -62,7 +62,7 @@ class Assistant:
             yield
 
     def route(self) -> Route:
-        """POST alone: there are no sessions to stream to or to end."""
+        """Builds the route; POST only, because there are no sessions."""
         return Route("/mcp", endpoint=_Endpoint(self._answer), methods=["POST"], name="mcp")
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -73,7 +73,7 @@ class Assistant:
 
 
 class _Endpoint:
-    """An ASGI application, which Starlette knows from a function by its being an object."""
+    """ASGI application; an object, because Starlette wraps functions as request handlers."""
 
     def __init__(self, handle: ASGIApp) -> None:
         self._handle = handle
@@ -112,12 +112,7 @@ class _Endpoint:
 
 
 async def _whole_body(receive: Receive) -> bytes:
-    """The body of a request.
-
-    Raises:
-        BodyTooLargeError: of more than a few lines.
-        ClientDisconnect: it did not come to its end.
-    """
+    """Reads a body; raises `BodyTooLargeError` or `ClientDisconnect`."""
     body = bytearray()
     while True:
         message = await receive()
@@ -132,7 +127,7 @@ async def _whole_body(receive: Receive) -> bytes:
 
 @contextmanager
 def _client_of(request: Request) -> Iterator[Client]:
-    """A client of this very process, with the caller's key, project and address."""
+    """Opens a client of this process with the caller's key, project and address."""
     from fastsplat_client import Client, Retry
 
     credentials = Credentials.of(request.headers)
@@ -141,7 +136,7 @@ def _client_of(request: Request) -> Iterator[Client]:
         key=credentials.key,
         project=credentials.project,
         timeout_s=_CALL_S,
-        retry=Retry(tries=1),  # what is refused now, the assistant is to hear
+        retry=Retry(tries=1),  # refusals are reported to the assistant at once
         transport=request.scope["state"]["in_process"],
     ) as client:
         yield client

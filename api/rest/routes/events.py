@@ -1,4 +1,4 @@
-"""An operation as server-sent events (WHATWG HTML, section 9.2)."""
+"""Operations as server-sent events (WHATWG HTML, section 9.2)."""
 
 from __future__ import annotations
 
@@ -25,19 +25,18 @@ EVENT_SCHEMA = {
     },
     "required": ["event", "data"],
 }
-"""What OpenAPI says of one event."""
+"""OpenAPI schema of one event."""
 _COMMENT_INTERVAL_S = 15
 _SEND_TIMEOUT_S = 60.0
 _SEPARATOR = "\n"
 
 
 async def operation_events(request: Request, operations: Operations, operation_id: str) -> Response:
-    """The operation now and on every change, one event `operation` each, until it is done.
+    """Streams the operation, an event `operation` now and per change, until it is done.
 
-    An event's id names its state, so that `Last-Event-ID` continues after it: what has not changed since is not sent
-    again, and after a final state there is nothing more (204, on which an EventSource stops). A comment every 15 s
-    keeps proxies from closing; a client that reads nothing for a minute is disconnected. What ends the stream before
-    the operation is done is its last event, `error`, with the problem.
+    An event's id identifies its state, so that `Last-Event-ID` continues after it; after a final state the answer is
+    204, on which an EventSource stops. A comment every 15 s keeps proxies from closing the connection; a client that
+    reads nothing for 60 s is disconnected. A failure of the stream is sent as a last event `error` with the problem.
     """
     last_id = request.headers.get("last-event-id", "")
     first = await operations.current(operation_id)
@@ -49,7 +48,7 @@ async def operation_events(request: Request, operations: Operations, operation_i
             try:
                 async for change in changes:
                     yield ServerSentEvent(id=change.id, event="operation", data=to_json(change.operation).decode())
-            except Exception as error:  # too late for another status
+            except Exception as error:  # the status has been sent
                 yield _error_event(request.state.request_id, error)
 
     request.state.sends_events = True
@@ -57,8 +56,7 @@ async def operation_events(request: Request, operations: Operations, operation_i
 
 
 async def end_events(scope: Scope, send: Send, error: Exception) -> None:
-    """End an answer of `operation_events` that was stopped between two messages with an event that tells of `error`.
-    Another answer stays as it is."""
+    """Ends an interrupted answer of `operation_events` with an error event; does nothing to other answers."""
     state = scope.get("state", {})
     if not state.get("sends_events"):
         return

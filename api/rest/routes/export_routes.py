@@ -1,4 +1,4 @@
-"""The REST routes of finished scenes as files for other programs."""
+"""REST routes of scene exports."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _MEDIA_TYPES = tuple(dict.fromkeys(facts.media_type for facts in FORMATS.values(
 
 
 def export_routes(service: SceneService, threads: Threads) -> APIRouter:
-    """Files of finished scenes."""
+    """Builds the routes of scene exports."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     async def made(request: Request, export: ExportRequest) -> Response:
-        """A file that never changes for one version: a client's copy is not made anew."""
+        """Exports a file, or answers 304: a version's file never changes."""
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
         )
@@ -38,7 +38,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
             return unchanged
         content = await while_connected(request, threads.answer(lambda: service.exports.file(exact), background=True))
         headers["Content-Disposition"] = f'attachment; filename="{FILE_NAMES[export.format]}"'
-        if export.format == "html":  # a page of its own, not one of this server
+        if export.format == "html":  # keeps the page out of this server's origin
             headers["Content-Security-Policy"] = "sandbox"
         return Response(content, media_type=FORMATS[export.format].media_type, headers=headers)
 

@@ -1,4 +1,4 @@
-"""Health checks over HTTP. Neither route waits for a thread, a key or a limit."""
+"""Health checks over HTTP, which need no thread or key and have no limit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
 
 
 def health_routes(readiness: Readiness) -> APIRouter:
-    """Whether the process lives, and whether it can answer."""
+    """Builds the routes of liveness and readiness."""
     router = APIRouter()
 
     @router.get("/livez")

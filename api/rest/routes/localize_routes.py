@@ -1,4 +1,4 @@
-"""`POST /v1/scenes/{id}:localize` and `/observations`: forms with photos, held in memory while they arrive."""
+"""`POST /v1/scenes/{id}:localize` and `/observations`: photo forms, received in memory."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _TEXTS: Mapping[type[Any], tuple[str, ...]] = {
     LocalizeRequest: (*_LISTS, "version"),
     ObserveRequest: (*_LISTS, "seen_at", "request_id"),
 }
-"""The texts of each form: lists, and what may stand there once."""
+"""Text fields of each form; those outside `_LISTS` may occur once."""
 T = TypeVar("T")
 _MAX_TEXT_BYTES = 2**16
 _MAX_PARTS = 1_000
@@ -49,7 +49,7 @@ _POSE_TEXT = {
 
 
 def _body_schema(kind: type[Any]) -> dict[str, Any]:
-    """What OpenAPI says of the form, which no FastAPI parameter describes because the route reads the stream itself."""
+    """Builds a form's OpenAPI schema, because the route reads the stream itself."""
     items = {"photos": {"type": "string", "format": "binary"}, "focals": {"type": "number"}, "poses": _POSE_TEXT}
     properties = {name: _property(kind, name, items.get(name)) for name in ("photos", *_TEXTS[kind])}
     if "seen_at" in properties:
@@ -59,7 +59,7 @@ def _body_schema(kind: type[Any]) -> dict[str, Any]:
 
 
 def localize_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:
-    """Photos that find their place in finished scenes."""
+    """Builds the routes of visual localization and observations."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     async def received(request: Request, scene_id: str, kind: type[T]) -> T:
@@ -89,7 +89,7 @@ def localize_routes(service: SceneService, settings: Settings, threads: Threads)
 
 
 class _PhotoSink(Generic[T]):
-    """Takes the form's parts into memory."""
+    """`Sink` and `PartReceiver` that collect the form's parts in memory."""
 
     slow_finish = False
 
@@ -105,15 +105,13 @@ class _PhotoSink(Generic[T]):
         self._field = ""
 
     def open(self) -> None:
-        """See `Sink`."""
+        """Does nothing."""
 
     def write(self, items: Sequence[bytes]) -> None:
-        """See `Sink`."""
         for chunk in items:
             self._parser.write(chunk)
 
     def finish(self) -> T:
-        """See `Sink`."""
         self._parser.finish()
         texts = {name: [part.decode(errors="replace") for part in parts] for name, parts in self._texts.items()}
         once = {name: parts for name, parts in texts.items() if name not in _LISTS}
@@ -130,11 +128,9 @@ class _PhotoSink(Generic[T]):
         return from_plain(self._kind, plain)
 
     def close(self) -> None:
-        """See `Sink`."""
         self._photos.clear()
 
     def begin_part(self, field: str, filename: str | None) -> None:
-        """See `PartReceiver`."""
         self._field, self._part = field, bytearray()
         if field == "photos":
             if len(self._photos) == self._limits.max_photos:
@@ -155,7 +151,6 @@ class _PhotoSink(Generic[T]):
             )
 
     def part_data(self, data: bytes) -> None:
-        """See `PartReceiver`."""
         assert self._part is not None
         if self._field == "photos":
             self._size += len(data)
@@ -170,7 +165,6 @@ class _PhotoSink(Generic[T]):
         self._part += data
 
     def end_part(self) -> None:
-        """See `PartReceiver`."""
         self._part = None
 
 

@@ -1,4 +1,4 @@
-"""Streaming parser of multipart/form-data (RFC 7578): bytes go in, parts come out, and nothing is kept."""
+"""Streaming parser of multipart/form-data (RFC 7578) that buffers no content."""
 
 from __future__ import annotations
 
@@ -16,25 +16,20 @@ class PartReceiver(Protocol):
     """Receiver of a form's parts, one after the other."""
 
     def begin_part(self, field: str, filename: str | None) -> None:
-        """A part begins: the form field's name, and the file's name as the client says it; None for a plain field."""
+        """Begins a part; `filename` is the client's, None for a plain field."""
 
     def part_data(self, data: bytes) -> None:
-        """Some more of the part."""
+        """Takes more data of the part."""
 
     def end_part(self) -> None:
-        """The part is complete."""
+        """Ends the part."""
 
 
 class FormParser:
-    """Parser that is fed a form in pieces of any size.
-
-    Args:
-        content_type: the request's header, with the boundary.
-        receiver: what takes the parts; what it raises comes out of `write`.
-        max_parts: how many parts are accepted.
+    """Parses a form from pieces of any size; the receiver's exceptions pass through `write`.
 
     Raises:
-        InvalidInputError: it is no multipart form, or has no boundary.
+        InvalidInputError: the type is not multipart/form-data, or its boundary is missing or unusable.
     """
 
     def __init__(self, content_type: str, receiver: PartReceiver, max_parts: int) -> None:
@@ -71,13 +66,13 @@ class FormParser:
             raise InvalidInputError(f"the form's boundary is unusable: {error}", field="Content-Type") from None
 
     def write(self, data: bytes) -> None:
-        """Parse the next piece of the body.
+        """Parses the next piece of the body.
 
         Raises:
-            InvalidInputError: the form is malformed, or goes on behind its end.
-            LimitExceededError: it has more than `max_parts`.
+            InvalidInputError: the form is malformed or continues far beyond its end.
+            LimitExceededError: it has more than `max_parts` parts.
         """
-        if self._complete:  # a few bytes more say nothing (RFC 2046)
+        if self._complete:  # RFC 2046 allows an epilogue
             self._epilogue += len(data)
             if self._epilogue > _MAX_EPILOGUE_BYTES:
                 raise InvalidInputError("the form goes on behind its closing boundary", field="body")
@@ -88,11 +83,7 @@ class FormParser:
             raise InvalidInputError(f"the form is malformed: {error}", field="body") from None
 
     def finish(self) -> None:
-        """Check that the form is complete; called at the body's end.
-
-        Raises:
-            InvalidInputError: its closing boundary has not come.
-        """
+        """Raises `InvalidInputError` if the closing boundary is missing; called at the body's end."""
         if not self._complete:
             raise InvalidInputError(
                 "the form ends before its closing boundary", field="body", hint="Send the whole form again."

@@ -1,4 +1,4 @@
-"""The REST route of the photos of scenes as files."""
+"""REST route of scenes' photos."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _JPEG = "image/jpeg"
 
 
 def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
-    """Photos of finished scenes."""
+    """Builds the route of scenes' photos."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     @router.get(
@@ -38,7 +38,7 @@ def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """A camera's photo, undistorted: it fits the camera with the intrinsics scaled to its size."""
         path, _ = await while_connected(request, threads.call(lambda: service.photos.path(scene_id, view, version)))
-        status = path.stat()  # versions share the file: the tag is the file's, so that an edit costs no new download
+        status = path.stat()  # versions share the file, so its tag survives edits
         tag = etag_of("photo.jpg", scene_id, view, status.st_size, status.st_mtime_ns).strip('"')
         return immutable_file(request, path, _JPEG, "photo.jpg", tag)
 

@@ -1,4 +1,4 @@
-"""The REST routes of questions, pictures and files of finished scenes."""
+"""REST routes of questions and pictures."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _IN_ADDRESS = {
     for member in members(QueryRequest)
     if member.name not in ("cameras", "asker")
 }
-"""What of a question stands in the address of `GET /query`, by the name that it has there."""
+"""Query parameters of `GET /query` by member of the request."""
 
 
 def query_routes(service: SceneService, threads: Threads) -> APIRouter:
-    """Questions, pictures and files of finished scenes."""
+    """Builds the routes of questions and pictures."""
     router = APIRouter(responses=PROBLEMS)
 
     def own_view(extension: PictureFormat) -> Callable[..., Awaitable[Response]]:
@@ -61,7 +61,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         return Response(await while_connected(request, work), headers=headers, media_type=_MEDIA_TYPES[picture.format])
 
     async def tagged(name: str, scene_id: str, version: str, *question: object) -> tuple[str, dict[str, str]]:
-        """The version that is meant, and the headers of an answer that never changes for it."""
+        """Resolves the version and builds the headers of its immutable answer."""
         exact = await threads.call(lambda: service.versions.resolve(scene_id, version))
         return exact, {"ETag": etag_of(name, scene_id, exact, *question), "Cache-Control": "private, no-cache"}
 

@@ -1,4 +1,4 @@
-"""The REST routes of scenes and jobs that are forms, files or streams; those of the table are in `table_routes`."""
+"""REST routes of scenes and jobs that are forms, files or streams."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Version = Annotated[str, Query(description="of the scene; empty: the current one
 
 
 def server_routes(info: ServerInfo) -> APIRouter:
-    """The server itself."""
+    """Builds the route of the server's release."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     @router.get("/server", response_model=ServerInfo)
@@ -38,7 +38,7 @@ def server_routes(info: ServerInfo) -> APIRouter:
 
 
 def scene_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:
-    """Scenes: post."""
+    """Builds the route of scene uploads."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     @router.post("/scenes", status_code=202, response_model=Operation, openapi_extra=BODY_SCHEMA)
@@ -51,7 +51,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
 
 
 def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
-    """Jobs: wait, watch, picture."""
+    """Builds the routes that wait for, watch and preview jobs."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     operations = Operations(service, threads)

@@ -1,4 +1,4 @@
-"""The REST routes that do no more than ask and answer, made of the table of calls."""
+"""REST routes of plain request and answer, generated from the table of calls."""
 
 from __future__ import annotations
 
@@ -24,18 +24,11 @@ from fastsplat_contract.codec.members import Member, members
 from fastsplat_contract.codec.wire import Request as Body
 
 _FORMS = {LOCALIZE.rpc, OBSERVE_SCENE.rpc}
-"""Calls whose request is no JSON over REST; their routes are written elsewhere, as are those that answer with files."""
+"""Calls with form requests, whose routes are written by hand."""
 
 
 def table_routes(tag: Tag, service: SceneService, threads: Threads, root_path: str) -> APIRouter:
-    """All calls of one tag that ask by path, query or JSON, and answer with JSON or nothing.
-
-    Args:
-        tag: see `Call.tag`.
-        service: what answers.
-        threads: where it does.
-        root_path: the path under which the API is served, for addresses in answers.
-    """
+    """Builds the routes of a tag's calls; `root_path` prefixes URLs in answers."""
     router = APIRouter(responses=PROBLEMS)
     for rpc, handler in HANDLERS.items():
         call = handler.call
@@ -52,7 +45,7 @@ def table_routes(tag: Tag, service: SceneService, threads: Threads, root_path: s
 def _endpoint(
     handler: Handler[Any, Any], service: SceneService, threads: Threads, root_path: str
 ) -> Callable[..., Awaitable[Response]]:
-    """What FastAPI calls with the parameters of a call; its name, description and signature are those of the call."""
+    """Builds a call's FastAPI endpoint, with the call's name, description and parameters."""
     call = handler.call
     body = _body(call)
     lists = {member.name for member in _members(call) if member.many}
@@ -90,7 +83,7 @@ def _members(call: Call[Any, Any]) -> tuple[Member, ...]:
 
 
 def _body(call: Call[Any, Any]) -> Any:
-    """The type of what stands in the body: the request, or the part of it that is not in the path; None without one."""
+    """Finds the body's type: the request, or its base without the path's members."""
     if call.route.startswith(("GET ", "DELETE ")):
         return None
     in_path = set(re.findall(r"{(\w+)}", call.route))
@@ -115,20 +108,14 @@ def _parameters(call: Call[Any, Any], body: Any) -> Iterator[Parameter]:
 def with_parameters(
     endpoint: Callable[..., Awaitable[Response]], parameters: Iterable[Parameter]
 ) -> Callable[..., Awaitable[Response]]:
-    """The endpoint, which FastAPI will call with the request and these parameters by their names."""
+    """Sets the endpoint's signature: the request and these parameters."""
     signature = Signature([_parameter("request", Request), *parameters], return_annotation=Response)
     vars(endpoint)["__signature__"] = signature
     return endpoint
 
 
 def query_parameters(kind: Any, names: Mapping[str, str], **defaults: Any) -> Iterator[Parameter]:
-    """What stands in a query string for members of a request, as the request's type says it.
-
-    Args:
-        kind: the request.
-        names: of the parameters, by member.
-        **defaults: by parameter, where the type has none.
-    """
+    """Generates query parameters, named by `names`, from members of a request type."""
     own = {field.name: field.default for field in fields(kind)} if names else {}
     hints = get_type_hints(kind, include_extras=True) if names else {}
     for member in members(kind) if names else ():
@@ -138,7 +125,7 @@ def query_parameters(kind: Any, names: Mapping[str, str], **defaults: Any) -> It
         default: Any = own[member.name] if member.default else defaults.get(name, ...)
         if member.many:
             value, default = GenericAlias(list, member.kind), list(default) if member.default else ...
-        marks = get_args(hints[member.name])  # what the type adds to the JSON schema
+        marks = get_args(hints[member.name])  # additions to the JSON schema
         extra = next((mark.json_schema_extra for mark in marks if isinstance(mark, FieldInfo)), None)
         yield _parameter(name, value, Query(default, description=member.description, json_schema_extra=extra))
 

@@ -1,4 +1,4 @@
-"""Resumable uploads by the tus protocol 1.0.0: creation, creation-with-upload, checksum, expiration, termination."""
+"""Resumable uploads by tus 1.0.0: creation, creation-with-upload, checksum, expiration, termination."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _Handler = Callable[..., Awaitable[Response]]
 
 
 def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_path: str) -> APIRouter:
-    """The server's side of https://tus.io/protocols/resumable-upload."""
+    """Builds the routes of https://tus.io/protocols/resumable-upload."""
     router = APIRouter(prefix="/v1/uploads", responses=_PROBLEMS)
 
     @router.options("", status_code=204, response_class=Response)
@@ -98,7 +98,7 @@ def _uploads(service: SceneService) -> ResumableUploads:
 
 
 class _PieceSink:
-    """Takes the bytes of one piece."""
+    """`Sink` of one piece of an upload."""
 
     slow_finish = False
 
@@ -115,29 +115,25 @@ class _PieceSink:
         self._piece: Piece | None = None
 
     def open(self) -> None:
-        """See `Sink`."""
         self._piece = self._uploads.begin_piece(self._project, self._upload_id, self._offset, self._checksum)
 
     def write(self, items: Sequence[bytes]) -> None:
-        """See `Sink`."""
         assert self._piece is not None
         self._piece.write(b"".join(items))
 
     def finish(self) -> Resumable:
-        """See `Sink`."""
         assert self._piece is not None
         self._piece.finish()
         self._piece.close()
         return self._uploads.get(self._project, self._upload_id)
 
     def close(self) -> None:
-        """See `Sink`."""
         if self._piece is not None:
             self._piece.close()
 
 
 def _spoken(handler: _Handler) -> _Handler:
-    """Refuse other versions of the protocol; every answer, problems too, says which one is spoken."""
+    """Refuses other protocol versions and adds the version headers to errors."""
 
     @wraps(handler)
     async def spoken(request: Request, **path: str) -> Response:

@@ -1,4 +1,4 @@
-"""`POST /v1/scenes`: a form that streams into an upload session while it arrives; and how forms are received at all."""
+"""`POST /v1/scenes`: streams a form into an upload session; also receives other forms."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _R = TypeVar("_R")
 
 
 def _options() -> dict[str, Any]:
-    """The fields of `SceneOptions`, as a form has them: absent is left out."""
+    """Builds the form schema of `SceneOptions`, without null as a choice."""
     fields = {}
     for name, said in json_schema_of(SceneOptions)["properties"].items():
         (one,) = (choice for choice in said.get("anyOf", [said]) if choice.get("type") != "null")
@@ -81,11 +81,11 @@ BODY_SCHEMA: dict[str, Any] = {
         },
     }
 }
-"""What OpenAPI says of the form, which no FastAPI parameter describes because the route reads the stream itself."""
+"""OpenAPI schema of the form, because the route reads the stream itself."""
 
 
 def _text(member: Member) -> Any:
-    """What a form has of an option, with its default, for pydantic: the service decides what makes sense."""
+    """Returns an option's type and default for pydantic; the service validates values."""
     return (
         (list[str], []) if member.many else ((member.kind if member.kind in (int, float, bool) else str) | None, None)
     )
@@ -102,10 +102,10 @@ _TEXTS: Any = create_model(
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
-    """Take the form's files and queue their job; anything refused leaves nothing behind.
+    """Receives the form's files and queues their job; refused uploads leave nothing behind.
 
     Raises:
-        FastSplatError: what the form, the files or the service's limits have against it.
+        FastSplatError: the form or a file is invalid, or a limit is exceeded.
     """
 
     def sink() -> _FormSink:
@@ -119,16 +119,10 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
 async def receive_form(
     request: Request, sink: Callable[[], Sink[bytes, _R]], threads: Threads, memory_bytes: int = 0
 ) -> _R:
-    """What a sink makes of a request's body.
-
-    Args:
-        request: whose body.
-        sink: makes what takes it; what that raises is a refusal, too.
-        threads: where the sink runs.
-        memory_bytes: what the sink holds of the body.
+    """Writes a request's body to a sink, which needs `memory_bytes`, and returns its result.
 
     Raises:
-        FastSplatError: whatever the sink has against it.
+        FastSplatError: the sink or the upload limits refuse the body.
     """
     body_read = asyncio.Event()
     try:
@@ -148,7 +142,7 @@ async def _noting_end(stream: AsyncIterator[bytes], end: asyncio.Event) -> Async
 
 
 async def _drain(request: Request) -> None:
-    """Read on for a moment: closing on a sender that is still writing resets the connection, and our answer is lost."""
+    """Reads up to 2 s or 32 MiB more: closing early would reset the connection."""
     total, more = 0, True
     try:
         async with asyncio.timeout(2.0):
@@ -161,7 +155,7 @@ async def _drain(request: Request) -> None:
 
 
 class _FormSink:
-    """Takes the form's parts: files into an upload session, texts into memory."""
+    """`Sink` and `PartReceiver` that write files to an upload session and keep texts in memory."""
 
     slow_finish = True  # validation
 
@@ -178,16 +172,13 @@ class _FormSink:
         self._text: bytearray | None = None
 
     def open(self) -> None:
-        """See `Sink`."""
         self._session = self._service.new_upload()
 
     def write(self, items: Sequence[bytes]) -> None:
-        """See `Sink`."""
         for chunk in items:
             self._parser.write(chunk)
 
     def finish(self) -> Operation:
-        """See `Sink`."""
         self._parser.finish()
         session = self._open_session()
         form = _form(self._texts)
@@ -197,12 +188,10 @@ class _FormSink:
         return self._service.create_scene(session, form.name, form.request_id, options)
 
     def close(self) -> None:
-        """See `Sink`."""
         if self._session is not None:
             self._session.abort()
 
     def begin_part(self, field: str, filename: str | None) -> None:
-        """See `PartReceiver`."""
         self._field = field
         if filename is None:
             self._text = bytearray()
@@ -222,7 +211,6 @@ class _FormSink:
             self._file = self._open_session().begin(filename)
 
     def part_data(self, data: bytes) -> None:
-        """See `PartReceiver`."""
         if self._file is not None:
             self._file.write(data)
         elif self._text is not None:
@@ -236,7 +224,6 @@ class _FormSink:
             self._text += data
 
     def end_part(self) -> None:
-        """See `PartReceiver`."""
         if self._file is not None:
             self._file.end()
         elif self._text is not None:
