@@ -18,6 +18,7 @@ from fastsplat.service.planning.time_budget import StagePlan, plan_training
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import intact, stage_seconds
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _PLAN = "plan.json"
 
@@ -57,7 +58,10 @@ def job_time(
 
 
 def _photos(job: Job) -> PhotoSet | None:
-    manifest, _ = read_manifest(job.upload)
+    try:
+        manifest, _ = read_manifest(job.upload)
+    except (OSError, InvalidInputError, NotFoundError):  # files that show people go before the training
+        return None
     if manifest.source != "images" or manifest.label_maps:
         return None
     middle = sorted(photo.upright_size for photo in manifest.photos)[len(manifest.photos) // 2]
