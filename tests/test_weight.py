@@ -49,10 +49,10 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "store": (4666, 1940),
     "tests": (0, 1668),
     "web": (0, 4449),
-    "workers": (2613, 3703),
+    "workers": (2608, 3703),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 80205, "tests": 63840, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 80200, "tests": 63840, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

@@ -1,5 +1,4 @@
-"""Time of a job: its training plan and the speed of its machine, on disk, are found once, by the attempt that comes
-first, as checkpoints continue a plan; finished stages correct the speed."""
+"""Keeps a job's training plan and its machine's speed on disk; the first attempt finds them."""
 
 from __future__ import annotations
 
@@ -38,10 +37,7 @@ def job_speed(job: Job) -> Speed:
 def job_time(
     job: Job, capture: Capture | None = None, labels: int = 0, planned: TrainingSettings | None = None
 ) -> JobTime:
-    """What is known of a job's time when its next stage begins: what its finished stages say of the others.
-
-    Before there is a `capture`, photos without poses are all that can be predicted; 0 `labels` are not known yet.
-    """
+    """Predicts a job's time by its finished stages; without a `capture`, of photos without poses alone."""
     settings, training = job.settings, planned or job.settings.training
     photos = _photos(job)
 
@@ -69,8 +65,7 @@ def _photos(job: Job) -> PhotoSet | None:
 
 
 def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:
-    """The plan of the job's training, which began at `started` (`time.monotonic()`): an earlier attempt's if there is
-    one, else a new one, which is then stored."""
+    """Reads the plan of an earlier attempt, or stores a new one; `started` is of `time.monotonic()`."""
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
         spent, speed = stage_seconds(job, "perception") + time.monotonic() - started, job_time(job, capture).speed_now
