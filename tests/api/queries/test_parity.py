@@ -115,7 +115,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
                 assert issubclass(truth[0], FastSplatError) and truth[2]["field"]
                 refused.add(truth[2]["field"])
     # The questions are varied.
-    assert {result.outcome for result in answered} == {"here", "probably_here", "not_here"}
+    assert {result.outcome for result in answered} >= {"here", "probably_here", "not_here"}
     masks = [mask for result in answered for mask in result.masks]
     assert len(masks) > sum(mask.area > 0 for mask in masks) > 5
     assert {bool(mask.png) for mask in masks} == {True, False}
