@@ -1,5 +1,4 @@
-"""A segmenter of a few arithmetic operations with MobileSAM's contract: the pixels that have the color of the prompt's
-middle. Its masks are exact where things have one color each."""
+"""A segmenter with MobileSAM's contract: the pixels of the color at the prompt's middle."""
 
 from __future__ import annotations
 

@@ -36,8 +36,7 @@ class _FailuresAtOnce:
 
 
 def pytest_xdist_auto_num_workers() -> int:
-    """One more than cores, as tests of processes and of pages wait for these; four at most, as each may start a server,
-    workers and a browser."""
+    """One more than cores, as tests of processes and pages wait; at most four, each with its servers."""
     return min(4, len(os.sched_getaffinity(0)) + 1)
 
 

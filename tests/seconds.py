@@ -1,7 +1,4 @@
-"""How long the tests of each folder take: a table at the end of a run, and a file of the seconds of each test file.
-
-Machines differ by a factor of four in what a second of CPU does, so nothing fails by these figures.
-"""
+"""Prints and stores how long each folder's tests take; machines differ fourfold, so nothing fails by it."""
 
 from __future__ import annotations
 
@@ -21,10 +18,7 @@ _FILE = "seconds_by_file.json"
 
 
 class SecondsByFolder:
-    """Counts the time and the CPU time of each test with its fixtures, over all processes of pytest-xdist.
-
-    CPU time is that of the process and of all children that have ended and were waited for.
-    """
+    """Counts time and CPU time (with waited-for children) of tests and fixtures over pytest-xdist's processes."""
 
     def __init__(self, config: pytest.Config) -> None:
         self._config = config

@@ -1,8 +1,4 @@
-"""How heavy each room is: a ratchet. `python -m tests.test_weight` prints the table as the tree is now.
-
-A commit that makes a room larger than its row raises the row, where a reviewer sees it. The sums at the foot only go
-down: a room that must grow takes its lines from another.
-"""
+"""Rows of rooms may be raised, where one sees it; sums only go down. `python -m tests.test_weight` prints both."""
 
 from __future__ import annotations
 

@@ -49,10 +49,7 @@ def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path
 
 
 def trained_tabletop(test_data: Path, models: Path) -> Path:
-    """Trains a small posed and labelled capture by `fastsplat.train`.
-
-    Returns a folder with the capture `table top`, the data folder `scene`, and `progress.jsonl`, a line a report.
-    """
+    """Trains a small labelled capture; returns a folder with `table top` (capture), `scene` and `progress.jsonl`."""
 
     def make(folder: Path) -> None:
         capture, told = small_tabletop(test_data, folder / "table top", 8), list[Operation]()

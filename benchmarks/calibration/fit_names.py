@@ -1,4 +1,5 @@
-"""Fit `name_calibration.json`: how probable it is that the default detector calls a thing right.
+"""Fit `name_calibration.json`: how probable it is that the default detector calls a thing right; and count
+`found_names.json`: how often a thing is called so that is one.
 
     python -m benchmarks.calibration.fit_names FOLDER [FOLDER ...] [--keep FOLDER] [--dry-run]
 
@@ -23,6 +24,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +43,10 @@ from fastsplat.service.instances.naming.name_calibration import (
     name_evidence,
 )
 from fastsplat.service.instances.scene_things import NAME_OVERLAP
+from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.results import Regions
+from fastsplat.service.query.language.absence_policy import FOUND
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
@@ -65,12 +69,12 @@ _SAME = frozenset(
 
 @dataclass(frozen=True)
 class Named:
-    """One thing that the detector has a name for.
+    """One thing that some photo shows.
 
     Attributes:
         group: its set.
         label: what it is.
-        name: what it is called with the most evidence.
+        name: what it is called with the most evidence; "" for nothing.
         evidence: 0..1.
         right: whether that is what it is.
     """
@@ -90,16 +94,18 @@ def main() -> None:
     parser.add_argument("--dry-run", action="store_true", help="Write nothing but that.")
     options = parser.parse_args()
     start, settings = begin(), load_settings()
-    named = [thing for folder in options.folders for thing in _kept(folder, settings, options.keep)]
+    things = [thing for folder in options.folders for thing in _kept(folder, settings, options.keep)]
+    named, found = [thing for thing in things if thing.name], found_names(things)
     for thing in sorted(named, key=lambda one: -one.evidence):
         print(
             f"{thing.evidence:.2f} {'right' if thing.right else 'WRONG'} {thing.group}: {thing.label} is {thing.name}"
         )
     model = fitted(named, settings.perception.closed_set_detector)
     rows = left_out(named)
-    print(json.dumps(rows, indent=1))
+    print(json.dumps(rows, indent=1), json.dumps(found), sep="\n")
     if not options.dry_run:
         FILE.write_text(json.dumps(model.model_dump(mode="json"), indent=1) + "\n")
+        FOUND.write_text(json.dumps({"detector": model.detector, "sets": model.sets, **found}, indent=1) + "\n")
         about = provenance(start, settings=options, chosen_on="the same things, by kinds of sets that were left out")
         write_json(RESULTS / "names.json", {"rows": rows, "things": len(named), **about})
 
@@ -131,17 +137,12 @@ def named_things(folder: Path, settings: Settings) -> list[Named]:
     names = [entry.label for entry in labelling.dictionary.entries]
     scores = mean_scores(maps, labelling.regions, len(labels), len(names))
     evidence = name_evidence(scores)
-    best = evidence.argmax(axis=1)
+    shown = np.max([np.bincount(each.ravel(), minlength=len(labels) + 1) for each in maps], axis=0)[1:] >= _LEAST_PX
+    called = [names[best - 1] if best else "" for best in (evidence.argmax(axis=1) * evidence.any(axis=1)).tolist()]
     return [
-        Named(
-            folder.name,
-            labels[row],
-            names[name - 1],
-            float(evidence[row, name]),
-            is_right(labels[row], names[name - 1]),
-        )
-        for row, name in enumerate(best.tolist())
-        if evidence[row, name] > 0
+        Named(folder.name, label, name, float(evidence[row].max()), is_right(label, name))
+        for row, (label, name) in enumerate(zip(labels, called, strict=True))
+        if shown[row]
     ]
 
 
@@ -177,6 +178,16 @@ def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], t
 def is_right(label: str, name: str) -> bool:
     """Whether a thing that is `label` is rightly called `name`."""
     return label_key(label) == label_key(name) or (label, name) in _SAME
+
+
+def found_names(things: Sequence[Named]) -> dict[str, Any]:
+    """How many things of each of the detector's names were called so, of how many; and the share of all but books,
+    which lie in rows of their like."""
+    words = [label_key(dict(_SAME).get(thing.label, thing.label)) for thing in things]
+    found = Counter(word for word, thing in zip(words, things, strict=True) if thing.right)
+    there = Counter(word for word in words if word in map(label_key, COCO_80))
+    share = (found.total() - found["book"]) / (there.total() - there["book"])
+    return {"share": round(share, 3), "names": {word: (found[word], there[word]) for word in sorted(there)}}
 
 
 def fitted(named: Sequence[Named], detector: str) -> NameModel:

@@ -40,6 +40,7 @@ from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.jobs.namer_orders import OwnNamer
+from fastsplat.service.application.jobs.queue_times import QueueTimes
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
@@ -85,6 +86,7 @@ class SceneService:
         self._memory = MemoryBudget(settings.calls, machine_bytes())
         self._prompted = PromptedEdits(settings, self._memory)
         self._quotas = Quotas(store.quota_usage, settings.quotas)
+        self._queue = QueueTimes(store, settings.jobs.stalled_worker_timeout_s)
         self.estimates = JobEstimates(settings)
         files = settings.uploads
         self.resumable = ResumableUploads(
@@ -111,11 +113,11 @@ class SceneService:
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and best views of things."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
-        self.namer = OwnNamer(store, settings, scenes, self._quotas, project)
+        self.jobs = RunningJobs(store, settings, self._queue)
+        """Views into running jobs."""
+        self.namer = OwnNamer(store, settings, scenes, self._quotas, self.jobs, project)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
-        self.jobs = RunningJobs(store, settings)
-        """Views into running jobs."""
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service for another project, or for one scene alone with `scene_id`.

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from fastsplat.service.capture.captures import Capture
+from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.planning.cost_model import (
     PerceptionCost,
@@ -72,6 +73,14 @@ class JobTime:
     def speed_now(self) -> Speed:
         """The measured speed, corrected by the completed stages."""
         return self.speed.slowed(times_as_long(self.ran))
+
+
+def photo_set(manifest: UploadManifest) -> PhotoSet | None:
+    """Photos of an upload; None if they came with poses or label maps."""
+    if manifest.source != "images" or manifest.label_maps:
+        return None
+    middle = sorted(photo.upright_size for photo in manifest.photos)[len(manifest.photos) // 2]
+    return PhotoSet(len(manifest.photos), *middle)
 
 
 def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str, float]:

@@ -82,8 +82,7 @@ _OF_TRAINING = {
 
 @dataclass(frozen=True)
 class Guarded:
-    """The server, the keys by who has them ("none" has none, "stranger" is the admin of another project), and the
-    calls."""
+    """The server, the keys by their holders ("none" has none, "stranger" is another project's admin), and the calls."""
 
     faces: Faces
     keys: dict[str, str]

@@ -13,8 +13,7 @@ from tests.scenes import store_scene
 
 
 def add_upright_scene(service: SceneService, settings: Settings, floor: str = "floor") -> str:
-    """Store a floor of that name (thing 2), and a box on it, called a mug (thing 1), in meters; returns its id. To the
-    encoder, which knows few words, the floor's name is that of a ball."""
+    """Stores a box (thing 1, a mug) on a floor of that name (thing 2), in meters; returns the scene's id."""
     shells = [
         BoxShell("mug", (0, 0, 0.2), (0.4, 0.4, 0.4), count=1_500),
         BoxShell(floor, (0, 0, -0.02), (3.0, 3.0, 0.02), count=6_000),

@@ -1,5 +1,4 @@
-"""A version is a folder and a row: what breaks off between the two leaves no row without its folder, and no folder for
-long."""
+"""A version is a folder and a row: a crash between them leaves no row without folder, nor a folder for long."""
 
 from __future__ import annotations
 

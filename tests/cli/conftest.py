@@ -44,8 +44,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SceneService]:
 
 @pytest.fixture(scope="module")
 def fastsplat(service: SceneService) -> Iterator[Callable[..., Result]]:
-    """A command by its words, asked of a server over `service`: that is quicker than to open the folder each time, and
-    test_commands shows that both say the same."""
+    """Runs a command against a server over `service`; test_commands shows that a folder says the same."""
     settings = load_settings().model_copy(update={**FREE_PORTS, "auth": "off"})
     with serving(service, settings) as ports:
         server = ["--server", f"http://127.0.0.1:{ports.http}"]

@@ -1,5 +1,4 @@
-"""Laws of every command that asks a service: it says the same of a data folder and of a running server, in the words of
-REST, within 80 columns, and takes ids in short."""
+"""Each command says the same of a data folder and of a server, in REST's words, within 80 columns."""
 
 from __future__ import annotations
 

@@ -29,8 +29,7 @@ _MIDDLES = {
 
 
 def _session(talk: Talk, models: Path, temporary: Path) -> Any:
-    """What `talk` returns of a session with a process that can reach no server and was started in an empty folder; it
-    finds models as for a user without any settings, and its temporary files are there."""
+    """Returns what `talk` returns of a session without network, started in an empty folder without settings."""
     home, empty = temporary.with_name(f"{temporary.name}-home"), temporary.with_name(f"{temporary.name}-empty")
     (home / "fastsplat").mkdir(parents=True)
     (home / "fastsplat" / "models").symlink_to(models.resolve())

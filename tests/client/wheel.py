@@ -18,8 +18,7 @@ def build_wheel(folder: Path) -> Path:
 
 
 def make_environment(python: str | Path, folder: Path, *requirements: str | Path, pip: bool = True) -> Path:
-    """The interpreter of a new virtual environment with these installed; without `pip`, this one's pip installs them,
-    and nothing is compiled ahead: seconds less for what no test looks at."""
+    """Makes a virtual environment with these installed; without `pip`, this one's pip installs them uncompiled."""
     _run([python, "-m", "venv", folder] if pip else [python, "-m", "venv", "--without-pip", folder])
     made = folder / "bin" / "python"
     options = ["--quiet", "--disable-pip-version-check"]

@@ -1,5 +1,4 @@
-"""Commands and Python sessions that begin with the imports done, which take most of a command's time: each is a process
-of its own, forked from one that has imported what `fastsplat` does and has done nothing else."""
+"""Forks commands and Python sessions from a process that has done their imports and nothing else."""
 
 from __future__ import annotations
 

@@ -22,10 +22,7 @@ if [ -f "$_STATE" ]; then . "$_STATE" > /dev/null; fi
 
 
 class PageReader:
-    """One page's working folder with a shell and a Python session, both of which keep what was defined in them.
-
-    Blocks run as they stand, but for the ports of localhost: tests must not take 8000 and 8001 from anybody.
-    """
+    """One page's folder with a shell and a Python session that keep state; ports 8000 and 8001 are replaced."""
 
     def __init__(self, folder: Path, environment: dict[str, str], ports: dict[int, int], programs: Path) -> None:
         self._folder = folder

@@ -26,8 +26,7 @@ _CENTERS = np.array([[-0.6, 0.0, 0.25], [0.3, 0.5, 0.25], [0.3, -0.5, 0.25]])
 
 @dataclass(frozen=True)
 class Room:
-    """A splat with its photos; `owner` [G] is the thing of each Gaussian, 0 the floor, and `maps` the thing of each
-    pixel of each view, counted from 1."""
+    """A splat with photos; `owner` [G] is each Gaussian's thing, 0 the floor; `maps` each pixel's, from 1."""
 
     gaussians: Gaussians
     owner: np.ndarray
@@ -36,8 +35,7 @@ class Room:
 
 
 class ColorSegmenter:
-    """Answers a point, or the middle of a box, with the connected area of its color, sharply; its three answers are the
-    same. It counts the prompts of each image, and keeps the color numbers that points were prompted on."""
+    """Answers a point or box with the connected area of its color, thrice; notes prompts and colors of each image."""
 
     def __init__(self) -> None:
         self.prompts: list[int] = []

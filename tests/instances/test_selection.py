@@ -40,8 +40,7 @@ def test_a_whole_is_a_group_if_what_it_consists_of_is_better_supported(support: 
 
 
 def test_what_has_a_sharper_edge_than_the_thing_it_lies_in_is_a_thing_of_its_own() -> None:
-    """An apple in a bowl; the bowl remains, since the apple is little of it. The apple's leaf is a part of the apple,
-    and the bowl's pattern one of the bowl."""
+    """An apple in a bowl, each with a part: its leaf, its pattern."""
     size = np.ones(100, np.float32)
     bowl, apple = candidate(range(0, 100), support=0.8), candidate(range(0, 20), support=0.75)
     leaf, pattern = candidate(range(0, 6), support=0.5), candidate(range(40, 70), support=0.6)
@@ -185,8 +184,7 @@ def test_a_surface_has_its_plane_as_far_as_it_is_connected() -> None:
 
 @pytest.mark.parametrize(("included", "support"), [(True, 0.75), (False, 0.75), (False, 0.4)])
 def test_pieces_of_a_surface_join_it_and_what_lies_on_it_does_not(included: bool, support: float) -> None:
-    """A table, something flat on it that the views cut out less well, and a book that is higher. The flat thing is a
-    print if the table's masks include it or hardly a view cuts it out, and else a thing, such as a ruler."""
+    """A table, a flat thing on it (a print if the table's masks include it, else a ruler), and a higher book."""
     table = grid(2, 2, 0.04)
     noise = np.random.default_rng(1).normal(0, 0.004, len(table))
     table[:, 2] = noise
@@ -212,8 +210,7 @@ def test_pieces_of_a_surface_join_it_and_what_lies_on_it_does_not(included: bool
 
 @pytest.mark.parametrize(("height", "is_thing"), [(-0.7, True), (0.3, True), (0.0, False)])
 def test_what_lies_off_the_plane_of_a_surface_is_no_part_of_it(height: float, is_thing: bool) -> None:
-    """The masks of a table have the floor, too, and cut it out less well than the table; so they would a lit patch of
-    the table, which stays a part of it."""
+    """A table whose masks have the floor, too, and would have a lit patch of it, which stays a part."""
     table = grid(2, 2, 0.04)
     table[:, 2] = np.random.default_rng(2).normal(0, 0.004, len(table))
     points = np.concatenate([table, grid(1, 1, 0.04, height=height, center=(1.5, 0))])

@@ -70,8 +70,7 @@ def looked(settings: Settings, table: Table, test_data: Path, tmp_path_factory: 
 
 
 def test_things_are_named_by_what_was_asked_for(settings: Settings, table: Table, looked: Looked) -> None:
-    """The detector is small, and looks for the nearest words that its table knows: of the 14 things it names five
-    rightly in four photos, the white utensil holder it takes for a mug, and the screwdriver for scissors."""
+    """A small detector knows few words: five of 14 names are right, a holder is a mug, a screwdriver scissors."""
     index, truth = table
     scene, result = name_sightings(index, looked[0], settings)
     right = [name for name in result.named if label_key(truth[name.thing_id]) == label_key(name.name)]

@@ -43,8 +43,7 @@ def tokenizer_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def grounding_dino_file(tmp_path: Path) -> Path:
-    """Three queries: the first fires on the word "red" alone, the second on "chair", the third on both words of
-    "red cup"; boxes are constants. Logits are +4 or −4, and −inf beyond the prompt."""
+    """Three queries fire on "red", on "chair", on both words of "red cup"; constant boxes, logits ±4, -inf beyond."""
     return write_network(
         tmp_path / "model.onnx",
         """
@@ -89,8 +88,7 @@ def clip_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def sam2_folder(tmp_path: Path) -> Path:
-    """A segmenter whose "thing" proposal is exactly the box, between a part (10 px smaller on every side of the
-    decoder's 256 grid) and a group (10 px larger); all predict the same IoU."""
+    """A segmenter whose "thing" is the box, its part 10 px smaller of 256 on each side, its group 10 px larger."""
     write_network(
         tmp_path / "sam2" / "encoder.onnx",
         """

@@ -38,8 +38,7 @@ def _page(words: tuple[str, ...], height_px: int = 26) -> NDArray[np.uint8]:
 
 
 def _ean13(digits: str) -> NDArray[np.uint8]:
-    """A bar code of 13 digits (GS1 General Specifications, 5.2.1), two pixels a module, in the middle of a sheet:
-    one that fills its picture is not detected."""
+    """Draws a bar code of 13 digits (GS1 General Specifications, 5.2.1), two pixels a module, with a margin."""
     sides = _PARITY[int(digits[0])]
     left = "".join((_LEFT if side == "L" else _ODD)[int(one)] for side, one in zip(sides, digits[1:7], strict=True))
     bars = f"101{left}01010{''.join(_RIGHT[int(one)] for one in digits[7:])}101"

@@ -173,3 +173,13 @@ def test_the_last_fit_of_labels_is_planned_for_where_maps_came_with_the_capture(
         for scene, epochs in ((detected, 2), (TABLE, 0), (TABLE, 1), (TABLE, 2))
     ]
     assert seconds[0] == seconds[1] < seconds[2] < seconds[3]
+
+
+def test_a_run_is_as_long_as_its_plan_says() -> None:
+    scene = SceneSize(views=26, width=640, height=480, points=3_000, labels=20)
+    for speed in (Speed(), Speed(0.5, 0.7)):
+        plan = fit_training(TrainingSettings(), scene, 120.0, speed=speed)
+        assert run_seconds(plan.settings, scene, speed) == pytest.approx(plan.seconds, rel=1e-6)
+    unbounded = TrainingSettings(time_budget_s=None)
+    slow, fast = run_seconds(unbounded, scene, Speed(0.5, 0.5)), run_seconds(unbounded, scene)
+    assert slow == pytest.approx(2 * fast, rel=1e-6)

@@ -86,8 +86,7 @@ def _composite(
     means2d: Tensor, conics: Tensor, colors: Tensor, opacities: Tensor, width: int, height: int, tile_size: int,
     isect_offsets: Tensor, flatten_ids: Tensor, *, backgrounds: None, packed: bool, absgrad: bool,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Front to back, tile by tile, as the kernel does: a Gaussian below `ALPHA_MIN` is passed over, and the one that
-    would take the transmittance to `TRANSMITTANCE_MIN` or below ends the pixel without being drawn."""
+    """Composites tiles front to back as the kernel does, with its cut-offs `ALPHA_MIN` and `TRANSMITTANCE_MIN`."""
     assert backgrounds is None and not packed and not absgrad and len(means2d) == 1
     bounds = [*isect_offsets.flatten().tolist(), len(flatten_ids)]
     rows = []

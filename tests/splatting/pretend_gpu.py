@@ -1,7 +1,4 @@
-"""A device that is none: its tensors lie in memory, and are as strict with the host as those of a GPU.
-
-A tensor of `DEVICE` refuses `.numpy()` and operations with host tensors, but for numbers, indices and copies, as CUDA.
-"""
+"""A device in memory whose tensors refuse `.numpy()` and host tensors, but for numbers, indices and copies, as CUDA."""
 
 from __future__ import annotations
 

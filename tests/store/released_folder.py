@@ -1,7 +1,4 @@
-"""The data folder of a release, small, to be opened by every later one: `python -m tests.store.released_folder`.
-
-It is written once for a minor release, with `told.json`, the release's own answers, and never made anew.
-"""
+"""Writes a release's small data folder and its answers, `told.json`, once: `python -m tests.store.released_folder`."""
 
 from __future__ import annotations
 

@@ -1,14 +1,10 @@
-"""Stages that take their orders from the job's labels, or from what it looks for, for tests of everything around them.
+"""Stages ordered by the job's labels, or by what it looks for, for tests of everything around them.
 
-"training:sleep 30" sleeps in the training stage and "training:sleep_once 30" in the first attempt only,
-"capture:kill" and "capture:kill_once" kill the trainer, "capture:kill_worker" kills the worker,
-"capture:kill_worker_until 3" does so in the first three attempts, "capture:kill_in 2" and "capture:kill_worker_in 2"
-kill in the second attempt only, "perception:fail" raises a typed error,
-"training:until_finish" shows picture after picture until the job is to end early,
-"training:draft" publishes a draft, "training:draft_kill_in 2" dies in the middle of one,
-"export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
-"capture:environment" notes what the trainer's environment and niceness are, and "capture:child" leaves a grandchild
-process whose id it writes into the data folder.
+"STAGE:sleep 30" and "sleep_once" (first attempt only) sleep; "kill", "kill_once", "kill_in 2" (second attempt) kill the
+trainer, "kill_worker", "kill_worker_until 3" (first three attempts), "kill_worker_in 2" the worker; "fail" raises a
+typed error, "defect" an untyped one; "until_finish" shows pictures until the job is to end early; "draft" publishes a
+draft, "draft_kill_in 2" dies amid one; "full" writes to a full disk, "write 5" 5 MB; "environment" notes environment
+and niceness; "child" leaves a grandchild whose id it writes into the data folder.
 """
 
 from __future__ import annotations
@@ -134,8 +130,7 @@ def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _scene(job: Job, *, draft: bool = False) -> Scene:
-    """Of five Gaussians; with a text encoder, of three things, which a draft has of fewer Gaussians, by other ids, and
-    beside one that the scene has not."""
+    """A scene of five Gaussians; with an encoder three things, of which a draft has fewer Gaussians and other ids."""
     from tests.scenes import labelled_scene  # the other stages start without it
 
     if (job.settings.models / "words").is_dir():

@@ -24,11 +24,7 @@ sys.addaudithook(note)
 
 
 def watching(folder: Path, environment: Mapping[str, str]) -> dict[str, str]:
-    """An environment whose Python processes, and theirs, note each connection in the file `seen` of `folder`.
-
-    Sockets of the machine's own file system are not noted, as nothing leaves the machine by them. What compiled
-    libraries open by themselves is not seen.
-    """
+    """An environment whose Python processes note each connection in `seen`, but for file-system sockets."""
     folder.mkdir()
     (folder / "sitecustomize.py").write_text(_HOOK)
     path = os.pathsep.join([str(folder), *filter(None, [environment.get("PYTHONPATH", "")])])

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.planning.cost_model import Speed, scene_size
-from fastsplat.service.planning.job_time import PACED, JobTime, PhotoSet, job_seconds, placed_seconds
+from fastsplat.service.planning.job_time import PACED, JobTime, PhotoSet, job_seconds, photo_set, placed_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.time_budget import StagePlan, plan_training
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -55,13 +55,9 @@ def job_time(
 
 def _photos(job: Job) -> PhotoSet | None:
     try:
-        manifest, _ = read_manifest(job.upload)
+        return photo_set(read_manifest(job.upload)[0])
     except (OSError, InvalidInputError, NotFoundError):  # files that show people go before the training
         return None
-    if manifest.source != "images" or manifest.label_maps:
-        return None
-    middle = sorted(photo.upright_size for photo in manifest.photos)[len(manifest.photos) // 2]
-    return PhotoSet(len(manifest.photos), *middle)
 
 
 def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from fastsplat_contract.messages.requests import EstimateJobRequest
 
 if TYPE_CHECKING:
     from fastsplat.service.planning.cost_model import Speed
+    from fastsplat.service.planning.job_time import PhotoSet
 
 _AGAIN_S = 600.0
 """Interval in seconds between measurements of the machine."""
@@ -37,23 +39,30 @@ class JobEstimates:
         most = self._settings.capture.max_images
         if request.photos > most:
             raise LimitExceededError(f"{request.photos} photos", field="photos", limit=f"{most} photos")
-        width, height = request.width or _USUAL_WIDTH, request.height or _USUAL_HEIGHT
-        return self._of(request.photos, width, height, SceneOptions(preset=request.preset))
+        from fastsplat.service.planning.job_time import PhotoSet  # loads torch
+
+        photos = PhotoSet(request.photos, request.width or _USUAL_WIDTH, request.height or _USUAL_HEIGHT)
+        stages = self._stages(photos, SceneOptions(preset=request.preset), self._measured())
+        return JobEstimate(round(sum(stages.values()), 1), stages)
 
     def predicted(self, upload: ValidatedUpload, options: SceneOptions) -> dict[str, float]:
         """Predicted seconds of a photo job, once the machine is measured, as job options."""
-        if upload.source != "images" or self._speed is None:
+        if self._speed is None:  # measuring takes torch and a second: not while somebody waits for the answer
             return {}
-        first = read_manifest(upload.folder)[0].photos[0]
-        return {PREDICTED_S: self._of(upload.images, first.width, first.height, options).seconds}
+        from fastsplat.service.planning.job_time import photo_set
 
-    def _of(self, count: int, width: int, height: int, options: SceneOptions) -> JobEstimate:
-        from fastsplat.service.planning.job_time import PhotoSet, job_seconds  # loads torch
+        photos = photo_set(read_manifest(upload.folder)[0])
+        if photos is None:
+            return {}
+        stages = self._stages(photos, options, self._speed)
+        later = sum(seconds for stage, seconds in stages.items() if stage != "capture")
+        return {PREDICTED_S: stages["capture"] + min(later, options.time_budget_s or math.inf)}
 
-        settings = chosen_settings(self._settings, options)
-        seconds = job_seconds(PhotoSet(count, width, height), settings, self._measured())
-        stages = {name: round(value, 1) for name, value in seconds.items()}
-        return JobEstimate(round(sum(stages.values()), 1), stages)
+    def _stages(self, photos: PhotoSet, options: SceneOptions, speed: Speed) -> dict[str, float]:
+        from fastsplat.service.planning.job_time import job_seconds
+
+        seconds = job_seconds(photos, chosen_settings(self._settings, options), speed)
+        return {name: round(value, 1) for name, value in seconds.items()}
 
     def _measured(self) -> Speed:
         from fastsplat.service.planning.machine import machine_speed

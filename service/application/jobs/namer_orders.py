@@ -22,10 +22,11 @@ from fastsplat_contract.jobs.operations import Operation
 class OwnNamer:
     """The server's namer for one project. Thread-safe."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, project: str) -> None:
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, jobs: RunningJobs, project: str
+    ) -> None:
         self._store, self._settings, self._scenes = store, settings, scenes
-        self._quotas, self._project = quotas, project
-        self._jobs = RunningJobs(store, settings)
+        self._quotas, self._jobs, self._project = quotas, jobs, project
 
     def agree(self, host: str) -> NamerStatus:
         """Records the project's consent to the namer's host; "" withdraws it.

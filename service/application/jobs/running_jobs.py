@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
-from heapq import heapify, heapreplace
 from typing import Any
 
-from fastsplat.service.application.jobs.stored import Ahead, operation_of
+from fastsplat.service.application.jobs.queue_times import QueueTimes
+from fastsplat.service.application.jobs.stored import operation_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.damaged_rows import each_readable
-from fastsplat.service.store.rows.records import PREDICTED_S, SECONDS_LEFT, OperationRecord
+from fastsplat.service.store.rows.records import OperationRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import NotFoundError
@@ -25,16 +24,16 @@ _MAX_LOG = 1 << 20
 class RunningJobs:
     """Running jobs of one project. Raises `DatabaseError` if the database is unavailable."""
 
-    def __init__(self, store: Store, settings: Settings) -> None:
-        self._store, self._settings = store, settings
+    def __init__(self, store: Store, settings: Settings, queue: QueueTimes) -> None:
+        self._store, self._settings, self._queue = store, settings, queue
 
     def operation(self, record: OperationRecord) -> Operation:
         """Converts an operation row for callers."""
-        return operation_of(record, self._worker_of(record), self._ahead_of((record,)).get(record.id))
+        return operation_of(record, self._worker_of(record), self._queue.ahead((record,)).get(record.id))
 
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
         """Converts many operation rows, skipping unreadable ones."""
-        ahead = self._ahead_of(records)
+        ahead = self._queue.ahead(records)
         return tuple(each_readable(records, lambda one: operation_of(one, self._worker_of(one), ahead.get(one.id))))
 
     def finish(self, operation_id: str) -> Operation:
@@ -86,22 +85,6 @@ class RunningJobs:
                 return entry["info"], content
             before = entry  # replaced since the row was read: read again
 
-    def _ahead_of(self, records: Sequence[OperationRecord]) -> Mapping[str, Ahead]:
-        """Queue position and expected start of waiting jobs; empty if none waits."""
-        if all(record.state != "QUEUED" for record in records):
-            return {}
-        timeout_s = self._settings.jobs.stalled_worker_timeout_s
-        heard_since, under_way = time.time() - timeout_s, self._store.jobs.under_way()
-        ends = [_seconds_of(job, heard_since) for job in under_way]
-        ends += [0.0] * (self._store.workers.alive(timeout_s) - len(ends))
-        heapify(ends := ends or [math.inf])
-        ahead, number = {}, sum(not job.cancel_requested for job in under_way)
-        for job in self._store.jobs.in_turn():
-            ahead[job.id] = number, ends[0]
-            number += not job.cancel_requested
-            heapreplace(ends, ends[0] + _seconds_of(job, heard_since))  # the first free worker takes it
-        return ahead
-
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
         if record.state in FINAL_STATES:
             return None
@@ -111,13 +94,3 @@ class RunningJobs:
         if not self._store.workers.alive(timeout_s):
             return "none"
         return "silent" if record.state == "RUNNING" else "waiting"
-
-
-def _seconds_of(job: OperationRecord, heard_since: float) -> float:
-    """Remaining seconds of a job, as predicted or last reported; infinite: unknown."""
-    if job.cancel_requested:
-        return 0.0
-    if job.state == "QUEUED":
-        return float(job.options.get(PREDICTED_S, math.inf))
-    left = job.stages[-1]["metrics"].get(SECONDS_LEFT, -1) if job.stages and job.updated_at >= heard_since else -1
-    return float(left) if left >= 0 else math.inf

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fastsplat.service.common.dictionary import dictionary_of, label_key
+from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label_key
 from fastsplat.service.query.language.meaning.common_things import common_things
 from fastsplat.service.query.language.meaning.word_senses import ranked as solid_senses
 from fastsplat.service.query.language.sentences.enclosures import is_furniture
 from fastsplat.service.query.language.words.judgement import Ranked
 from fastsplat.service.query.language.words.name_matching import NameIndex
-from fastsplat.service.query.language.words.noun_phrases import noun_phrase
 from fastsplat.service.query.things.absence import RATHER, USUAL_M, unnamed_probability
 from fastsplat.service.query.things.color_names import NAMES as COLORS
 from fastsplat.service.query.things.color_names import UNMEASURED, basic_name
@@ -26,16 +27,10 @@ from fastsplat_contract.messages.queries import Answer
 if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
 
-_COUNTED: Mapping[str, tuple[int, int]] = {
-    **{"apple": (8, 14), "banana": (4, 5), "book": (102, 106), "bottle": (16, 16), "bowl": (14, 14)},
-    **{"cell phone": (3, 3), "chair": (12, 12), "clock": (6, 7), "couch": (3, 3), "cup": (28, 30), "fork": (1, 3)},
-    **{"dining table": (14, 19), "donut": (8, 8), "keyboard": (1, 1), "knife": (3, 6), "laptop": (2, 2)},
-    **{"mouse": (3, 3), "orange": (15, 17), "potted plant": (4, 7), "scissors": (6, 12), "spoon": (0, 3)},
-    **{"sports ball": (1, 2), "teddy bear": (4, 5), "tv": (1, 1), "vase": (3, 4)},
-}
-"""Things of each name in `name_calibration.json`: found by the default detector, and total."""
-_OTHERS, _PRIOR = 0.85, 4.0
-"""Share found of all but books, and its prior weight in things per name."""
+FOUND = Path(__file__).parent / "meaning" / "found_names.json"
+"""Things that the default detector calls by their name, and all of it: `benchmarks.calibration.fit_names`."""
+_PRIOR = 4.0
+"""Weight of the share found of all names, in things of a name."""
 _LEAST_M, _MOST_M, _LEAST_LARGE_M = 0.02, 2.0, 0.35
 """Least and largest length of a candidate, meters; least length of a large one."""
 _USUAL_LARGE_M, _SPREAD = 0.9, 1.0
@@ -65,12 +60,12 @@ class Vocabulary:
     lexicon: Lexicon | None  # knows kinds of things; None: only names and the list of common things count
 
     @cached_property
-    def _index(self) -> NameIndex:
-        return NameIndex(dictionary_of(self.names))
+    def _dictionary(self) -> Dictionary:
+        return dictionary_of(self.names)
 
     @cached_property
-    def _by_key(self) -> Mapping[str, str]:
-        return {label_key(name): name for name in self.names}
+    def _index(self) -> NameIndex:
+        return NameIndex(self._dictionary)
 
     @cached_property
     def _by_sense(self) -> Mapping[int, str]:
@@ -82,10 +77,9 @@ class Vocabulary:
 
         Its own name, a synonym, or, for animals and people, a hypernym."""
         exact = self._index.match(text).exact
-        if exact:
-            return list(self._by_key.values())[exact[0] - 1]
         things, whole = common_things(text)
-        known = [self._by_key.get(name, "") for thing in things if whole for name in thing.names]
+        ids = (*exact, *(self._dictionary.id_of(name) for thing in things if whole for name in thing.names))
+        known = [self._dictionary.entries[label_id - 1].label for label_id in ids if label_id]
         for sense, _ in solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ():
             above = self.lexicon.wider(sense.id) if self.lexicon and sense.lexical_class in _LIVING else (sense.id,)
             known += [self._by_sense.get(each, "") for each in above]
@@ -110,10 +104,17 @@ class Vocabulary:
         return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
 
 
+@cache
+def _found() -> tuple[Mapping[str, tuple[int, int]], float]:
+    stored = json.loads(FOUND.read_text())
+    return stored["names"], stored["share"]
+
+
 def found_share(word: str) -> float:
     """Share of things of this name that the default detector finds, 0..1."""
-    found, things = _COUNTED.get(label_key(word), (0, 0))
-    return (found + _OTHERS * _PRIOR) / (things + _PRIOR)
+    names, usual = _found()
+    found, things = names.get(label_key(word), (0, 0))
+    return (found + usual * _PRIOR) / (things + _PRIOR)
 
 
 def with_absence_judged(
@@ -126,9 +127,9 @@ def with_absence_judged(
     here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of a thing
     clearly of a color."""
     answer, remarks = ranked.answer, ranked.remarks
-    asked = remarks.head or noun_phrase(answer.text)
-    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(asked))):
+    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(ranked.asked))):
         return ranked
+    asked = ranked.asked
     fitting = [
         thing
         for thing in names.present

@@ -205,14 +205,16 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
 
 def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
     """Falls back to a name's last words or a toy: "black bear" to teddy."""
-    asked = noun_phrase(plain.answer.text)
-    _, head = split_modifiers(asked)
     if plain.verdict != "absent":
         return plain
+    asked = noun_phrase(plain.answer.text)
+    _, head = split_modifiers(asked)
     toys = [each for each in scene.names.match(asked).hyponyms if each in scene.things.table]
     toys = [each for each in toys if is_toy(scene.things.table[each].label)]
+    if not toys and head == label_key(asked):  # it was ranked already
+        return plain
     (found,) = scene.rank((scene.things.table[toys[0]].label if toys else head,))
-    if not found.standing or not (toys or head != label_key(asked)):
+    if not found.standing:
         return plain
     unchecked = label_key(asked).removesuffix(head).strip()
     relation: tuple[Related, RelationSubject | None] = ("related", None) if unchecked else ("kind_of", "label")

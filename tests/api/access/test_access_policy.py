@@ -51,8 +51,7 @@ _LOOKING = re.compile(
 
 
 def _least_role(name: str) -> str | None:
-    """What a call should need: a reader to look, an editor to change, an admin to delete for ever, to let pictures go
-    elsewhere, for keys and for what a trainer wrote, an operator for what is of the server."""
+    """Names the role that a call should need, from reader (looks) to operator (the server's own)."""
     if name in _OPEN:
         return None
     if name.startswith("/"):

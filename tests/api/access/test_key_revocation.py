@@ -1,7 +1,4 @@
-"""Whatever a key has under way ends when the key does: streams, events, waits, downloads and uploads, over both ports.
-
-The server looks at its keys once a second (`Authenticator.FRESH_S`), so each ends within two; no test measures it.
-"""
+"""Whatever a key has under way ends within two looks (`Authenticator.FRESH_S`) of the key, over both ports."""
 
 from __future__ import annotations
 

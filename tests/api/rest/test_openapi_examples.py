@@ -77,8 +77,7 @@ class _Place:
         self._settings = settings
 
     def ids(self, *, training: bool = False) -> dict[str, str]:
-        """Ids of new things, as a call may change them: a scene that was edited once, and its job; or a job that
-        trains."""
+        """Ids of a new edited scene and its job, or of a job that trains."""
         scene_id = add_scene(self.service, self._settings)
         color = {"r": 0, "g": 1, "b": 0}
         edit = {"edits": [{"action": "recolor", "label": "mug", "color": color}]}

@@ -25,8 +25,7 @@ _WIDTH, _HEIGHT = 1000, 750
 
 
 def _matches(seed: int, focal: float, baseline: float, flat: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Where points 2 to 6 units away, or on a wall at an angle, lie in two photos turned by up to 20° and `baseline`
-    apart, with 0.7 pixels of noise."""
+    """Points at depths 2 to 6, or on a slanted wall, in two photos `baseline` apart, with 0.7 px of noise."""
     rng = np.random.default_rng(seed)
     pixels = rng.uniform([0, 0], [_WIDTH, _HEIGHT], (300, 2))
     rays = np.column_stack([(pixels - [_WIDTH / 2, _HEIGHT / 2]) / (focal * _WIDTH), np.ones(300)])

@@ -168,8 +168,7 @@ def test_bad_files(frames, tmp_path: Path, refuses) -> None:
 
 @pytest.fixture(scope="module")
 def tabletop(test_data: Path) -> tuple[list[Frame], list[np.ndarray]]:
-    """Ten photos of the tabletop whose poses err by 1 cm and 0.5 degrees, with a sensor's depth that is 1 % too long;
-    and the true poses."""
+    """Ten tabletop photos with pose errors of 1 cm and 0.5°, a sensor's depth 1 % too long, and the true poses."""
     root = test_data / "tabletop"
     document = json.loads((root / "transforms.json").read_text())
     random = np.random.default_rng(1)

@@ -332,8 +332,7 @@ def test_other_plys_are_no_splats(tmp_path: Path) -> None:
 
 
 def test_a_file_of_another_program_shows_what_the_same_program_wrote_in_another_format(test_data: Path) -> None:
-    """splat-transform's fixtures: `.splat` holds places, widths, colors and opacities as they are, in the axes of a
-    PLY."""
+    """Reads splat-transform's `.splat` fixtures, which hold values in the axes of a PLY."""
     folder = test_data / "import_fixtures" / "splat_transform_fixtures"
     if not folder.is_dir():
         pytest.skip("the data folder has no import_fixtures")

@@ -42,8 +42,7 @@ def drawn_evidence(count: int, classes: int) -> Evidence:
 def whole(
     evidence: Evidence, classes: int, splats: Splats, viewmat: torch.Tensor, camera: Camera, relevancy: np.ndarray
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """The oracle: [H, W] classes where alpha is 0.5 or more, and expected relevancy; every label in an image at
-    once."""
+    """The oracle: classes [H, W] where alpha is at least 0.5, and expected relevancy, by one image of all labels."""
     found = posterior(evidence, classes)
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     table = np.zeros((len(evidence), classes), np.float32)

@@ -31,8 +31,7 @@ def group_regions(sums: Iterable[LabelSums], counts: Sequence[int], overlap: flo
 def made_sums(
     views: int, regions: int, gaussians: int, seed: int, *, seen: float = 0.7, slips: float = 0.1
 ) -> Iterator[LabelSums]:
-    """Views of as many things as `regions`: each view sees a part of the Gaussians, cuts things out under its own
-    numbers, and gives some Gaussians to the wrong thing or to two."""
+    """Views that see part of the Gaussians, number things by themselves, and err in some."""
     rng = np.random.default_rng(seed)
     thing = rng.integers(0, regions + 1, gaussians)  # 0: no thing
     for _ in range(views):

@@ -1,5 +1,4 @@
-"""With backend `cuda`, data goes to the device and comes back where it should: nothing of a device is read as if it
-were the host's, and no operation mixes the two. The device is none, see `tests/splatting/pretend_gpu.py`."""
+"""Backend `cuda` mixes no tensors of host and device; the device is none, see `tests/splatting/pretend_gpu.py`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Corrections of exposure and white balance: what they do to light, that no cast can hide in them, and when a run has
-them."""
+"""Corrections of exposure and white balance: their effect on light, and when a run has them."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Two API servers and three workers on machines of their own, over PostgreSQL and an S3 store: whatever goes, all jobs
-that were acknowledged are done, and whoever is asked, by whichever machine, says the same of them."""
+"""Two servers, three workers, PostgreSQL and S3: whatever goes, acknowledged jobs are done, and all say the same."""
 
 from __future__ import annotations
 

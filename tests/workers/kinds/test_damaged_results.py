@@ -1,5 +1,4 @@
-"""Results of earlier stages that were damaged on the disk are made again, or end a job with an error that names the
-file."""
+"""Damaged results of earlier stages are made again, or end a job with an error that names the file."""
 
 from __future__ import annotations
 

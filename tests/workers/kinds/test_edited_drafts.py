@@ -56,8 +56,7 @@ def _names(deployment: Deployment, operation: Operation) -> dict[int, str]:
 
 
 def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
-    """Names, colors, copies and what was said of a copy are those of the same things, whatever their ids; undone ones
-    are not; each is a version of its own, which its request id finds; what was not found again is said."""
+    """Names, colors, copies follow their things whatever the ids; undone edits do not; each is a version of its own."""
     operation = _drafted(words, "training:until_told")
     edit = words.service.versions.edit
     scene_id = operation.scene_id

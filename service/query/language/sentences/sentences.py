@@ -93,12 +93,9 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
 
 def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
     """Adds outcome and sentence to an answer."""
-    answer, remarks = ranked.answer, ranked.remarks
-    held = (
-        ()
-        if answer.phrase is not None and not remarks.head
-        else may_hold(unseen, remarks.head or noun_phrase(answer.text), names.taken_for)
-    )
+    answer, remarks = replace(ranked.answer, asked=ranked.asked), ranked.remarks
+    of_conditions = answer.phrase is not None and not remarks.head
+    held = () if of_conditions else may_hold(unseen, answer.asked, names.taken_for)
     closest = ""
     if remarks.other:
         closest = f"; the closest is {_belonging(answer.relevant_ids[:1], _labels(answer), names, in_words)}"
@@ -118,7 +115,7 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
         else:
             what = _found(ranked, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
-    return replace(answer, outcome=outcome, sentence=said, asked=remarks.head or noun_phrase(answer.text))
+    return replace(answer, outcome=outcome, sentence=said)
 
 
 def _without_closest(answer: Answer) -> Answer:
@@ -195,7 +192,7 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     if answer.phrase is not None and not remarks.head:
         return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
     only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
-    count, asked = len(names.table), remarks.head or noun_phrase(answer.text)
+    count, asked = len(names.table), answer.asked
     searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {quoted(asked)}"}
     none = searched.get(count, f"none of the {count} names in this scene is {quoted(asked)}")
     if count and names.dictionary.id_of(asked):
@@ -234,7 +231,7 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
         may_be = f"; it may be {in_words(answer.things)}" if answer.things else ""
         choice = _CHOICES.get(phrase.refusal.reason, "")
         return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
-    unnamed, asked = answer.searched.unnamed_things, remarks.head or noun_phrase(answer.text)
+    unnamed, asked = answer.searched.unnamed_things, answer.asked
     if not unnamed:
         return f" whether {quoted(asked)} is here: something here may be it, and no name says so; ask by another word"
     have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"

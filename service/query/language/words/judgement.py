@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.language.words.english import NoQuestion
+from fastsplat.service.query.language.words.noun_phrases import noun_phrase
 from fastsplat_contract.messages.queries import Answer
 
 Mask = NDArray[np.bool_]
@@ -53,3 +54,8 @@ class Ranked:
     named: bool = True  # whether the names alone decided
     standing: frozenset[int] = frozenset()  # ids of relevant labels that name what was asked for or a kind of it
     remarks: Remarks = Remarks()  # what else the sentence says
+
+    @property
+    def asked(self) -> str:
+        """What the text asks for, without question words, articles and politeness."""
+        return self.remarks.head or noun_phrase(self.answer.text)

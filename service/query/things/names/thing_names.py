@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import prod
+from math import dist, hypot, prod
 from statistics import median
 
 import numpy as np
@@ -234,6 +234,9 @@ class ThingNames:
 def _lies_in(one: Box, other: Box) -> bool:
     """True if most of a box is in another one; for specks, with more slack."""
     slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
+    reach = hypot(*other.size) / 2 + 2 * slack * max(other.size)
+    if dist(one.center.position, other.center.position) > reach:  # most of a box lies around its middle
+        return False
     grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
     world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
     own = (world - other.center.position) @ other.center.matrix()[:3, :3]
