@@ -59,12 +59,7 @@ class Address:
 
 @contextmanager
 def open_client(address: Address) -> Iterator[Client]:
-    """A client of a service. The one in this process asks nobody for a key, and lets do what an operator may.
-
-    Raises:
-        InvalidInputError: both a server and a folder are named, or a file that an option names cannot be read.
-        NotFoundError: there is no such folder.
-    """
+    """Opens a client of a server or, as its operator, of a folder; `InvalidInputError`, `NotFoundError`."""
     from fastsplat_client import Client  # loads gRPC
 
     if address.server and address.data:

@@ -50,10 +50,9 @@ class Session:
         return self._opened.enter_context(open_client(self.address))
 
     def scene(self, text: str) -> str:
-        """The whole id of a scene, of an argument `SceneId`; of the folder that is asked, its newest one.
+        """Completes a scene's id; of a folder, its newest one. Raises as `whole_id`.
 
         Raises:
-            NotFoundError, InvalidInputError: as `whole_id`.
             NotReadyError: the scene of a folder has not been trained to its end.
         """
         if text and text == self.address.data:
@@ -82,13 +81,7 @@ class Session:
         return next(each.version for each in self.client.versions(scene_id) if each.current)
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
-        """Print a value of the contract.
-
-        Args:
-            value: as JSON, as REST would send it; None for what has no content.
-            text: for people.
-            nothing: said on stderr where there is no text.
-        """
+        """Prints `value` as REST's JSON, or `text` for people; where that is empty, `nothing` on stderr."""
         if self.as_json:
             if value is not None:
                 typer.echo(json.dumps(to_plain(value), indent=2, ensure_ascii=False))
@@ -98,16 +91,7 @@ class Session:
             typer.echo(nothing, err=True)
 
     def tell_job(self, operation: Operation, text: Callable[[Operation], str], *, watch: bool) -> None:
-        """Print a job that was queued, or with `watch` what came of it; what happens meanwhile are lines on stderr.
-
-        Args:
-            operation: as it was queued.
-            text: what came of one that succeeded, for people.
-            watch: whether to wait for its end.
-
-        Raises:
-            typer.Exit: it was watched, and did not succeed.
-        """
+        """Prints a queued job, or with `watch` its outcome, progress on stderr; `typer.Exit` if that fails."""
         queued = f"job {operation.id} of scene {operation.scene_id} is {operation.state}"
         if not watch:
             self.tell(operation, queued)

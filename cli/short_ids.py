@@ -15,17 +15,7 @@ _CANDIDATES = 5
 
 
 def whole_id(noun: str, text: str, ids: Iterable[str]) -> str:
-    """The id that a text is, or begins.
-
-    Args:
-        noun: what the ids are of, as "scene".
-        text: as it was typed.
-        ids: all that there are.
-
-    Raises:
-        NotFoundError: none of them begins so.
-        InvalidInputError: several do, which are named, or the text is too short to tell.
-    """
+    """Completes the id that `text` begins; `NotFoundError` for none, `InvalidInputError` for several."""
     fitting = set()
     for each in ids:
         if each == text:

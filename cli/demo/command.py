@@ -80,12 +80,7 @@ def seen_by(folder: Path) -> str:
 
 
 def prepare(folder: Path) -> None:
-    """See that the data folder `folder / "service"` has a scene: the one that is there, or the sample.
-
-    Raises:
-        ConflictError: `folder` has other things in it.
-        ResourceError, InvalidInputError: as `unpack_sample`.
-    """
+    """Puts a scene into `folder / "service"` unless one is there; `ConflictError` if other things are."""
     from fastsplat.service.store.care.sample_scene import unpack_sample
     from fastsplat.service.store.rows.database import SQLITE_NAME
 
@@ -101,11 +96,7 @@ def prepare(folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Make an empty folder for a demonstration, of one that another left, if need be.
-
-    Raises:
-        ConflictError: it has things in it that no demonstration made; nothing is touched.
-    """
+    """Makes an empty folder, also of an earlier demonstration's; `ConflictError` if other things are in it."""
     if folder.exists() and not (folder.is_dir() and ((folder / _MARK).is_file() or not any(folder.iterdir()))):
         raise ConflictError(
             f"{folder} has things in it that no demonstration made",
@@ -118,12 +109,7 @@ def clear(folder: Path) -> None:
 
 
 def pull_defaults() -> None:
-    """Fetch the default models that are missing: where the settings say, or where that is marked read-only into a copy
-    in `OWN_MODELS`, where the settings then say.
-
-    Raises:
-        FastSplatError: as `pull`.
-    """
+    """Fetches missing default models to the settings' folder, or, where that is read-only, a copy in `OWN_MODELS`."""
     shared = load_settings().models
     if shared.is_dir() and not shared.stat().st_mode & _WRITABLE:
         typer.echo(f"{shared} is left as it is; its models are copied to {OWN_MODELS}, what is missing comes there")
@@ -140,11 +126,7 @@ def pull_defaults() -> None:
 
 
 def pull_text_encoder() -> None:
-    """Fetch the text encoder of the settings, 23 MB by default, where it is missing.
-
-    Raises:
-        FastSplatError: as `pull`.
-    """
+    """Fetches the settings' text encoder (23 MB by default) where it is missing; raises as `pull`."""
     settings = load_settings()
     encoder = settings.perception.text_encoder
     if not (settings.models / encoder.rpartition(":")[2]).is_dir():

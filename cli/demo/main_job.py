@@ -29,14 +29,9 @@ _FIGURES = ("loss", "psnr", "iterations_per_second")
 def run_main_job(
     folder: Path, settings: Settings, *, photos: Path | None, ask: Sequence[str], seconds: float | None
 ) -> None:
-    """From photos to answers; `folder`, empty before, then has report.json, pictures, PLY files, and in `service` the
-    data folder.
+    """Runs the main job from photos to answers into the empty `folder`: report.json, pictures, PLY files, `service`.
 
-    Args:
-        settings: its ports and model directory count.
-        photos: None: the sample.
-        ask: questions; none: those of the sample, or some made of the scene's names.
-        seconds: as of `demo`.
+    Without `photos` the sample's are taken, without `ask` the sample's questions, or some of the scene's names.
 
     Raises:
         FastSplatError: a port is taken, the service does not start, or what it answers.

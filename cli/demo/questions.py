@@ -40,14 +40,9 @@ _ABSENT = ("submarine", "volcano", "bicycle")
 
 
 def questions_for(labels: Sequence[str]) -> tuple[str, ...]:
-    """Questions for a capture of the user's own.
+    """Makes questions of a scene's labels, most Gaussians first.
 
-    Args:
-        labels: the scene's dictionary, most Gaussians first.
-
-    Returns:
-        The two leading labels by name, a wider or neighbouring word for the first label that has one (ambiguous on
-        purpose), and a thing that is not in the dictionary.
+    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and a thing that is not there.
     """
     wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
     absent = next(word for word in _ABSENT if word not in labels)

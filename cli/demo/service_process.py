@@ -22,11 +22,7 @@ _STOP_SECONDS = 20
 
 @contextmanager
 def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[str]:
-    """`fastsplat serve` while the block runs: REST, gRPC and one worker, with state in `data_dir`. Yields its key.
-
-    Raises:
-        ResourceError: a port is taken, or the service does not get ready; says which and shows the end of its log.
-    """
+    """Runs `fastsplat serve` with one worker during the block; yields its key, or `ResourceError` with its log."""
     for port in (http_port, grpc_port):
         _require_free(port)
     environment = {

@@ -34,11 +34,7 @@ def export(
 
 
 def write_file(file: Path, content: bytes) -> None:
-    """Write a file, whole or not at all, and say how large it is, on stderr.
-
-    Raises:
-        InvalidInputError: it cannot be written.
-    """
+    """Writes a file, whole or not at all, and tells its size on stderr; `InvalidInputError` if it cannot be written."""
     try:
         with atomic_file(file) as beside:
             beside.write_bytes(content)
@@ -48,11 +44,7 @@ def write_file(file: Path, content: bytes) -> None:
 
 
 def _format_of(name: str) -> ExportFormat:
-    """The format of the longest ending that the name has: a.points.ply is of points, a.ply of ply.
-
-    Raises:
-        InvalidInputError: of none.
-    """
+    """Finds the format of the longest ending: a.points.ply is of points; `InvalidInputError` for none."""
     endings = {file_name.removeprefix("scene"): kind for kind, file_name in FILE_NAMES.items()}
     fitting = [ending for ending in endings if name.endswith(ending)]
     if not fitting:

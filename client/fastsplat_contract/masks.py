@@ -101,11 +101,7 @@ def encode_rle(mask: NDArray[np.bool_]) -> str:
 
 
 def decode_rle(counts: str, height: int, width: int) -> NDArray[np.bool_]:
-    """bool [H, W] of COCO's ascii counts.
-
-    Raises:
-        InvalidInputError: a size out of bounds, a letter outside COCO's alphabet, or runs that do not fill the image.
-    """
+    """Decodes COCO's ascii counts to bool [H, W]; `InvalidInputError` for a bad size, letter or run."""
     if height < 0 or width < 0 or height * width > _MAX_PIXELS:
         raise _bad(f"a mask of {height}×{width} pixels", limit=f"{_MAX_PIXELS} pixels")
     runs: list[int] = []
@@ -137,11 +133,7 @@ def pack_bits(mask: NDArray[np.bool_]) -> bytes:
 
 
 def unpack_bits(data: bytes, count: int) -> NDArray[np.bool_]:
-    """bool [count] of packed bits.
-
-    Raises:
-        InvalidInputError: not ceil(count / 8) bytes, or bits set in the filling.
-    """
+    """Unpacks bits to bool [count]; `InvalidInputError` for a wrong number of bytes, or bits in the filling."""
     bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
     if count < 0 or len(data) != -(-count // 8) or bits[count:].any():
         raise _bad(f"{len(data)} bytes of packed bits for {count} Gaussians")

@@ -27,11 +27,7 @@ def to_json(value: Any) -> bytes:
 
 
 def from_json(kind: type[T], content: bytes | str) -> T:
-    """Back from `to_json`; a field that a later release added is passed over.
-
-    Raises:
-        InvalidInputError: this is no JSON of the type; names the field.
-    """
+    """Reads what `to_json` wrote, ignoring fields of later releases; `InvalidInputError` names the field."""
     try:
         value: T = _adapter(kind).validate_json(content, extra="ignore")
     except ValidationError as error:
@@ -45,11 +41,7 @@ def to_plain(value: Any) -> Any:
 
 
 def from_plain(kind: type[T], plain: Any, path: str = "") -> T:
-    """Back from `to_plain`, strictly: no unknown field, no silent conversion, no NaN.
-
-    Raises:
-        InvalidInputError: names the field; it lies in `path`, e.g. "cameras[0]".
-    """
+    """Reads what `to_plain` made, strictly; `InvalidInputError` names the field, which lies in `path`."""
     try:
         value: T = _adapter(kind).validate_python(plain)
     except ValidationError as error:

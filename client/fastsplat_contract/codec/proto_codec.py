@@ -36,11 +36,7 @@ def to_proto(value: Any) -> Any:
 
 
 def from_proto(kind: type[T], message: Message, path: str = "", carrier: Message | None = None) -> T:
-    """Back from `to_proto`, as strictly as `from_plain`; `carrier` has the fields that are not in `message` itself.
-
-    Raises:
-        InvalidInputError: names the field; it lies in `path`.
-    """
+    """Reads what `to_proto` made, as strictly as `from_plain`; `carrier` has the fields that `message` lacks."""
     plain = _reader(kind, "")(message)
     if carrier is not None:
         plain |= _reader(kind, carrier.DESCRIPTOR.name)(carrier)

@@ -56,7 +56,7 @@ class JobEstimates:
             return {}
         stages = self._stages(photos, options, self._speed)
         later = sum(seconds for stage, seconds in stages.items() if stage != "capture")
-        return {PREDICTED_S: stages["capture"] + min(later, options.time_budget_s or math.inf)}
+        return {PREDICTED_S: round(stages["capture"] + min(later, options.time_budget_s or math.inf), 1)}
 
     def _stages(self, photos: PhotoSet, options: SceneOptions, speed: Speed) -> dict[str, float]:
         from fastsplat.service.planning.job_time import job_seconds

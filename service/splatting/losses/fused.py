@@ -51,12 +51,15 @@ class SurfaceLoss(StoredGradients):
     @staticmethod
     def forward(ctx: Any, *inputs: Any) -> Tensor:
         alpha, depth, squared, target, valid, alpha_min, step, spread_weight, smoothness_weight = inputs
-        gradients = [torch.empty(alpha.shape) for _ in range(3)]
+        d_alpha, d_depth, d_squared = gradients = [torch.empty(alpha.shape) for _ in range(3)]
         loss = kernels.surface_loss(
             **arrays(alpha=alpha, depth=depth, squared=squared, target=target, valid=valid),
-            **arrays(**dict(zip(("d_alpha", "d_depth", "d_squared"), gradients, strict=True))),
-            **{"alpha_min": alpha_min, "step": step, **running()},
-            **{"spread_weight": spread_weight, "smoothness_weight": smoothness_weight},
+            **arrays(d_alpha=d_alpha, d_depth=d_depth, d_squared=d_squared),
+            alpha_min=alpha_min,
+            step=step,
+            spread_weight=spread_weight,
+            smoothness_weight=smoothness_weight,
+            **running(),
         )
         ctx.save_for_backward(*gradients)
         return torch.tensor(loss, dtype=torch.float32)
