@@ -18,37 +18,37 @@ from fastsplat_contract.calls import CALLS
 ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
-    "api": (6572, 12010),
-    "application": (7098, 3258),
-    "benchmarks": (0, 2508),
-    "capture": (11197, 7083),
-    "cli": (3842, 2065),
-    "client": (9120, 1744),
+    "api": (6572, 12005),
+    "application": (7130, 3259),
+    "benchmarks": (0, 2507),
+    "capture": (11197, 7080),
+    "cli": (3771, 2062),
+    "client": (9100, 1743),
     "common": (1256, 721),
     "demo": (0, 210),
     "docker": (0, 229),
-    "docs": (0, 744),
+    "docs": (0, 740),
     "fastsplat": (38, 0),
-    "instances": (2366, 1936),
+    "instances": (2366, 1931),
     "interop": (0, 570),
-    "jobs": (1106, 276),
+    "jobs": (1106, 275),
     "library": (456, 488),
     "localization": (1923, 622),
-    "perception": (4975, 2679),
-    "planning": (788, 442),
-    "query": (12028, 7767),
+    "perception": (4975, 2676),
+    "planning": (797, 452),
+    "query": (12037, 7767),
     "release": (0, 114),
     "scene": (3534, 1547),
     "service": (372, 0),
     "splat_import": (674, 333),
-    "splatting": (5581, 4734),
-    "store": (4666, 1940),
-    "tests": (0, 1668),
+    "splatting": (5584, 4779),
+    "store": (4666, 1937),
+    "tests": (0, 1653),
     "web": (0, 4449),
-    "workers": (2608, 3703),
+    "workers": (2604, 3691),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 80200, "tests": 63840, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 80158, "tests": 63840, "page": 15951, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.application.jobs.queue_times import QueueTimes
+from fastsplat.service.application.jobs.estimates import QueueTimes
 from fastsplat.service.application.jobs.stored import operation_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.damaged_rows import each_readable

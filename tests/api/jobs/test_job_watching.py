@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.jobs import queue_times
+from fastsplat.service.application.jobs import estimates
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.queue.claims import Claim
 from fastsplat_client import Client, NotReadyError
@@ -121,7 +121,7 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
 def test_a_job_that_waits_says_how_many_are_ahead_and_for_how_long(
     faces: Faces, service: SceneService, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(queue_times, "_FRESH_S", 0.0)
+    monkeypatch.setattr(estimates, "_FRESH_S", 0.0)
     store, jobs = service._store, [queued_job(f"number {number}") for number in range(4)]
     jobs[1] = replace(jobs[1], options={**jobs[1].options, "predicted_s": 300.0})
     for job in jobs:

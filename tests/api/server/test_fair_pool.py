@@ -118,7 +118,7 @@ def test_who_is_over_its_share_while_others_call_goes_to_the_background() -> Non
     assert pool.submit("loud", name).result(30) == "share_background"
     assert pool.submit("quiet", name).result(30) == "share"
     release.set()
-    held.result(30)
+    wait_for(lambda: not pool._callers)
     now[0] = 100.0
     assert pool.submit("quiet", name).result(30) == "share"
     assert pool.submit("loud", name).result(30) == "share"  # long forgotten
