@@ -110,7 +110,7 @@ def test_who_is_over_its_share_while_others_call_goes_to_the_background() -> Non
         begun.set()
         assert release.wait(30)
 
-    held = pool.submit("loud", work)
+    pool.submit("loud", work)
     assert begun.wait(30)
     now[0] = 5.0
     assert pool.submit("loud", name).result(30) == "share"  # nobody else calls
