@@ -245,7 +245,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.LIST_BEST_VIEWS,
             lambda service, asked: service.photos.best_views(
-                asked.scene_id, asked.things, asked.text, asked.max_views, asked.version
+                asked.scene_id, asked.thing_ids, asked.text, asked.max_views, asked.version
             ),
             computes=True,
             renders=True,

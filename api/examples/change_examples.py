@@ -108,14 +108,14 @@ DETECTIONS = DetectionList(
 )
 
 MEASURED: Bodies = {
-    "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
+    "size": ("how large a thing is", MeasureIn((Place(thing_id=1),))),
     "points": (
         "how far two points are apart",
         MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
     ),
     "pixel": (
         "how far a thing is from what a view shows at a pixel",
-        MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
+        MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing_id=1))),
     ),
 }
 SOUGHT: Bodies = {

@@ -155,7 +155,7 @@ _ANSWER = Answer(
         head="cup",
         conditions=("left of the ball",),
         not_understood="",
-        things=(1,),
+        thing_ids=(1,),
         undecided=(),
         witnesses=(Witness("left of the ball", 1, (2,), "direction", 12.5, "deg", 5.2),),
     ),
@@ -226,13 +226,13 @@ EDITS: Bodies = {
         "move all balls half a unit along x",
         EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
     ),
-    "name": ("name a thing that had no name, or another", EditIn((Edit("name", things=(2,), name="ball"),))),
+    "name": ("name a thing that had no name, or another", EditIn((Edit("name", thing_ids=(2,), name="ball"),))),
     "split": (
         "take two things apart that were one",
         EditIn(
             (
-                Edit("merge", things=(1, 2)),
-                Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
+                Edit("merge", thing_ids=(1, 2)),
+                Edit("split", thing_ids=(1,), prompt=ThingPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
             )
         ),
     ),
@@ -240,7 +240,7 @@ EDITS: Bodies = {
         "make a thing that was missing, and name it",
         EditIn(
             (
-                Edit("discard", things=(2,)),
+                Edit("discard", thing_ids=(2,)),
                 Edit("add", prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)), name="ball"),
             )
         ),

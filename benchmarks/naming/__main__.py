@@ -109,7 +109,7 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
     """A room of `drawn_index` named by a person, whom so many namers help, with errors by this seed."""
     truth = {number: thing.label for number, thing in enumerate(room.things, start=1)}
     sheets = list(sheets_of(index, folder, "drawn"))
-    shown = [each.thing for sheet in sheets for each in sheet.things]
+    shown = [each.thing_id for sheet in sheets for each in sheet.things]
     refused = 0
     for number in range(namers):
         seen = with_errors({thing: truth[thing] for thing in shown}, [seed, number])
@@ -129,7 +129,7 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
     for thing in by_hand:
         filled = right.get(thing.id, False) and first[thing.id].probability >= _FILLED_IN
         keys += 1 if filled else len(truth[thing.id]) + 1
-        index = index.after(apply_edit(index, Edit("name", things=(thing.id,), name=truth[thing.id])))
+        index = index.after(apply_edit(index, Edit("name", thing_ids=(thing.id,), name=truth[thing.id])))
     names = {thing.id: thing.name for thing in index.things.listed}
     keyed = [{label_key(one.name) for one in told[each]} for each in told]
     return {

@@ -77,8 +77,8 @@ def replayed(sheets: Sequence[ThingSheet], says: Says) -> Iterator[ReplayNamer]:
 def named(sheet: ThingSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
     """An answer as it is asked for, with the names of things by their ids."""
     told = [
-        {"number": each.number, "name": names[each.thing], "probability": probability, "aliases": []}
+        {"number": each.number, "name": names[each.thing_id], "probability": probability, "aliases": []}
         for each in sheet.things
-        if each.thing in names
+        if each.thing_id in names
     ]
     return {"names": told}

@@ -144,7 +144,7 @@ def _main() -> None:
         if each.question.part != "scored" and (not each.right or each.denied or each.contradictions):
             question, answer = each.question, each.answer
             print(f"{question.scene}, {question.kind}: {question.text!r} -> {question.keys} {question.count or ''}")
-            print(f"  {answer.things}: {answer.sentence} {each.contradictions}")
+            print(f"  {answer.thing_ids}: {answer.sentence} {each.contradictions}")
     row = {**figures(judged), "named": objects, **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
     for name in (
         "right",

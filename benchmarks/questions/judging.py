@@ -75,9 +75,9 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append(f"{answer.outcome} at {likely:.2f}")
     if answer.is_absent and answer.presence is not None and answer.presence > 0.5:
         said.append(f"absent with a presence of {answer.presence:.2f}")
-    if answer.is_absent and (answer.things or refused):
+    if answer.is_absent and (answer.thing_ids or refused):
         said.append("absent, and things are shown, or nothing was decided")
-    if answer.outcome in _DECIDED and not answer.things:
+    if answer.outcome in _DECIDED and not answer.thing_ids:
         said.append(f"{answer.outcome}, and nothing is shown")
     if refused and (answer.outcome in _DECIDED or likely is not None):
         said.append("nothing was decided, and an outcome or a probability of something else stands beside it")
@@ -90,7 +90,11 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         "no name here is it" in answer.sentence or "none of the" in answer.sentence
     ):
         said.append("a name of the scene is none")
-    if phrase is not None and phrase.count is not None and not phrase.count <= len(answer.things) <= 99 * phrase.count:
+    if (
+        phrase is not None
+        and phrase.count is not None
+        and not phrase.count <= len(answer.thing_ids) <= 99 * phrase.count
+    ):
         said.append("a number of other things than are shown")
     for relevant in (False,) if phrase else (False, True):
         figures = [
@@ -108,7 +112,7 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
 
 
 def _shown(answer: Answer) -> tuple[int, ...]:
-    return answer.things if answer.outcome in _DECIDED else ()
+    return answer.thing_ids if answer.outcome in _DECIDED else ()
 
 
 def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:

@@ -57,8 +57,8 @@ def outcome_of(word: str, kind: str, answer: Answer, truth: Truth) -> str:
     if answer.is_absent:
         return "denied"
     if answer.outcome == "cannot_say":
-        return "offered" if right & set(answer.things) else "evaded"
-    return "found" if right & set(answer.things[:1]) else "other"
+        return "offered" if right & set(answer.thing_ids) else "evaded"
+    return "found" if right & set(answer.thing_ids[:1]) else "other"
 
 
 def _main() -> None:
@@ -83,7 +83,7 @@ def _main() -> None:
                         said = outcome_of(word, kind, answer, truth)
                         counts[kind][said] += 1
                         if options.misses:
-                            print(f"{name} {kind} {said} {word!r} {list(answer.things)[:8]}: {answer.sentence}")
+                            print(f"{name} {kind} {said} {word!r} {list(answer.thing_ids)[:8]}: {answer.sentence}")
     evasions = [
         counts["there"]["evaded"] + counts["gone"]["cannot_say"],
         counts["there"].total() + counts["gone"].total(),

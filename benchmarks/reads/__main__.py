@@ -113,13 +113,13 @@ def judged(things: Things, lines: Sequence[Line], legible: Sequence[bool]) -> tu
         lines: that are printed.
         legible: bool [len(lines)], those that are to be read.
     """
-    printed = {(line.thing, _letters(line.text)) for line in lines}
+    printed = {(line.thing_id, _letters(line.text)) for line in lines}
     said: dict[tuple[int, str], float] = {}
     for thing in things.table:
         for read in thing.reads:
             key = (thing.id, _letters(read.text))
             said[key] = max(read.probability, said.get(key, 0.0))
-    keys = [(line.thing, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
+    keys = [(line.thing_id, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
     return [(own, key in printed) for key, own in said.items()], [said.get(key, 0.0) for key in keys]
 
 

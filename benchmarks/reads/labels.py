@@ -55,7 +55,7 @@ class Line:
         corners: float64 [4, 3], of its capitals' height and its breadth: from the top left clockwise, meters.
     """
 
-    thing: int
+    thing_id: int
     text: str
     corners: F64
 
@@ -66,7 +66,7 @@ class Line:
         if (depth < 0.05).any() or (pixels < 1).any() or (pixels > np.array(size) - 2).any():
             return 0.0
         columns, rows = np.round(pixels - 0.5).astype(int).T
-        seen = (shown.things[rows, columns] == self.thing) & (shown.nearness[rows, columns] * depth < 1 + _NEAR)
+        seen = (shown.things[rows, columns] == self.thing_id) & (shown.nearness[rows, columns] * depth < 1 + _NEAR)
         top, right, bottom, left = _projected(shown.posed, (self.corners + np.roll(self.corners, -1, axis=0)) / 2)[0]
         high, wide = float(np.linalg.norm(bottom - top)), float(np.linalg.norm(right - left))
         shape = np.linalg.norm(self.corners[1] - self.corners[0]) / np.linalg.norm(self.corners[3] - self.corners[0])

@@ -116,8 +116,8 @@ def figures(answered: Sequence[Answered]) -> dict[str, Any]:
 def _judged(case: Case, seed: int, answer: Answer) -> Answered:
     phrase = answer.phrase
     if phrase is None:  # a name, of which all things are meant
-        return Answered(case, seed, frozenset(answer.things), None, "", answer.sentence)
-    things = None if phrase.refusal is not None else frozenset(phrase.things)
+        return Answered(case, seed, frozenset(answer.thing_ids), None, "", answer.sentence)
+    things = None if phrase.refusal is not None else frozenset(phrase.thing_ids)
     reason = "" if phrase.refusal is None else phrase.refusal.reason
     return Answered(case, seed, things, phrase.count, reason, answer.sentence)
 

@@ -36,7 +36,7 @@ def clean(
         middle = Pose(Vector3(*(center or (0.0, 0.0, 0.0))), Quaternion(0.0, 0.0, 0.0, 1.0))
         box = Box(middle, Vector3(*(size or (0.0, 0.0, 0.0))))
     chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
-    edits = [Edit("remove", things=tuple(thing), filter=chosen)]
+    edits = [Edit("remove", thing_ids=tuple(thing), filter=chosen)]
     scene_id = session.scene(scene)
     if preview:
         told = session.client.preview_edit(scene_id, edits)

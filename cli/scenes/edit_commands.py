@@ -52,7 +52,7 @@ def name(
     looked_at: _LookedAt = "",
 ) -> None:
     """Give things a name."""
-    edit = Edit("name", things=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
+    edit = Edit("name", thing_ids=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
     _edit(session, scene, edit, looked_at)
 
 
@@ -141,19 +141,19 @@ def confirm(
 @service_command(things_app)
 def unname(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
     """Take the names of things away."""
-    _edit(session, scene, Edit("unname", things=tuple(things)), looked_at)
+    _edit(session, scene, Edit("unname", thing_ids=tuple(things)), looked_at)
 
 
 @service_command(things_app)
 def merge(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
     """Make several things one, under the id and the name of the first."""
-    _edit(session, scene, Edit("merge", things=tuple(things)), looked_at)
+    _edit(session, scene, Edit("merge", thing_ids=tuple(things)), looked_at)
 
 
 @service_command(things_app)
 def discard(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
     """Say that these are no things; their Gaussians stay."""
-    _edit(session, scene, Edit("discard", things=tuple(things)), looked_at)
+    _edit(session, scene, Edit("discard", thing_ids=tuple(things)), looked_at)
 
 
 @service_command(things_app)
@@ -175,7 +175,7 @@ def insert(
     scene_id, source_id = session.scene(scene), session.scene(source)
     edit = Edit(
         "insert",
-        things=tuple(things),
+        thing_ids=tuple(things),
         transform=Pose(Vector3(*position), Quaternion(*orientation)),
         source=InsertSource(source_id, session.version(source_id, source_version)),
     )
@@ -196,7 +196,7 @@ def split(
     looked_at: _LookedAt = "",
 ) -> None:
     """Make the piece of a thing at a pixel or in a box of a view a thing of its own."""
-    edit = Edit("split", things=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    edit = Edit("split", thing_ids=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
     _edit(session, scene, edit, looked_at)
 
 

@@ -48,8 +48,8 @@ def scale(
     """Make the scene's units meters by a length or a thing's size that you have measured; several are combined."""
     first, *others = (_place(text) for text in places)
     known: KnownLength | KnownSize
-    if first.thing and not others:
-        known = KnownSize(first.thing, meters, plus_minus, "height" if height else "longest")
+    if first.thing_id and not others:
+        known = KnownSize(first.thing_id, meters, plus_minus, "height" if height else "longest")
     elif len(others) == 1 and not height:
         known = KnownLength(first, others[0], meters, plus_minus)
     else:
@@ -99,5 +99,5 @@ def _place(text: str) -> Place:
     if not view and len(values) == 3:
         return Place(point=Vector3(*values))
     if not view and numbers.isdecimal():
-        return Place(thing=int(numbers))
+        return Place(thing_id=int(numbers))
     raise InvalidInputError(f"a place {text[:80]!r}", field="places", hint=f"Write {_PLACE}.")

@@ -86,9 +86,9 @@ def sheet(
     rows = [
         (
             str(each.number),
-            str(each.thing),
+            str(each.thing_id),
             "" if each.size is None else " × ".join(f"{side:.3g}" for side in each.size),
-            ", ".join(f"{near.thing} {near.name}".rstrip() for near in each.neighbors),
+            ", ".join(f"{near.thing_id} {near.name}".rstrip() for near in each.neighbors),
             ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
         )
         for each in shown.things

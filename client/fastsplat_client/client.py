@@ -340,7 +340,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         cell: float = 0.0,
     ) -> bytes:
         """Exports a scene, or only some things; formats and cell as in `ExportRequest`."""
-        params = {"version": version, "thing": list(things), "cell": cell}
+        params = {"version": version, "thing_ids": list(things), "cell": cell}
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:

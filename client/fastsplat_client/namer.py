@@ -312,14 +312,14 @@ def _request(namer: Namer, sheet: ThingSheet) -> Mapping[str, Any]:
 
 def _usable(answer: _Answer, sheet: ThingSheet) -> list[_Name]:
     """Selects the most probable usable name of each thing on the sheet."""
-    ids = {each.number: each.thing for each in sheet.things}
+    ids = {each.number: each.thing_id for each in sheet.things}
     best: dict[int, _Name] = {}
     for each in sorted(answer.names, key=lambda one: -one.probability):
         name = each.name.strip()
         if each.number in ids and ids[each.number] not in best and _is_name(name):
             aliases = tuple(word.strip() for word in each.aliases if _is_name(word.strip()))[:_MAX_ALIASES]
             thing = ids[each.number]
-            best[thing] = {"thing": thing, "name": name, "probability": each.probability, "aliases": aliases}
+            best[thing] = {"thing_id": thing, "name": name, "probability": each.probability, "aliases": aliases}
     return list(best.values())
 
 
@@ -347,8 +347,8 @@ def _obeyed(sheets: Sequence[ThingSheet], names: Sequence[_Name], shown: int) ->
     name = counts[0][0]
     if any(_squeezed(name) in _squeezed(line) for sheet in sheets for line in sheet.written):
         return name
-    same = {each["thing"] for each in names if _key(each) == name}
-    sizes = [each.size for sheet in sheets for each in sheet.things if each.thing in same and each.size is not None]
+    same = {each["thing_id"] for each in names if _key(each) == name}
+    sizes = [each.size for sheet in sheets for each in sheet.things if each.thing_id in same and each.size is not None]
     return name if len(sizes) < _FEW - 1 or _apart(sizes) > _SIZES_APART else ""
 
 

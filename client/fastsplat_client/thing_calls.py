@@ -80,7 +80,7 @@ class ThingCalls(TableCalls):
 
     def measure(self, scene_id: str, *places: Place | int, version: str = "") -> Measurement:
         """Measures one place or thing (its id), or the distance between two."""
-        of = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
+        of = tuple(Place(thing_id=one) if isinstance(one, int) else one for one in places)
         return self.call(calls.MEASURE_SCENE, MeasureRequest(scene_id, of, version))
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, *, version: str = "") -> Goal:
@@ -122,7 +122,7 @@ class ThingCalls(TableCalls):
         If the version has `asks_kind`, no word of the name is known; call again with `kinds` that say what it is.
         """
         ids = (things,) if isinstance(things, int) else tuple(things)
-        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
+        edit = Edit("name", thing_ids=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
     def thing_sheets(self, scene_id: str, *, version: str = "") -> Iterator[ThingSheet]:
@@ -162,7 +162,7 @@ class ThingCalls(TableCalls):
             if not thing.name and thing.suggestions and thing.suggestions[0].probability >= least
         ]
         firsts = ((thing, thing.suggestions[0]) for thing in likely)
-        edits = [Edit("name", things=(thing.id,), name=told.name, aliases=told.aliases) for thing, told in firsts]
+        edits = [Edit("name", thing_ids=(thing.id,), name=told.name, aliases=told.aliases) for thing, told in firsts]
         for start in range(0, len(edits), _EDITS):
             self.edit_scene(scene_id, edits[start : start + _EDITS])
         return tuple(likely)
@@ -170,7 +170,7 @@ class ThingCalls(TableCalls):
     def split_thing(
         self,
         scene_id: str,
-        thing: int,
+        thing_id: int,
         viewpoint: str | PosedCamera,
         *,
         pixels: Sequence[tuple[float, float]] = (),
@@ -183,7 +183,7 @@ class ThingCalls(TableCalls):
         """Splits a piece off a thing in a new version, see `SceneVersion.prompted`.
 
         Args:
-            thing: its id; it keeps the rest and its name.
+            thing_id: its id; it keeps the rest and its name.
             viewpoint: a scene's camera (its name) or a free viewpoint.
             pixels: x, y on the piece in the viewpoint's picture; its first pixel's center is (0.5, 0.5).
             background: x, y beside the piece.
@@ -192,7 +192,7 @@ class ThingCalls(TableCalls):
             looked_at: see `edit_scene`.
         """
         prompt = _prompt(viewpoint, pixels, background, box)
-        edit = Edit("split", things=(thing,), prompt=prompt, name=name, aliases=tuple(aliases))
+        edit = Edit("split", thing_ids=(thing_id,), prompt=prompt, name=name, aliases=tuple(aliases))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
     def add_thing(

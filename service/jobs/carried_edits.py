@@ -131,7 +131,7 @@ def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneInde
         return apply_edit(index, edit, piece=_piece(before, after, index))
     if edit.source is None:
         return apply_edit(index, edit, max_gaussians=max_gaussians)
-    there = replace(edit, label=None, things=_made(before, after), transform=_UNMOVED)
+    there = replace(edit, label=None, thing_ids=_made(before, after), transform=_UNMOVED)
     return apply_edit(index, there, source=after, max_gaussians=max_gaussians)
 
 
@@ -148,22 +148,22 @@ def _piece(before: SceneIndex, after: SceneIndex, index: SceneIndex) -> NDArray[
 def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Edit, list[int]]:
     """Translates an edit to new ids, with unmatched things; `NotFoundError` if none matches."""
     if edit.known_sizes:
-        sizes = tuple(KnownSize(**{**vars(size), "thing": _known(size.thing, ids)}) for size in edit.known_sizes)
+        sizes = tuple(KnownSize(**{**vars(size), "thing_id": _known(size.thing_id, ids)}) for size in edit.known_sizes)
         return replace(edit, known_sizes=sizes), []
-    if edit.source is not None or not (edit.things or edit.label):
+    if edit.source is not None or not (edit.thing_ids or edit.label):
         return edit, []
     things = edited_things(before, edit)
     known = [ids[thing] for thing in things if thing in ids]
     if not known:
-        raise NotFoundError("nothing that it is about was found again", field="things")
-    again = replace(edit, label=None, things=tuple(known))
+        raise NotFoundError("nothing that it is about was found again", field="thing_ids")
+    again = replace(edit, label=None, thing_ids=tuple(known))
     return again, [thing for thing in things if thing not in ids]
 
 
-def _known(thing: int, ids: dict[int, int]) -> int:
-    if thing not in ids:
-        raise NotFoundError(f"thing {thing} of the draft was not found again", field="known_sizes")
-    return ids[thing]
+def _known(thing_id: int, ids: dict[int, int]) -> int:
+    if thing_id not in ids:
+        raise NotFoundError(f"thing {thing_id} of the draft was not found again", field="known_sizes")
+    return ids[thing_id]
 
 
 def _named(edit: Edit) -> str:

@@ -42,7 +42,7 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSh
     for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_THINGS):
         things = nameless[first : first + MOST_THINGS]
         picture, shown = drawn_sheet(index, things, lambda views: kept_photos(index, folder, views))
-        seen = {each.thing for each in shown}
+        seen = {each.thing_id for each in shown}
         unseen = tuple(thing.id for thing in things if thing.id not in seen)
         meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
         yield ThingSheet(picture, shown, unseen, meters, "", version, written)

@@ -131,12 +131,12 @@ class LocalScene:
 
     def measure(self, *places: Place | int) -> Measurement:
         """Measures a position, a thing's size (by id), or the distance of two places."""
-        located = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
+        located = tuple(Place(thing_id=one) if isinstance(one, int) else one for one in places)
         return self._service.answers.measure(MeasureRequest(self.id, located))
 
-    def name(self, thing: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()) -> SceneVersion:
+    def name(self, thing_id: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()) -> SceneVersion:
         """Names a thing in a new version; see `Edit` for aliases and kinds."""
-        edit = Edit("name", things=(thing,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
+        edit = Edit("name", thing_ids=(thing_id,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self._service.versions.edit(self.id, [edit])
 
     def image(self, viewpoint: Viewpoint) -> NDArray[np.uint8]:

@@ -44,7 +44,7 @@ class Change:
     """An event, with its places before and after."""
 
     kind: ChangeKind
-    thing: int  # its id in the scene; 0 if it is none of the scene's things
+    thing_id: int  # its id in the scene; 0 if it is none of the scene's things
     views: tuple[int, ...]  # rows of the photos that agree
     probability: float
     before: F64 | None  # [2, 3], lowest and highest corners, world frame, scene units
@@ -112,11 +112,11 @@ def _events(
             piece = pieces[moved[row]]
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
             views = tuple(sorted({*one.views, *piece.views}))
-            events.append(Change("moved", one.thing, views, sure, one.box, piece.box, regions))
+            events.append(Change("moved", one.thing_id, views, sure, one.box, piece.box, regions))
         elif one.step > STEPS:
-            events.append(Change("changed", one.thing, one.views, sure, one.box, one.box, regions))
+            events.append(Change("changed", one.thing_id, one.views, sure, one.box, one.box, regions))
         else:
-            events.append(Change("gone", one.thing, one.views, sure, one.box, None, regions))
+            events.append(Change("gone", one.thing_id, one.views, sure, one.box, None, regions))
     for piece in left:
         events.append(Change("new", 0, piece.views, _sure(piece), None, piece.box, _regions(piece, "new")))
     return events

@@ -34,7 +34,7 @@ STEPS = 2.5
 class Lost:
     """A thing or surface piece that is not where it was."""
 
-    thing: int  # its id; 0 if it is none of the scene's things
+    thing_id: int  # its id; 0 if it is none of the scene's things
     box: F64  # [2, 3], lowest and highest corners, scene units
     views: tuple[int, ...]  # rows of the photos that agree
     pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
@@ -103,7 +103,7 @@ def whole(lost: Sequence[Lost]) -> list[Lost]:
     """
     kept: list[Lost] = []
     for one in lost:
-        if one.thing or not any(_touches(one, other) for other in kept):
+        if one.thing_id or not any(_touches(one, other) for other in kept):
             kept.append(one)
     return kept
 
@@ -117,8 +117,8 @@ def _touches(one: Lost, other: Lost) -> bool:
 
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
     """Masks lost things and all surface in lost pieces' boxes, [H, W] per photo."""
-    taken = sorted({each.thing for each in lost if each.thing})
-    boxes = [each.box for each in lost if not each.thing]
+    taken = sorted({each.thing_id for each in lost if each.thing_id})
+    boxes = [each.box for each in lost if not each.thing_id]
     maps = [np.isin(view.things, taken) for view in views]
     for view, own in zip(views, maps, strict=True):
         points = _surface(view.comparison) if boxes else np.zeros(0)

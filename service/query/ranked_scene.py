@@ -134,7 +134,7 @@ class RankedScene:
 
     def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings], question: TimeQuestion | None) -> Answer:
         words = self._words
-        if (ranked.answer.things or self._history.looked_at_again) and not self.names.stored:
+        if (ranked.answer.thing_ids or self._history.looked_at_again) and not self.names.stored:
             words = ThingWords(things().names)
 
         def in_words(thing_ids: Sequence[int]) -> str:

@@ -26,7 +26,7 @@ from tests.api.made_scene import turned
 _PIXEL = Pixel(24.0, 18.0)
 RED = Color(1.0, 0.0, 0.0)
 _FAR = Vector3(90.0, 0.0, 0.0)
-_SPLIT = Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(_PIXEL,)))
+_SPLIT = Edit("split", thing_ids=(1,), prompt=ThingPrompt(view="front.png", pixels=(_PIXEL,)))
 _NEAR = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(1.5, 9.0, 9.0))
 _CROP = Edit("remove", filter=GaussianFilter(box=_NEAR, outside=True))
 _LOOSE = Edit("remove", filter=GaussianFilter(isolation_above=1.2))
@@ -80,16 +80,16 @@ EXAMPLES = (
     *(
         Example("MeasureScene", MeasureRequest(places=places, scene_id=""))
         for places in (
-            (Place(thing=1),),
-            (Place(view="front.png", pixel=_PIXEL), Place(thing=1)),
+            (Place(thing_id=1),),
+            (Place(view="front.png", pixel=_PIXEL), Place(thing_id=1)),
             (Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))),
         )
     ),
     *(Example("ListVersions", of=of) for of in ("scene", "edited")),
     Example("EditScene", EditIn((Edit("recolor", label="mug", color=RED),), "recolored"), "own"),
-    Example("EditScene", EditIn((Edit("name", things=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
+    Example("EditScene", EditIn((Edit("name", thing_ids=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
     Example("EditScene", EditIn((Edit("move", label="ball", transform=UP), Edit("remove", "mug")), "both"), "own"),
-    Example("EditScene", EditIn((Edit("merge", things=(1, 2)), _SPLIT), "split"), "own"),
+    Example("EditScene", EditIn((Edit("merge", thing_ids=(1, 2)), _SPLIT), "split"), "own"),
     Example("EditScene", EditIn((_CROP, _LOOSE), "cropped"), "own"),
     *(Example("PreviewEdit", PreviewEditIn(edits)) for edits in ((_CROP,), (_CROP, _LOOSE, Edit("remove", "mug")))),
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
@@ -108,7 +108,7 @@ EXAMPLES = (
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     _export("spz", coarse=True),
-    *(_export(name, things=(1, 2)) for name in ("ply", "spz", "sog", "mcap", "mesh")),
+    *(_export(name, thing_ids=(1, 2)) for name in ("ply", "spz", "sog", "mcap", "mesh")),
     *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "things")),
     _export("points", cell=0.2),
     _export("map", "upright", cell=0.1),
@@ -121,8 +121,8 @@ EXAMPLES = (
     *(
         Example("ListBestViews", fields)
         for fields in (
-            {"things": (1, 2)},
-            {"things": (3,), "max_views": 1},
+            {"thing_ids": (1, 2)},
+            {"thing_ids": (3,), "max_views": 1},
             {"text": "cup", "max_views": 2},
             {"text": "volcano", "version": "1"},
         )
@@ -193,7 +193,7 @@ EXAMPLES = (
             ((), "edits", "INVALID_INPUT"),
             ((Edit("remove", label="unicorn"),), "edits[0].label", "NOT_FOUND"),
             ((Edit("recolor", label="mug"),), "edits[0].color", "INVALID_INPUT"),
-            ((Edit("name", things=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
+            ((Edit("name", thing_ids=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
             ((replace(_SPLIT, prompt=None),), "edits[0].prompt", "INVALID_INPUT"),
             ((Edit("align", alignment=Alignment("map")),), "edits[0].alignment", "INVALID_INPUT"),
             ((Edit("look_again", texts=("trophy",)),), "edits[0].texts", "INVALID_INPUT"),
@@ -246,22 +246,22 @@ EXAMPLES = (
     _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
     _bad("ExportScene", ExportRequest("", "colmap"), "format"),  # the name of one has blanks
     *(
-        _bad("ExportScene", ExportRequest("", name, things=(4_000,)), "things[0]", "NOT_FOUND")
+        _bad("ExportScene", ExportRequest("", name, thing_ids=(4_000,)), "thing_ids[0]", "NOT_FOUND")
         for name in ("ply", "sog")
     ),
     _bad("ExportScene", ExportRequest("", "spz", cell=0.2), "cell"),
     _bad("ExportScene", ExportRequest("", "sog", coarse=True), "coarse"),
-    _bad("ExportScene", ExportRequest("", "spz", things=(1,), coarse=True), "coarse"),
+    _bad("ExportScene", ExportRequest("", "spz", thing_ids=(1,), coarse=True), "coarse"),
     _bad("ExportScene", ExportRequest("", "map"), "scene_id"),  # its z is not up
     *(
         _bad("ListBestViews", fields, field, reason)
         for fields, field, reason in (
-            ({}, "things", "INVALID_INPUT"),
-            ({"things": (1,), "text": "ball"}, "things", "INVALID_INPUT"),
-            ({"things": (77,)}, "things[0]", "NOT_FOUND"),
-            ({"things": (1,), "max_views": -1}, "max_views", "INVALID_INPUT"),
-            ({"things": (1,), "max_views": 17}, "max_views", "LIMIT_EXCEEDED"),
-            ({"things": (1,), "version": "none"}, "version", "NOT_FOUND"),
+            ({}, "thing_ids", "INVALID_INPUT"),
+            ({"thing_ids": (1,), "text": "ball"}, "thing_ids", "INVALID_INPUT"),
+            ({"thing_ids": (77,)}, "thing_ids[0]", "NOT_FOUND"),
+            ({"thing_ids": (1,), "max_views": -1}, "max_views", "INVALID_INPUT"),
+            ({"thing_ids": (1,), "max_views": 17}, "max_views", "LIMIT_EXCEEDED"),
+            ({"thing_ids": (1,), "version": "none"}, "version", "NOT_FOUND"),
             ({"text": "x" * 2_000}, "text", "LIMIT_EXCEEDED"),
         )
     ),

@@ -82,8 +82,7 @@ def over_rest(faces: Faces, name: str, ids: Ids, request: Request) -> Any:
     if method in ("POST", "PATCH"):
         response = faces.rest.request(method, path, json=fields)
     else:
-        renamed = {"thing" if name == "ExportScene" and key == "things" else key: fields[key] for key in fields}
-        sent = {key: value for key, value in renamed.items() if value not in (None, "")}
+        sent = {key: value for key, value in fields.items() if value not in (None, "")}
         response = faces.rest.request(method, path, params=sent)
     return _read(call, response)
 

@@ -40,7 +40,7 @@ def nameless_sample(models_dir: Path, folder: Path, namer: NamerSettings | None 
         scene_id = service.open_sample().id
         with client_of(faces) as client:
             truth = {each.id: each.name for each in client.things(scene_id) if each.name}
-            client.edit_scene(scene_id, [Edit("unname", things=tuple(truth))])
+            client.edit_scene(scene_id, [Edit("unname", thing_ids=tuple(truth))])
         yield Nameless(faces, scene_id, truth)
 
 

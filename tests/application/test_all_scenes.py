@@ -188,7 +188,7 @@ def test_what_needs_gaussians_opens_only_scenes_that_answer(
 def test_a_new_version_and_a_deleted_scene_are_noticed(service: SceneService, stored: dict[str, str]) -> None:
     request = QueryRequest("", ("mug", "teacup"))
     before = service.answers.query(request).answers
-    service.versions.edit(stored["things"], [Edit("name", things=(2,), name="teacup")], looked_at="1")
+    service.versions.edit(stored["things"], [Edit("name", thing_ids=(2,), name="teacup")], looked_at="1")
     after = service.answers.query(request).answers
     assert after == _alone(service, stored, request)
     changed = {new.scene_id for old, new in zip(before, after, strict=True) if old != new}

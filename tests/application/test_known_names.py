@@ -109,7 +109,7 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
 
 def _name(service: SceneService, scene_id: str, thing_id: int, name: str) -> None:
     service.versions.edit(
-        scene_id, [Edit("name", things=(thing_id,), name=name)], looked_at=_current(service, scene_id)
+        scene_id, [Edit("name", thing_ids=(thing_id,), name=name)], looked_at=_current(service, scene_id)
     )
 
 
@@ -170,7 +170,7 @@ def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
     _name(service, first, 2, "mug")
     (told,) = _suggested(service, other)[1]
     (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"}))).answers
-    assert (answer.outcome, answer.things, answer.probability) == ("probably_here", (1,), told.probability)
+    assert (answer.outcome, answer.thing_ids, answer.probability) == ("probably_here", (1,), told.probability)
     assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _EACH
     everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",))).answers}
     assert everywhere == {first: "here", other: "probably_here"}
@@ -214,7 +214,7 @@ def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneServic
     assert _suggested(service, other)[1][0].name == "cup"
     service.versions.undo(first)
     assert _suggested(service, other)[1][0].name == "mug"
-    service.versions.edit(first, [Edit("unname", things=(2,))], looked_at=_current(service, first))
+    service.versions.edit(first, [Edit("unname", thing_ids=(2,))], looked_at=_current(service, first))
     assert [name for _, _, name, _ in _known(service)] == ["moon"] and _suggested(service, other)[1] == ()
     service.versions.undo(first)
     assert {name for _, _, name, _ in _known(service)} == {"moon", "mug"}
@@ -355,7 +355,7 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     named = replace(first, name="moon", source="person", probability=1.0)
     scene = replace(scene, things=replace(scene.things, table=(named, *others)))
     folder = start_stage(job, stages[-1])
-    edits = [to_plain(Edit("name", things=(1,), name="moon"))]
+    edits = [to_plain(Edit("name", thing_ids=(1,), name="moon"))]
     write_renamed(job, scene, folder, {"result": {}, "edits": edits})
     finish_stage(job, stages[-1], folder, 1.0)
     KINDS[kind].publish(claimed, stages[-1])
@@ -366,11 +366,11 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
 _HERE = Place(point=Vector3(0.0, 0.0, 0.0))
 _MOVED = Pose(Vector3(0.0, -2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _EDITS = (
-    *(Edit(action, things=(2,)) for action in ("remove", "unname", "discard")),
-    *(Edit(action, things=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
-    Edit("recolor", things=(2,), color=Color(1.0, 0.0, 0.0)),
-    Edit("name", things=(2,), name="carrot"),
-    Edit("merge", things=(2, 3)),
+    *(Edit(action, thing_ids=(2,)) for action in ("remove", "unname", "discard")),
+    *(Edit(action, thing_ids=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
+    Edit("recolor", thing_ids=(2,), color=Color(1.0, 0.0, 0.0)),
+    Edit("name", thing_ids=(2,), name="carrot"),
+    Edit("merge", thing_ids=(2, 3)),
     Edit("scale", known_lengths=(KnownLength(_HERE, Place(point=Vector3(1.0, 0.0, 0.0)), 2.0),)),
     Edit("align", alignment=Alignment("map", _MOVED)),
     Edit("suggest", suggestions=(SuggestedName(2, "carrot", 0.8, "eyes"),)),

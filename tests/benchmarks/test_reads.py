@@ -31,7 +31,7 @@ def test_ink_is_where_lines_are_and_covered_lines_have_no_height() -> None:
                 inside = np.zeros((camera.height, camera.width), np.uint8)
                 cv2.fillConvexPoly(inside, np.round(pixels).astype(np.int32), 1)
                 light = shown.light.mean(axis=2)[inside > 0]
-                assert set(shown.things[inside > 0]) == {line.thing}
+                assert set(shown.things[inside > 0]) == {line.thing_id}
                 assert np.percentile(light, 95) > 1.5 * np.percentile(light, 5)  # ink on its ground
                 assert line.height_in(studio.shown(PosedCamera(camera, pose @ np.diag([-1, 1, -1, 1]), "back"))) == 0
     assert seen > 10

@@ -238,7 +238,7 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     assert none.stderr == "no thing is without a name\n" and not sheet.exists()
     home.run("things unname $upright 1", server=True)
     shown = home.json("things sheet $upright", str(sheet))
-    assert [each["thing"] for each in shown["things"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
+    assert [each["thing_id"] for each in shown["things"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
     table = home.run("things sheet $upright", str(sheet), server=True).stdout
     assert table.split()[:2] == ["no.", "id"] and "2 floor" in table
     home.run("things undo $upright", server=True)

@@ -25,13 +25,13 @@ def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneSer
     scene_id = add_scene(service, load_settings())
     for name, more, request in (
         ("a.spz", [], ExportRequest(scene_id, "spz")),
-        ("a.sog", ["--thing", "2"], ExportRequest(scene_id, "sog", things=(2,))),
+        ("a.sog", ["--thing", "2"], ExportRequest(scene_id, "sog", thing_ids=(2,))),
         ("a.PLY", [], ExportRequest(scene_id, "ply")),
-        ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", things=(2,))),
+        ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", thing_ids=(2,))),
         ("c.bin", ["--format", "spz"], ExportRequest(scene_id, "spz")),
         ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
         ("D.glb", [], ExportRequest(scene_id, "mesh")),
-        ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", things=(2,))),
+        ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", thing_ids=(2,))),
     ):
         result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)
         assert result.exit_code == 0, result.output

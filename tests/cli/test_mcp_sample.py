@@ -73,8 +73,8 @@ def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
         found = said["find banana"]
         ids = [said[f"find {name}"]["places"][0]["id"] for name in ("cup", "bottle")]
         said["measure"] = await call("measure", first=ids[0], second=ids[1])
-        said["look_from"] = await client.call_tool("look_from", {"thing": found["things"][0]["id"]})
-        said["name_thing"] = await call("name_thing", thing=found["things"][0]["id"], name="breakfast")
+        said["look_from"] = await client.call_tool("look_from", {"thing_id": found["things"][0]["id"]})
+        said["name_thing"] = await call("name_thing", thing_id=found["things"][0]["id"], name="breakfast")
         said["find renamed"] = await call("find", text="breakfast")
         return said
 
@@ -103,7 +103,7 @@ def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> N
 
 def test_a_name_that_is_given_is_found_in_that_session(answers: dict[str, Any]) -> None:
     assert answers["find renamed"]["outcome"] == "here"
-    assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing"]
+    assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing_id"]
 
 
 def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:

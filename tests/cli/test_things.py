@@ -146,7 +146,7 @@ def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Resu
     assert said.exit_code == 0 and "mug" in said.stdout
     told = ask("the thing left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
     (behind,) = json.loads(told.stdout)["answers"]
-    assert behind["things"] == [3] and behind["phrase"]["witnesses"]
+    assert behind["thing_ids"] == [3] and behind["phrase"]["witnesses"]
     assert "depends on where you stand" in ask("the thing left of the ball").stdout
     assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)
 

@@ -39,7 +39,7 @@ def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_sch
     sheets = [_sheet(1), _sheet(2), ThingSheet(b"", (), (9,), True, "", "v")]
     with replayed(sheets, lambda sheet: named(sheet, _KINDS)) as server:
         said = ask_namer(Namer(f"{server.url}/", "eyes:7b", "secret"), sheets)
-    assert [(each.thing, each.name) for each in said.names] == [
+    assert [(each.thing_id, each.name) for each in said.names] == [
         (n, _KINDS[n]) for n in (*range(101, 106), *range(201, 206))
     ]
     assert {(each.source, each.model, each.probability) for each in said.names} == {("eyes:7b", "eyes:7b", 0.9)}
@@ -64,7 +64,7 @@ def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -
     }
     with replayed([_sheet(1)], lambda _: answer) as server:
         said = ask_namer(Namer(server.url, "eyes"), [_sheet(1)])
-    assert sorted((each.thing, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
+    assert sorted((each.thing_id, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
     assert said.refused == len(told) - 2 and {each.aliases for each in said.names} == {("ok", "a", "b", "c", "d")}
 
 
@@ -87,8 +87,8 @@ def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
 
 def _books(sheets: list[ThingSheet], name: str = "book") -> tuple[int, int]:
     """How many names are suggested and refused where a namer gives all things but the last of each sheet one name."""
-    names = {each.thing: name for sheet in sheets for each in sheet.things[:-1]}
-    names |= {sheet.things[-1].thing: f"kind {sheet.things[-1].thing}" for sheet in sheets}
+    names = {each.thing_id: name for sheet in sheets for each in sheet.things[:-1]}
+    names |= {sheet.things[-1].thing_id: f"kind {sheet.things[-1].thing_id}" for sheet in sheets}
     with replayed(sheets, lambda sheet: named(sheet, names)) as server:
         said = ask_namer(Namer(server.url, "eyes"), sheets)
     return len(said.names), said.refused
@@ -175,7 +175,7 @@ def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, 
     # What was said before stays, and what was not asked about is told.
     scripted_namer.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
     said = ask_namer(namer, [_sheet(1), _sheet(2), _sheet(3)])
-    assert [each.thing for each in said.names] == [101] and "does not answer" in said.problem
+    assert [each.thing_id for each in said.names] == [101] and "does not answer" in said.problem
 
 
 def test_tries_are_further_and_further_apart_and_as_far_as_the_namer_says(

@@ -83,7 +83,7 @@ def test_things_are_named_by_what_was_asked_for(settings: Settings, table: Table
     for thing in scene.things.table:
         assert bool(thing.name) == (thing.id in named) and thing.source in ("detected", None)
     (answer,) = index.after(scene).ask([right[0].name])
-    assert answer.outcome == "here" and right[0].thing_id in answer.things
+    assert answer.outcome == "here" and right[0].thing_id in answer.thing_ids
 
 
 def test_a_look_says_from_where_and_how_far_it_is(table: Table, looked: Looked) -> None:

@@ -88,7 +88,7 @@ def test_a_name_is_there_for_whoever_opens_the_folder_next(scene: LocalScene, fo
     version = scene.name(ball.id, "beaker")
     assert scene.info.version == version.version
     with fastsplat.open_scene(folder) as again:
-        assert again.ask("beaker").things == (ball.id,)
+        assert again.ask("beaker").thing_ids == (ball.id,)
 
 
 def test_a_picture_shows_the_answer_and_says_it(scene: LocalScene, tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
     names = {thing.name for thing in things if thing.name}
     suggested = {each.name for thing in things if not thing.name for each in thing.suggestions}
     for answer in _ask(scene, *sorted(names | suggested)):
-        assert answer.outcome in ("here", "probably_here") and answer.things, answer.text
+        assert answer.outcome in ("here", "probably_here") and answer.thing_ids, answer.text
 
 
 @pytest.mark.parametrize(
@@ -65,15 +65,15 @@ def test_what_is_not_decided_is_not_denied(scene: LocalScene, text: str) -> None
 
 def test_a_surface_without_a_name_is_spoken_of(scene: LocalScene) -> None:
     clock, wall, pictures = _ask(scene, "the clock on the wall", "wall", "what is on the wall?")
-    assert clock.phrase is not None and clock.phrase.refusal is None and clock.things == ()
-    assert wall.outcome == "here" and wall.things and not wall.relevant_ids
-    assert pictures.phrase is not None and not set(pictures.things) & set(wall.things)
+    assert clock.phrase is not None and clock.phrase.refusal is None and clock.thing_ids == ()
+    assert wall.outcome == "here" and wall.thing_ids and not wall.relevant_ids
+    assert pictures.phrase is not None and not set(pictures.thing_ids) & set(wall.thing_ids)
 
 
 def test_what_lies_on_a_table_is_there_whatever_its_shape(scene: LocalScene) -> None:
     on_table, books = _ask(scene, "what is on the table?", "book")
     assert on_table.phrase is not None
-    assert set(books.things) <= {*on_table.things, *on_table.phrase.undecided}
+    assert set(books.thing_ids) <= {*on_table.thing_ids, *on_table.phrase.undecided}
 
 
 def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
@@ -81,19 +81,19 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
     assert [match.label for match in wine.matches if match.relevant] == ["bottle"] and wine.phrase is None
     assert juice.phrase is None
     assert pepper.method != "lexicon" or pepper.phrase is None  # no name of the sample: the lexicon has it
-    assert apple.phrase is not None and len(apple.things) == 1
+    assert apple.phrase is not None and len(apple.thing_ids) == 1
 
 
 def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
     (bottle,) = _ask(scene, "the green bottle")
-    assert bottle.outcome in ("cannot_say", "probably_here") and bottle.things == _ask(scene, "bottle")[0].things
+    assert bottle.outcome in ("cannot_say", "probably_here") and bottle.thing_ids == _ask(scene, "bottle")[0].thing_ids
 
 
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
     for answer in _ask(
         scene, "the largest thing", "the tallest thing", "something red", "the nearest thing to the cup"
     ):
-        assert not answer.things or not answer.matches or answer.matches[0].relevant
+        assert not answer.thing_ids or not answer.matches or answer.matches[0].relevant
 
 
 def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
@@ -103,13 +103,13 @@ def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
 
 def test_another_kind_is_found_as_its_last_word_finds_it(scene: LocalScene) -> None:
     bear, black = _ask(scene, "bear", "Where is the black bear?")
-    assert black.outcome in ("here", "probably_here") and black.things == bear.things and "bear" in black.sentence
+    assert black.outcome in ("here", "probably_here") and black.thing_ids == bear.thing_ids and "bear" in black.sentence
 
 
 @pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
 def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.outcome == "cannot_say" and answer.things == () and answer.probability is None
+    assert answer.outcome == "cannot_say" and answer.thing_ids == () and answer.probability is None
 
 
 @pytest.mark.parametrize("text", ["mice", "something for children", "something shiny"])

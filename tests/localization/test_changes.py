@@ -88,7 +88,7 @@ def _photos(of: Renderer, gain: float = 1.0) -> list[NDArray[np.uint8]]:
 
 def test_what_was_put_there_is_new_at_its_place(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(empty, empty, _photos(with_block), {})
-    assert event.kind == "new" and event.thing == 0 and event.before is None and len(event.views) >= 4
+    assert event.kind == "new" and event.thing_id == 0 and event.before is None and len(event.views) >= 4
     assert event.after is not None
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"new"}
@@ -116,7 +116,7 @@ def test_the_middle_of_what_is_new_is_right_where_photos_see_one_side_of_it(
 
 def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)})
-    assert event.kind == "gone" and event.thing == _BLOCK and event.after is None
+    assert event.kind == "gone" and event.thing_id == _BLOCK and event.after is None
     assert {region.kind for region in event.regions} == {"missing"}
     for region in event.regions:
         posed = _VIEWS[region.view]
@@ -133,7 +133,7 @@ def test_what_was_put_elsewhere_has_moved(
     """Also where it was none of the scene's things."""
     boxes = {_BLOCK: _box(_AT)} if found else {}
     (event,) = _events(with_block, empty, _photos(moved_block), boxes)
-    assert event.kind == "moved" and event.thing == (_BLOCK if found else 0)
+    assert event.kind == "moved" and event.thing_id == (_BLOCK if found else 0)
     assert event.before is not None and event.after is not None
     np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=_WIDTH / 2)
     np.testing.assert_allclose(event.after.mean(axis=0), (_box(_AT) + _AWAY).mean(axis=0), atol=_WIDTH / 2)
@@ -141,7 +141,7 @@ def test_what_was_put_elsewhere_has_moved(
 
 def test_what_was_taken_away_and_was_no_thing_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(with_block, empty, _photos(empty), {})
-    assert event.kind == "gone" and event.thing == 0 and event.after is None and event.before is not None
+    assert event.kind == "gone" and event.thing_id == 0 and event.after is None and event.before is not None
     np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"missing"}
 
@@ -149,7 +149,7 @@ def test_what_was_taken_away_and_was_no_thing_is_gone_not_new(empty: Renderer, w
 def test_views_that_are_mostly_unsure_of_a_thing_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:
     views, boxes = _later(with_block, empty, _photos(empty)), {_BLOCK: _box(_AT)}
     lost, seen = lost_things(views, boxes, frozenset())
-    assert [each.thing for each in lost] == seen == [_BLOCK]
+    assert [each.thing_id for each in lost] == seen == [_BLOCK]
     for share, known in ((0.4, []), (0.7, [_BLOCK])):
         some = []
         for view in views:
@@ -172,11 +172,11 @@ def test_where_something_stands_out_more_it_has_changed(empty: Renderer, with_bl
     """As a block does beside one of the color of the walls; where one stands out as much, it may be a dark gap."""
     dull = renderer(_recolored(textured_room(block=True), (0.0, 0.0, 0.0)))
     (event,) = _events(dull, empty, _photos(with_block), {_BLOCK: _box(_AT)})
-    assert event.kind == "changed" and event.thing == _BLOCK and event.before is not None and event.after is not None
+    assert event.kind == "changed" and event.thing_id == _BLOCK and event.before is not None and event.after is not None
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     dark = renderer(_recolored(textured_room(block=True), (-1.7, -1.7, -1.7)))
     (event,) = _events(with_block, empty, _photos(dark), {_BLOCK: _box(_AT)})
-    assert event.kind == "gone" and event.thing == _BLOCK
+    assert event.kind == "gone" and event.thing_id == _BLOCK
 
 
 @pytest.mark.parametrize("gain", [0.62, 1.0, 1.3])
@@ -221,5 +221,5 @@ def test_a_piece_that_touches_what_is_lost_is_a_part_of_it() -> None:
         for number, own in zip((_BLOCK, 0, 0), pixels, strict=True)
     )
     assert whole([thing, beside, elsewhere]) == [thing, elsewhere]
-    other = replace(beside, thing=_BLOCK + 1)
+    other = replace(beside, thing_id=_BLOCK + 1)
     assert whole([thing, other, elsewhere]) == [thing, other, elsewhere]

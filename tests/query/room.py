@@ -20,7 +20,7 @@ class Solid:
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
-    thing: int
+    thing_id: int
 
 
 def floor(half: float = 3.0, thing: int = 9) -> Solid:
@@ -64,7 +64,7 @@ def _view(solids: Sequence[Solid], pose: np.ndarray, motion: np.ndarray) -> Surf
         enter, leave = ends.min(axis=0), ends.max(axis=0)
         first = enter.max(axis=1)
         nearer = (first < leave.min(axis=1)) & (first > 0) & (first < depth)
-        depth[nearer], things[nearer] = first[nearer], solid.thing
+        depth[nearer], things[nearer] = first[nearer], solid.thing_id
         side = enter.argmax(axis=1)[nearer]
         normals[nearer] = -np.eye(3)[side] * np.sign(rays[nearer, side])[:, None]
     shape = (CAMERA.height, CAMERA.width)

@@ -46,7 +46,7 @@ def make(archive: Path) -> None:
             service.admin.projects.create(_OTHER)
             service.admin.keys.create("robot", "reader", project=_OTHER)
             scene = add_scene(service, service._settings, "edited")
-            for edits in ([Edit("name", things=(2,), name="beaker")], [Edit("remove", things=(3,))]):
+            for edits in ([Edit("name", thing_ids=(2,), name="beaker")], [Edit("remove", thing_ids=(3,))]):
                 service.versions.edit(scene, edits)
             service.versions.undo(scene)
             add_known_name(service, scene)

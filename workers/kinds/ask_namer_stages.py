@@ -45,7 +45,7 @@ def _suggest(job: Job, folder: Path, progress: Progress) -> None:
         names = from_plain(SuggestIn, told["names"]).suggestions[:MAX_SUGGESTED]
     index = open_current(job)
     there = {thing.id for thing in index.things.listed_with_parts}
-    names = tuple(each for each in names if each.thing in there)
+    names = tuple(each for each in names if each.thing_id in there)
     progress(ProgressEvent("suggesting", 0.5, f"{len(names)} names suggested"))
     result = {**told["result"], "suggested": len(names)}
     if not names:

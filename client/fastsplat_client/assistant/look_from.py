@@ -21,17 +21,17 @@ _FREE_ANGLE = np.deg2rad(60.0)
 def look_from(
     client: Client,
     scene: str,
-    thing: int,
+    thing_id: int,
     view: str,
     position: tuple[float, float, float] | None,
     target: tuple[float, float, float] | None,
 ) -> bytes:
-    """A JPEG of a scene, with `thing` (0 for none) tinted orange.
+    """A JPEG of a scene, with `thing_id` (0 for none) tinted orange.
 
     Args:
         client: whom to ask.
         scene: id or name; "" for the only one.
-        thing: what to show; without a viewpoint it is seen from the camera that shows it best.
+        thing_id: what to show; without a viewpoint it is seen from the camera that shows it best.
         view: name of one of the scene's own cameras.
         position, target: instead of `view`, where to stand and what to look at, world frame.
 
@@ -50,15 +50,17 @@ def look_from(
         viewpoint = free_view(np.array(position), np.array(target), _up(shown))
     elif view:
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
-    elif thing:
-        best = client.best_views(shown.id, thing, max_views=1)
+    elif thing_id:
+        best = client.best_views(shown.id, thing_id, max_views=1)
         if not best:
-            raise InvalidInputError(f"no camera of the scene sees thing {thing}", field="thing")
+            raise InvalidInputError(f"no camera of the scene sees thing {thing_id}", field="thing_id")
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == best[0].view), best[0].view))
     else:
         viewpoint = _reduced(shown.cameras[0])
-    tints = [Tint((thing,), _HIGHLIGHT, 0.55)] if thing else []
-    return client.picture(shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if thing else 0.0)
+    tints = [Tint((thing_id,), _HIGHLIGHT, 0.55)] if thing_id else []
+    return client.picture(
+        shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if thing_id else 0.0
+    )
 
 
 def free_view(position: NDArray[np.float64], target: NDArray[np.float64], up: NDArray[np.float64]) -> PosedCamera:

@@ -72,7 +72,7 @@ class NameGuess:
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
-    thing: Annotated[int, Field(ge=1, le=65535, description="id of the thing, not its number in the picture")]
+    thing_id: Annotated[int, Field(ge=1, le=65535, description="id of the thing, not its number in the picture")]
     name: Annotated[str, Field(description="what it is, in a word or two")]
     probability: Annotated[float, Field(ge=0, le=1, description="that this is right: 0.6 is wrong 4 times in 10")]
     aliases: Annotated[list[str], Field(description="other words for the same")] = field(default_factory=list)
@@ -104,10 +104,10 @@ def unnamed_things(client: Client, page: str, scene: str) -> tuple[bytes, Unname
     things = [
         UnnamedThing(
             each.number,
-            each.thing,
+            each.thing_id,
             None if each.size is None else point(each.size),
             each.surface,
-            [NearThing(near.thing, near.name) for near in each.neighbors],
+            [NearThing(near.thing_id, near.name) for near in each.neighbors],
             [
                 ToldName(told.name, round(told.probability, 3), [one.source for one in told.said_by])
                 for told in each.suggestions
@@ -131,7 +131,7 @@ def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model
     """
     scene_id = _resolved(client, scene)
     told = [
-        SuggestedName(each.thing, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
+        SuggestedName(each.thing_id, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
     ]
     made = client.suggest_names(scene_id, told)
     return Suggested(scene_id, len(told), made.version)

@@ -150,18 +150,18 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     @server.tool(annotations=_READS)
     async def goal(
         context: Context[Any, Any],
-        thing: Annotated[int, Field(ge=1, le=65535, description="id of the thing to see, as other tools return it")],
+        thing_id: Annotated[int, Field(ge=1, le=65535, description="id of the thing to see, as other tools return it")],
         robot_radius: Annotated[float, Field(gt=0, le=5, description="of the robot, meters")] = 0.2,
         scene: _Scene = "",
     ) -> tool_results.StandingPlace:
         """Where a robot stands to see a thing: the nearest free place on the floor, and which way to look. Refused for
         scenes without meters, a known vertical or a floor, and where no such place was seen."""
-        return await answered(context, lambda client: tools.goal(client, thing, robot_radius, scene))
+        return await answered(context, lambda client: tools.goal(client, thing_id, robot_radius, scene))
 
     @server.tool(annotations=_READS, structured_output=False)
     async def look_from(
         context: Context[Any, Any],
-        thing: Annotated[int, Field(ge=0, le=65535, description="id of a thing to tint orange; 0: none")] = 0,
+        thing_id: Annotated[int, Field(ge=0, le=65535, description="id of a thing to tint orange; 0: none")] = 0,
         view: Annotated[str, Field(description="name of one of the scene's photos to look from")] = "",
         position: Annotated[
             tuple[_Coordinate, _Coordinate, _Coordinate] | None,
@@ -173,7 +173,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         scene: _Scene = "",
     ) -> Image:
         """A picture of the scene: from where a thing is seen best, from one of its photos, or from any place."""
-        jpeg = await answered(context, lambda client: picture_from(client, scene, thing, view, position, target))
+        jpeg = await answered(context, lambda client: picture_from(client, scene, thing_id, view, position, target))
         return Image(data=jpeg, format="jpeg")
 
     @server.tool(annotations=_READS)
@@ -211,7 +211,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     @server.tool(annotations=_CHANGES)
     async def name_thing(
         context: Context[Any, Any],
-        thing: _Thing,
+        thing_id: _Thing,
         name: Annotated[str, Field(description="what the user calls it")],
         aliases: Annotated[list[str] | None, Field(description="other names of the same")] = None,
         kinds: Annotated[
@@ -224,7 +224,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ) -> tool_results.Named:
         """Give a thing its name, when the user says what it is; it is then found by that name and by its meaning."""
         return await answered(
-            context, lambda client: tools.name_thing(client, thing, name, aliases or [], kinds or [], replaces, scene)
+            context,
+            lambda client: tools.name_thing(client, thing_id, name, aliases or [], kinds or [], replaces, scene),
         )
 
     @server.tool(annotations=_CHANGES)

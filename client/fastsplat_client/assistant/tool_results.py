@@ -200,7 +200,7 @@ class Evidence:
     from 1 on, and does not from -1 down."""
 
     condition: str
-    thing: int
+    thing_id: int
     compared_with: list[int]
     measure: str
     value: float
@@ -256,7 +256,7 @@ class StandingPlace:
     """
 
     scene: str
-    thing: int
+    thing_id: int
     frame: str
     position: Point
     yaw: float
@@ -271,7 +271,7 @@ class Named:
     the name is known: ask the user once what it is, and name it again with these kinds."""
 
     scene: str
-    thing: int
+    thing_id: int
     name: str
     version: str
     asks_kind: bool

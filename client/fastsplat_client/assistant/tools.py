@@ -182,7 +182,7 @@ def find(client: Client, text: str, scene: str) -> Found:
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
-        counted, refused = list(answer.phrase.things), answer.phrase.refusal is not None
+        counted, refused = list(answer.phrase.thing_ids), answer.phrase.refusal is not None
     return Found(
         scene=shown.id,
         question=text,
@@ -192,8 +192,8 @@ def find(client: Client, text: str, scene: str) -> Found:
         label=labels[0] if labels else "",
         sentence=answer.sentence,
         alternatives=labels[1:],
-        things=_briefs(client, answer, answer.things),
-        more_things=max(0, len(answer.things) - _MOST_THINGS),
+        things=_briefs(client, answer, answer.thing_ids),
+        more_things=max(0, len(answer.thing_ids) - _MOST_THINGS),
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
         places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
@@ -224,15 +224,15 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         scene=shown.id,
         question=text,
         understood=list(phrase.conditions),
-        things=_briefs(client, answer, phrase.things),
-        more_things=max(0, len(phrase.things) - _MOST_THINGS),
+        things=_briefs(client, answer, phrase.thing_ids),
+        more_things=max(0, len(phrase.thing_ids) - _MOST_THINGS),
         undecided=list(phrase.undecided[:_MOST_IDS]),
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         sentence=answer.sentence,
         evidence=[
             Evidence(
                 each.condition,
-                each.thing,
+                each.thing_id,
                 list(each.others[:_MOST_WITNESSES]),
                 each.measure,
                 round(each.value, 4),
@@ -258,20 +258,20 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     return Measured(shown.id, unit, distance, interval_of(measured.center_distance), sides, sentence)
 
 
-def goal(client: Client, thing: int, robot_radius: float, scene: str) -> StandingPlace:
+def goal(client: Client, thing_id: int, robot_radius: float, scene: str) -> StandingPlace:
     """Where a robot stands to see a thing."""
     shown = resolve_scene(client, scene)
-    place = client.goal(shown.id, thing, robot_radius, version=shown.version)
+    place = client.goal(shown.id, thing_id, robot_radius, version=shown.version)
     x, y, _ = position = point(place.pose.position)
     sentence = (
-        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing} is in "
+        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing_id} is in "
         f"sight, {place.distance:.2f} m away; whether the robot can get there is not known."
     )
     if place.floor_source == "lowest_level":
         sentence += " Nothing is known as the floor: it was taken to be the lowest level seen."
     return StandingPlace(
         shown.id,
-        thing,
+        thing_id,
         frame_of(shown),
         position,
         round(place.yaw, 4),
@@ -282,7 +282,7 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
 
 
 def name_thing(
-    client: Client, thing: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
+    client: Client, thing_id: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
 ) -> Named:
     """A new version of the scene in which a thing has a name; one that a person gave is replaced only where `replaces`
     is that name.
@@ -291,9 +291,9 @@ def name_thing(
         ConflictError: the thing has another name, given by a person.
     """
     shown = resolve_scene(client, scene)
-    looked_at = shown.version if replaces and _name_of(client, shown, thing) == replaces.strip().casefold() else ""
-    made = client.name_things(shown.id, thing, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
-    return Named(shown.id, thing, name, made.version, made.asks_kind)
+    looked_at = shown.version if replaces and _name_of(client, shown, thing_id) == replaces.strip().casefold() else ""
+    made = client.name_things(shown.id, thing_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
+    return Named(shown.id, thing_id, name, made.version, made.asks_kind)
 
 
 def photograph_next(client: Client, scene: str) -> NextPhotos:

@@ -25,7 +25,7 @@ class Place(Request):
         Pixel | None, OneOf("place"), Field(description="of the camera or view: the surface that it shows there")
     ] = None
     point: Annotated[Vector3 | None, OneOf("place"), Field(description="in the world frame, instead of `pixel`")] = None
-    thing: Annotated[
+    thing_id: Annotated[
         int | None, OneOf("place"), Field(description="id of a thing, instead of `pixel`: its surface and its box")
     ] = None
 
@@ -49,7 +49,7 @@ ThingSide = Literal["longest", "height"]
 class KnownSize(Request):
     """How large a thing is, as somebody has measured it in the world."""
 
-    thing: Annotated[int, Field(description="its id")]
+    thing_id: Annotated[int, Field(description="its id")]
     meters: Annotated[float, Field(gt=0, description="along that side of its box")]
     plus_minus: Annotated[
         float, Field(ge=0, description="meters: how far off `meters` may be, in 95 % of cases; 0: exact")

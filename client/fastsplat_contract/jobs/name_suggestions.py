@@ -14,7 +14,7 @@ from fastsplat_contract.codec.wire import Many, Request, Response
 class SuggestedName(Request):
     """A name that somebody suggests for a thing; nothing bears it until a person says so."""
 
-    thing: Annotated[int, Field(description="id of a thing or part")]
+    thing_id: Annotated[int, Field(description="id of a thing or part")]
     name: Annotated[str, Field(description="one line of 1 to 200 characters")]
     probability: Annotated[float, Field(ge=0, le=1, description="that it is right, as the source says")]
     source: Annotated[str, Field(description="who says so, e.g. an assistant: 1 to 60 characters")]

@@ -127,7 +127,7 @@ class ExportRequest(Request):
         Field(description="; ".join(f"{name}: {facts.description}" for name, facts in FORMATS.items())),
     ] = "ply"
     version: Version = ""
-    things: Annotated[
+    thing_ids: Annotated[
         Many[int],
         Field(description="only the Gaussians of these things, parts or groups, by id, in their order; empty: all"),
     ] = ()

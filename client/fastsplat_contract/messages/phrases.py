@@ -51,7 +51,7 @@ class Witness(NamedTuple):
     """One measurement that decided, or failed to decide, whether a thing is meant."""
 
     condition: Annotated[str, Field(description="what was asked of the thing, in words")]
-    thing: Annotated[int, Field(description="its id")]
+    thing_id: Annotated[int, Field(description="its id")]
     others: Annotated[Many[int], Field(description="ids of the things that it was compared with")]
     measure: Annotated[
         str,
@@ -84,7 +84,7 @@ class PhraseAnswer(Response):
     head: Annotated[str, Field(description="what is asked for; empty: anything")]
     conditions: Annotated[Many[str], Field(description="what is asked of it, in words")]
     not_understood: Annotated[str, Field(description="words that were left over; empty: none")]
-    things: Annotated[
+    thing_ids: Annotated[
         Many[int], Field(description="ids of the things that fulfil all that was understood; in their order")
     ]
     undecided: Annotated[Many[int], Field(description="ids of things of which it could not be decided")]

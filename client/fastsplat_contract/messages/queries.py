@@ -198,7 +198,7 @@ class Answer(Response):
             "different texts or scenes; absent without calibration, and where the closest is known to be something else"
         ),
     ] = None
-    things: Annotated[
+    thing_ids: Annotated[
         Many[int],
         Field(
             description="ids of the things that answer, by label in the order of the matches; of a scene that stores "
@@ -268,7 +268,7 @@ class Answer(Response):
     @property
     def shows_something(self) -> bool:
         """Whether there are things, or entries of the dictionary, to be shown."""
-        return bool(self.things or self.relevant_ids)
+        return bool(self.thing_ids or self.relevant_ids)
 
 
 @dataclass(frozen=True)

@@ -229,7 +229,7 @@ class ListNextPhotosRequest(Request, OfVersion):
 class ListBestViewsRequest(Request, OfVersion):
     """What the cameras shall show."""
 
-    things: Annotated[Many[int], Field(description="ids of things, parts or groups, seen together")] = ()
+    thing_ids: Annotated[Many[int], Field(description="ids of things, parts or groups, seen together")] = ()
     text: Annotated[str, Field(description="instead of things: those that answer it")] = ""
     max_views: Annotated[
         int, Field(description="at most so many, up to 16; 0: 3", json_schema_extra={**_FROM_0, "maximum": MAX_VIEWS})

@@ -247,7 +247,7 @@ class Edit(Request):
             "or of its copy; for insert: from the other scene's world frame and units into this one's"
         ),
     ] = None
-    things: Annotated[
+    thing_ids: Annotated[
         Many[int], Field(description="ids of things, instead of `label`; merge: the first one's id stays")
     ] = ()
     name: Annotated[

@@ -17,7 +17,7 @@ from fastsplat_contract.messages.things import NameSuggestion
 class NeighborThing(NamedTuple):
     """A thing near another."""
 
-    thing: Annotated[int, Field(description="its id")]
+    thing_id: Annotated[int, Field(description="its id")]
     name: Annotated[str, Field(description="empty for a thing without one")]
 
 
@@ -26,7 +26,7 @@ class SheetThing(Response):
     """One thing on a sheet."""
 
     number: Annotated[int, Field(description="that stands in its corner of the picture, from 1")]
-    thing: Annotated[int, Field(description="its id")]
+    thing_id: Annotated[int, Field(description="its id")]
     view: Annotated[str, Field(description="the scene's camera that shows it best, from which it is shown")]
     photo: Annotated[bool, Field(description="whether it is cut from the photo; otherwise the scene was rendered")]
     size: Annotated[

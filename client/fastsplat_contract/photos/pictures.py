@@ -31,7 +31,7 @@ PictureFormat = Literal["png", "npy", "jpeg"]
 class Tint(NamedTuple):
     """A color over some things of a picture."""
 
-    things: Annotated[Many[int], Field(description="ids of things, parts and groups")]
+    thing_ids: Annotated[Many[int], Field(description="ids of things, parts and groups")]
     color: Annotated[Color, Field(description="RGB, each 0 to 1")]
     strength: Annotated[
         float, Field(ge=0, le=1, description="how much of their own color it covers: 0 nothing, 1 all of it")

@@ -1373,18 +1373,18 @@ class MeasureRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., places: _Optional[_Iterable[_Union[Place, _Mapping]]] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Place(_message.Message):
-    __slots__ = ("camera", "view", "pixel", "point", "thing")
+    __slots__ = ("camera", "view", "pixel", "point", "thing_id")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PIXEL_FIELD_NUMBER: _ClassVar[int]
     POINT_FIELD_NUMBER: _ClassVar[int]
-    THING_FIELD_NUMBER: _ClassVar[int]
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     camera: PosedCamera
     view: str
     pixel: Pixel
     point: Vector3
-    thing: int
-    def __init__(self, camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., pixel: _Optional[_Union[Pixel, _Mapping]] = ..., point: _Optional[_Union[Vector3, _Mapping]] = ..., thing: _Optional[int] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., pixel: _Optional[_Union[Pixel, _Mapping]] = ..., point: _Optional[_Union[Vector3, _Mapping]] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class Measurement(_message.Message):
     __slots__ = ("places", "distance", "center_distance", "sides", "box", "meters", "version")
@@ -1437,12 +1437,11 @@ class EditSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., request_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Edit(_message.Message):
-    __slots__ = ("action", "label", "color", "transform", "things", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
+    __slots__ = ("action", "label", "color", "transform", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions", "thing_ids")
     ACTION_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     TRANSFORM_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     ALIASES_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
@@ -1454,11 +1453,11 @@ class Edit(_message.Message):
     KINDS_FIELD_NUMBER: _ClassVar[int]
     FILTER_FIELD_NUMBER: _ClassVar[int]
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     action: EditAction
     label: str
     color: Color
     transform: Pose
-    things: _containers.RepeatedScalarFieldContainer[int]
     name: str
     aliases: _containers.RepeatedScalarFieldContainer[str]
     source: InsertSource
@@ -1470,7 +1469,8 @@ class Edit(_message.Message):
     kinds: _containers.RepeatedScalarFieldContainer[str]
     filter: GaussianFilter
     suggestions: _containers.RepeatedCompositeFieldContainer[SuggestedName]
-    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., things: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Color(_message.Message):
     __slots__ = ("r", "g", "b")
@@ -1517,16 +1517,16 @@ class KnownLength(_message.Message):
     def __init__(self, first: _Optional[_Union[Place, _Mapping]] = ..., second: _Optional[_Union[Place, _Mapping]] = ..., meters: _Optional[float] = ..., plus_minus: _Optional[float] = ...) -> None: ...
 
 class KnownSize(_message.Message):
-    __slots__ = ("thing", "meters", "plus_minus", "side")
-    THING_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("meters", "plus_minus", "side", "thing_id")
     METERS_FIELD_NUMBER: _ClassVar[int]
     PLUS_MINUS_FIELD_NUMBER: _ClassVar[int]
     SIDE_FIELD_NUMBER: _ClassVar[int]
-    thing: int
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     meters: float
     plus_minus: float
     side: ThingSide
-    def __init__(self, thing: _Optional[int] = ..., meters: _Optional[float] = ..., plus_minus: _Optional[float] = ..., side: _Optional[_Union[ThingSide, str]] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, meters: _Optional[float] = ..., plus_minus: _Optional[float] = ..., side: _Optional[_Union[ThingSide, str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class Alignment(_message.Message):
     __slots__ = ("frame", "transform", "pairs")
@@ -1559,20 +1559,20 @@ class GaussianFilter(_message.Message):
     def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ..., outside: _Optional[bool] = ..., opacity_below: _Optional[float] = ..., isolation_above: _Optional[float] = ...) -> None: ...
 
 class SuggestedName(_message.Message):
-    __slots__ = ("thing", "name", "probability", "source", "model", "aliases")
-    THING_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("name", "probability", "source", "model", "aliases", "thing_id")
     NAME_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     MODEL_FIELD_NUMBER: _ClassVar[int]
     ALIASES_FIELD_NUMBER: _ClassVar[int]
-    thing: int
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     name: str
     probability: float
     source: str
     model: str
     aliases: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, thing: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ..., source: _Optional[str] = ..., model: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, name: _Optional[str] = ..., probability: _Optional[float] = ..., source: _Optional[str] = ..., model: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class SceneVersion(_message.Message):
     __slots__ = ("scene_id", "version", "parent", "created_at", "gaussians", "current", "edits", "prompted", "author", "asks_kind")
@@ -1835,7 +1835,7 @@ class QueryRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
-    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "asked")
+    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "asked", "thing_ids")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     MATCHES_FIELD_NUMBER: _ClassVar[int]
@@ -1846,7 +1846,6 @@ class Answer(_message.Message):
     MATCH_COUNT_FIELD_NUMBER: _ClassVar[int]
     GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
     PRESENCE_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
     SEARCHED_FIELD_NUMBER: _ClassVar[int]
     RELATION_FIELD_NUMBER: _ClassVar[int]
     RELATION_SUBJECT_FIELD_NUMBER: _ClassVar[int]
@@ -1856,6 +1855,7 @@ class Answer(_message.Message):
     SENTENCE_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
     ASKED_FIELD_NUMBER: _ClassVar[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     text: str
     matches: _containers.RepeatedCompositeFieldContainer[Match]
@@ -1866,7 +1866,6 @@ class Answer(_message.Message):
     match_count: int
     gaussians: int
     presence: float
-    things: _containers.RepeatedScalarFieldContainer[int]
     searched: Searched
     relation: Relation
     relation_subject: RelationSubject
@@ -1876,7 +1875,8 @@ class Answer(_message.Message):
     sentence: str
     provisional: Provisional
     asked: str
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., things: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., asked: _Optional[str] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., asked: _Optional[str] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Match(_message.Message):
     __slots__ = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
@@ -1911,44 +1911,44 @@ class Searched(_message.Message):
     def __init__(self, named_things: _Optional[int] = ..., unnamed_things: _Optional[int] = ..., unnamed: _Optional[_Iterable[int]] = ..., names: _Optional[int] = ...) -> None: ...
 
 class PhraseAnswer(_message.Message):
-    __slots__ = ("asks", "head", "conditions", "not_understood", "things", "undecided", "witnesses", "count", "refusal")
+    __slots__ = ("asks", "head", "conditions", "not_understood", "undecided", "witnesses", "count", "refusal", "thing_ids")
     ASKS_FIELD_NUMBER: _ClassVar[int]
     HEAD_FIELD_NUMBER: _ClassVar[int]
     CONDITIONS_FIELD_NUMBER: _ClassVar[int]
     NOT_UNDERSTOOD_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
     UNDECIDED_FIELD_NUMBER: _ClassVar[int]
     WITNESSES_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
     REFUSAL_FIELD_NUMBER: _ClassVar[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     asks: Asks
     head: str
     conditions: _containers.RepeatedScalarFieldContainer[str]
     not_understood: str
-    things: _containers.RepeatedScalarFieldContainer[int]
     undecided: _containers.RepeatedScalarFieldContainer[int]
     witnesses: _containers.RepeatedCompositeFieldContainer[Witness]
     count: int
     refusal: Refusal
-    def __init__(self, asks: _Optional[_Union[Asks, str]] = ..., head: _Optional[str] = ..., conditions: _Optional[_Iterable[str]] = ..., not_understood: _Optional[str] = ..., things: _Optional[_Iterable[int]] = ..., undecided: _Optional[_Iterable[int]] = ..., witnesses: _Optional[_Iterable[_Union[Witness, _Mapping]]] = ..., count: _Optional[int] = ..., refusal: _Optional[_Union[Refusal, _Mapping]] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, asks: _Optional[_Union[Asks, str]] = ..., head: _Optional[str] = ..., conditions: _Optional[_Iterable[str]] = ..., not_understood: _Optional[str] = ..., undecided: _Optional[_Iterable[int]] = ..., witnesses: _Optional[_Iterable[_Union[Witness, _Mapping]]] = ..., count: _Optional[int] = ..., refusal: _Optional[_Union[Refusal, _Mapping]] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Witness(_message.Message):
-    __slots__ = ("condition", "thing", "others", "measure", "value", "unit", "clearness")
+    __slots__ = ("condition", "others", "measure", "value", "unit", "clearness", "thing_id")
     CONDITION_FIELD_NUMBER: _ClassVar[int]
-    THING_FIELD_NUMBER: _ClassVar[int]
     OTHERS_FIELD_NUMBER: _ClassVar[int]
     MEASURE_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
     UNIT_FIELD_NUMBER: _ClassVar[int]
     CLEARNESS_FIELD_NUMBER: _ClassVar[int]
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     condition: str
-    thing: int
     others: _containers.RepeatedScalarFieldContainer[int]
     measure: str
     value: float
     unit: str
     clearness: float
-    def __init__(self, condition: _Optional[str] = ..., thing: _Optional[int] = ..., others: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, condition: _Optional[str] = ..., others: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class Refusal(_message.Message):
     __slots__ = ("reason", "part")
@@ -1995,30 +1995,30 @@ class RenderViewRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., kind: _Optional[_Union[PictureKind, str]] = ..., text: _Optional[str] = ..., camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., version: _Optional[str] = ..., format: _Optional[_Union[PictureFormat, str]] = ..., depth_scale: _Optional[float] = ..., tints: _Optional[_Iterable[_Union[Tint, _Mapping]]] = ..., dimming: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
 
 class Tint(_message.Message):
-    __slots__ = ("things", "color", "strength")
-    THINGS_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("color", "strength", "thing_ids")
     COLOR_FIELD_NUMBER: _ClassVar[int]
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
-    things: _containers.RepeatedScalarFieldContainer[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     color: Color
     strength: float
-    def __init__(self, things: _Optional[_Iterable[int]] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class ExportSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "format", "version", "things", "cell", "coarse")
+    __slots__ = ("scene_id", "format", "version", "cell", "coarse", "thing_ids")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
     CELL_FIELD_NUMBER: _ClassVar[int]
     COARSE_FIELD_NUMBER: _ClassVar[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     format: ExportFormat
     version: str
-    things: _containers.RepeatedScalarFieldContainer[int]
     cell: float
     coarse: bool
-    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., things: _Optional[_Iterable[int]] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class ListPhotosRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
@@ -2381,18 +2381,18 @@ class GetObservationRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., observation_id: _Optional[str] = ...) -> None: ...
 
 class ListBestViewsRequest(_message.Message):
-    __slots__ = ("scene_id", "things", "text", "max_views", "version")
+    __slots__ = ("scene_id", "text", "max_views", "version", "thing_ids")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     MAX_VIEWS_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    things: _containers.RepeatedScalarFieldContainer[int]
     text: str
     max_views: int
     version: str
-    def __init__(self, scene_id: _Optional[str] = ..., things: _Optional[_Iterable[int]] = ..., text: _Optional[str] = ..., max_views: _Optional[int] = ..., version: _Optional[str] = ...) -> None: ...
+    thing_ids: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., max_views: _Optional[int] = ..., version: _Optional[str] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class ListBestViewsResponse(_message.Message):
     __slots__ = ("views", "version")
@@ -2447,32 +2447,32 @@ class ThingSheet(_message.Message):
     def __init__(self, picture: _Optional[bytes] = ..., things: _Optional[_Iterable[_Union[SheetThing, _Mapping]]] = ..., unseen: _Optional[_Iterable[int]] = ..., meters: _Optional[bool] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ..., written: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class SheetThing(_message.Message):
-    __slots__ = ("number", "thing", "view", "photo", "size", "surface", "neighbors", "suggestions")
+    __slots__ = ("number", "view", "photo", "size", "surface", "neighbors", "suggestions", "thing_id")
     NUMBER_FIELD_NUMBER: _ClassVar[int]
-    THING_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PHOTO_FIELD_NUMBER: _ClassVar[int]
     SIZE_FIELD_NUMBER: _ClassVar[int]
     SURFACE_FIELD_NUMBER: _ClassVar[int]
     NEIGHBORS_FIELD_NUMBER: _ClassVar[int]
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     number: int
-    thing: int
     view: str
     photo: bool
     size: Vector3
     surface: str
     neighbors: _containers.RepeatedCompositeFieldContainer[NeighborThing]
     suggestions: _containers.RepeatedCompositeFieldContainer[NameSuggestion]
-    def __init__(self, number: _Optional[int] = ..., thing: _Optional[int] = ..., view: _Optional[str] = ..., photo: _Optional[bool] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ..., surface: _Optional[str] = ..., neighbors: _Optional[_Iterable[_Union[NeighborThing, _Mapping]]] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, number: _Optional[int] = ..., view: _Optional[str] = ..., photo: _Optional[bool] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ..., surface: _Optional[str] = ..., neighbors: _Optional[_Iterable[_Union[NeighborThing, _Mapping]]] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class NeighborThing(_message.Message):
-    __slots__ = ("thing", "name")
-    THING_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("name", "thing_id")
     NAME_FIELD_NUMBER: _ClassVar[int]
-    thing: int
+    THING_ID_FIELD_NUMBER: _ClassVar[int]
     name: str
-    def __init__(self, thing: _Optional[int] = ..., name: _Optional[str] = ...) -> None: ...
+    thing_id: int
+    def __init__(self, name: _Optional[str] = ..., thing_id: _Optional[int] = ...) -> None: ...
 
 class CreateKeyRequest(_message.Message):
     __slots__ = ("name", "role", "lifetime_s", "scene_id")

@@ -118,7 +118,7 @@ def completed(
     shown = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
-        things=answer.things or tuple(thing.id for thing in objects or ()),
+        thing_ids=answer.thing_ids or tuple(thing.id for thing in objects or ()),
         scene_id=request.scene_id,
         version=version,
         matches=answer.matches if shown < 0 else answer.matches[:shown],

@@ -123,7 +123,9 @@ class Photos:
         check_texts(version, "version")
         if bool(things) == bool(text):
             raise InvalidInputError(
-                "best views need exactly one of things and text", field="things", hint="Send ids of things, or a text."
+                "best views need exactly one of things and text",
+                field="thing_ids",
+                hint="Send ids of things, or a text.",
             )
         if max_views < 0:
             raise InvalidInputError(f"{max_views} views", field="max_views", hint="0 is the server's default.")
@@ -176,7 +178,7 @@ def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tupl
     (answer,) = ranked.answer(query, lambda: index.things)
     if answer.is_absent:
         return ()
-    return answer.things or tuple(thing.id for thing in index.objects_of(answer))
+    return answer.thing_ids or tuple(thing.id for thing in index.objects_of(answer))
 
 
 def size_of(path: Path) -> int:

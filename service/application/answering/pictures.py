@@ -123,11 +123,11 @@ def _tinted(
     """Applies the request's tints; `drawn` shows the scene's things."""
     things = index.things
     tints = [
-        tint._replace(things=things.with_members(tint.things, field=f"tints[{number}].things"))
+        tint._replace(thing_ids=things.with_members(tint.thing_ids, field=f"tints[{number}].things"))
         for number, tint in enumerate(request.tints)
     ]
     ids = drawn.map(posed)
-    tinted = {thing_id for tint in tints for thing_id in tint.things}
+    tinted = {thing_id for tint in tints for thing_id in tint.thing_ids}
     if parts := [part.id for part in things.present_parts if part.id in tinted]:
         of_parts = drawn.part_map(posed)
         ids = np.where(np.isin(of_parts, parts), of_parts, ids)

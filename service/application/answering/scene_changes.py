@@ -106,20 +106,20 @@ def _around(boxes: Sequence[F64], place: F64) -> F64:
 
 
 def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneChange:
-    name = index.things.get(change.thing).name if change.thing else ""
+    name = index.things.get(change.thing_id).name if change.thing_id else ""
     distance = 0.0
     if change.kind == "moved" and change.before is not None and change.after is not None:
         distance = float(np.linalg.norm(change.after.mean(axis=0) - change.before.mean(axis=0)))
     return SceneChange(
         kind=change.kind,
-        thing_id=change.thing,
+        thing_id=change.thing_id,
         name=name,
         probability=change.probability,
         distance=distance,
         before=_box(change.before),
         after=_box(change.after),
         photos=tuple(numbers[row] for row in change.views),
-        sentence=change_sentence(change.kind, change.thing, name, distance, index.scene.scale == "METRIC"),
+        sentence=change_sentence(change.kind, change.thing_id, name, distance, index.scene.scale == "METRIC"),
     )
 
 

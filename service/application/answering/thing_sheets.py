@@ -57,7 +57,7 @@ class ThingSheets:
             named = self._known_names.suggest(scene_id, index.ranked, page)
             folder = self._scenes.folder(scene_id, read_version)
             picture, shown = self._picture(index, named, folder) if named else (b"", ())
-            seen = {each.thing for each in shown}
+            seen = {each.thing_id for each in shown}
             unseen = tuple(thing.id for thing in named if thing.id not in seen)
             meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
             return ThingSheet(picture, shown, unseen, meters, token, read_version, written)

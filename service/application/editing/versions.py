@@ -308,7 +308,7 @@ class Versions:
         if after > max(before, limit):
             raise LimitExceededError(
                 f"{after} Gaussians",
-                field="things",
+                field="thing_ids",
                 limit=f"{limit}",
                 hint="Add fewer, or remove some first.",
             )

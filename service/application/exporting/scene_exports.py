@@ -89,8 +89,8 @@ class Exports:
         write = _WRITERS[request.format]
 
         def read(index: SceneIndex, version: str) -> bytes:
-            things = index.things.with_members(request.things) if request.things else ()
-            return write(self, index, version, replace(request, things=things))
+            things = index.things.with_members(request.thing_ids) if request.thing_ids else ()
+            return write(self, index, version, replace(request, thing_ids=things))
 
         return self._scenes.reading(request.scene_id, request.version, read)
 
@@ -123,22 +123,22 @@ class Exports:
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:
-            gaussians = index.coarse.scene.gaussians if request.coarse else _of_things(index, request.things)
+            gaussians = index.coarse.scene.gaussians if request.coarse else _of_things(index, request.thing_ids)
             with self._memory.reserve(export_bytes(gaussians), "scene_id"):
                 return spz_bytes(gaussians)
 
-        if request.things or request.coarse:
+        if request.thing_ids or request.coarse:
             return make()
         size = 32 * len(index.scene.gaussians)
         return self._splats.get((request.scene_id, version), lambda: size, make)
 
     def _spz4(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _of_things(index, request.things)
+        gaussians = _of_things(index, request.thing_ids)
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
             return spz_bytes(gaussians, 4)
 
     def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _of_things(index, request.things)
+        gaussians = _of_things(index, request.thing_ids)
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
             return sog_bytes(gaussians)
 
@@ -146,7 +146,7 @@ class Exports:
         gaussians = index.scene.gaussians
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
             every = np.ones(len(gaussians), np.bool_)
-            return mask_ply(gaussians, index.things.rows(request.things) if request.things else every)
+            return mask_ply(gaussians, index.things.rows(request.thing_ids) if request.thing_ids else every)
 
     def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         name = self._name(request)
@@ -157,18 +157,20 @@ class Exports:
     def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return points_file(
-                index, self._name(request), request.things, request.cell, self._views_of(request, version)
+                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
             )
 
     def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return cameras_file(
-                index, self._name(request), request.things, request.cell, self._views_of(request, version)
+                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
             )
 
     def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
-            return mesh_file(index, self._name(request), request.things, request.cell, self._views_of(request, version))
+            return mesh_file(
+                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
+            )
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with needed(MCAP, 'the format "mcap"'):
@@ -179,16 +181,16 @@ class Exports:
         created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
         with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
             name, views = self._name(request), self._views_of(request, version)
-            points = points_file(index, name, request.things, request.cell, views)
+            points = points_file(index, name, request.thing_ids, request.cell, views)
             photos = self._photo_contents(request.scene_id, version, files)
             recording = SceneRecording(
                 request.scene_id, version, name, created_ns, points, photos, left_out, floor, floor_missing
             )
-            return foxglove_file(index, recording, request.things)
+            return foxglove_file(index, recording, request.thing_ids)
 
     def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
         """Floor map, or the reason for its absence."""
-        if request.things:
+        if request.thing_ids:
             return None, "a map is of a whole scene"
         try:
             needed_bytes = map_bytes(index)
@@ -259,7 +261,7 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
 
 def _check(request: ExportRequest) -> None:
     facts = FORMATS[request.format]
-    if request.things and facts.whole:
+    if request.thing_ids and facts.whole:
         raise InvalidInputError(
             f"{facts.whole} of some things alone",
             field="things",
@@ -273,9 +275,9 @@ def _check(request: ExportRequest) -> None:
             field="cell",
             hint=f"For {', '.join(name for name in FORMATS if FORMATS[name].cell)} alone.",
         )
-    if request.coarse and (request.format != "spz" or request.things):
+    if request.coarse and (request.format != "spz" or request.thing_ids):
         raise InvalidInputError(
-            f"a coarse file of {'some things' if request.things else request.format}",
+            f"a coarse file of {'some things' if request.thing_ids else request.format}",
             field="coarse",
             hint='It is for "spz", and for whole scenes.',
         )

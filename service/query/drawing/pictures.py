@@ -93,10 +93,10 @@ def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, s
 
 def tinted_picture(rgb: U8, thing_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
     """Tints things (last tint wins) and dims the rest by `dimming`, uint8 [H, W, 3]."""
-    size = 1 + max([int(thing_ids.max(initial=0)), *(number for tint in tints for number in tint.things)])
+    size = 1 + max([int(thing_ids.max(initial=0)), *(number for tint in tints for number in tint.thing_ids)])
     own, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
     for tint in tints:
-        rows = list(tint.things)
+        rows = list(tint.thing_ids)
         own[rows] = 1.0 - tint.strength
         added[rows] = 255.0 * tint.strength * np.array(tint.color, np.float32)
     mixed = rgb * own[thing_ids]

@@ -54,7 +54,7 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
     """
     order = edit.alignment
     assert order is not None
-    if edit.label is not None or edit.things:
+    if edit.label is not None or edit.thing_ids:
         raise InvalidInputError("align is of the whole scene", field="label", hint="Send an alignment alone.")
     _check_frame(order.frame)
     if (order.transform is not None) == bool(order.pairs):

@@ -140,7 +140,7 @@ def _remove(order: _Order) -> Scene:
     edit, count = order.edit, len(order.index.scene.gaussians)
     rows = edited_rows(order.index, edit)
     if len(rows) == count or (edit.filter is not None and not len(rows)):
-        said = {"filter": edit.filter, "label": edit.label, "things": edit.things or None}
+        said = {"filter": edit.filter, "label": edit.label, "thing_ids": edit.thing_ids or None}
         raise InvalidInputError(
             f"this removes {'all' if len(rows) else 'none'} of {count} Gaussians",
             field=next(name for name, value in said.items() if value is not None),

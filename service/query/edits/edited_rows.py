@@ -38,7 +38,7 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     """
     if edit.filter is not None:
         taken = filtered(index, edit.filter)
-        if edit.label is None and not edit.things:
+        if edit.label is None and not edit.thing_ids:
             return np.flatnonzero(taken)
         rows = _named_rows(index, edit)
         return rows[taken[rows]]
@@ -71,7 +71,7 @@ def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
     label_id = edited_label(index, edit)
-    return np.flatnonzero(index.labeled((label_id,)) if label_id else index.things.rows(edit.things))
+    return np.flatnonzero(index.labeled((label_id,)) if label_id else index.things.rows(edit.thing_ids))
 
 
 def edited_label(index: SceneIndex, edit: Edit) -> int:
@@ -81,12 +81,12 @@ def edited_label(index: SceneIndex, edit: Edit) -> int:
         NotFoundError: no such label or thing here.
         InvalidInputError: not exactly one of label and things.
     """
-    if (edit.label is not None) == bool(edit.things):
+    if (edit.label is not None) == bool(edit.thing_ids):
         raise InvalidInputError(
             "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
         )
     if edit.label is None:
-        index.things.check_all(edit.things)
+        index.things.check_all(edit.thing_ids)
         return 0
     label_id = index.scene.dictionary.id_of(edit.label)
     if label_id is None:

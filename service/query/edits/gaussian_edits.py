@@ -59,7 +59,10 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
     first = next_thing_id(before)
     if first + len(originals) - 1 > MAX_THING_ID:
         raise LimitExceededError(
-            f"{len(originals)} more things", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+            f"{len(originals)} more things",
+            field="thing_ids",
+            limit=f"ids up to {MAX_THING_ID}",
+            hint="Merge some first.",
         )
     new_ids = np.zeros(max((thing.id for thing in before.table), default=0) + 1, np.uint16)
     for number, thing in enumerate(originals):

@@ -46,12 +46,12 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         )
     ids = edited_things(source, edit)
     check_no_parts(source.things.table, ids)
-    own = replace(edit, label=None, things=ids)
+    own = replace(edit, label=None, thing_ids=ids)
     rows = edited_rows(source, own)
     first = next_thing_id(here.things)
     if first + len(ids) - 1 > MAX_THING_ID:
         raise LimitExceededError(
-            f"{len(ids)} more things", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+            f"{len(ids)} more things", field="thing_ids", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
         )
     scene, things = here, []
     for number, thing_id in enumerate(ids):

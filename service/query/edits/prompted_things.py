@@ -34,7 +34,7 @@ def split_thing(index: SceneIndex, edit: Edit) -> int:
     check_no_parts(index.things.table, ids)
     if len(ids) != 1:
         raise InvalidInputError(
-            f"{len(ids)} things to split", field="things", limit="1 thing", hint="Split one thing in each edit."
+            f"{len(ids)} things to split", field="thing_ids", limit="1 thing", hint="Split one thing in each edit."
         )
     return ids[0]
 
@@ -97,9 +97,9 @@ def make_prompted_thing(
 
 
 def _check_missing(edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:
-    if edit.things or edit.label is not None:
+    if edit.thing_ids or edit.label is not None:
         raise InvalidInputError(
-            "add takes no thing or label", field="things", hint="To cut a piece out of a thing, split it."
+            "add takes no thing or label", field="thing_ids", hint="To cut a piece out of a thing, split it."
         )
     same = taken[1:] / np.maximum(whole[1:] + taken.sum() - taken[1:], 1e-300)
     if len(same) and same.max() >= _SAME:

@@ -27,7 +27,7 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
         NotFoundError: nothing is seen at a pixel; no such view.
         InvalidInputError: no or too many known lengths, a label or things, or two places that coincide.
     """
-    if edit.label is not None or edit.things:
+    if edit.label is not None or edit.thing_ids:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
     earlier = index.scene.scaling or capture_scaling(index.scene.quality)
     lengths = [] if earlier is None else [*earlier.lengths]
@@ -65,8 +65,8 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
     Adds `_UNSURE_ENDS`: a scale persists, and the ends of a trained thing are known to a few per cent of its length at
     best."""
     try:
-        index.things.check_all((known.thing,))
-        thing = extents_of(index, known.thing)
+        index.things.check_all((known.thing_id,))
+        thing = extents_of(index, known.thing_id)
     except (InvalidInputError, NotFoundError) as error:
         raise error.within(f"known_sizes[{number}]") from error
     if known.side == "height" and index.scene.up() is None:
@@ -80,7 +80,7 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
     deviation = float(np.hypot(thing.deviations[side], _UNSURE_ENDS * value))
     if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
         raise InvalidInputError(
-            f"the size of thing {known.thing} is too unsure to scale by",
+            f"the size of thing {known.thing_id} is too unsure to scale by",
             field=f"known_sizes[{number}].thing",
             hint="Use a larger thing, or a length between two places.",
         )

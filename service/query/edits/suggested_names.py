@@ -34,15 +34,15 @@ def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Sc
         raise LimitExceededError(
             f"{len(suggested)} names", field="suggestions", limit=f"{MAX_SUGGESTED} names", hint="Send several batches."
         )
-    things.check_all([each.thing for each in suggested], "suggestions")
+    things.check_all([each.thing_id for each in suggested], "suggestions")
     told: defaultdict[int, list[Suggestion]] = defaultdict(list)
     for number, each in enumerate(suggested):
         field = f"suggestions[{number}]"
-        told[each.thing].append(_checked(each, field))
-        own = sum(other.source == each.source.strip() for other in told[each.thing])
+        told[each.thing_id].append(_checked(each, field))
+        own = sum(other.source == each.source.strip() for other in told[each.thing_id])
         if own > MOST_SUGGESTED:
             raise LimitExceededError(
-                f"{own} names of one source for thing {each.thing}", field=field, limit=f"{MOST_SUGGESTED} names"
+                f"{own} names of one source for thing {each.thing_id}", field=field, limit=f"{MOST_SUGGESTED} names"
             )
 
     def changed(thing: Thing) -> Thing:

@@ -56,7 +56,7 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
     """Ids of the things an edit names, or that bear its label; raises as `edited_label`."""
     label_id, things, dictionary = edited_label(index, edit), index.things, index.scene.dictionary
     if not label_id:
-        return tuple(dict.fromkeys(edit.things))
+        return tuple(dict.fromkeys(edit.thing_ids))
     everything = (*things.present, *things.present_parts)
     ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
     if not ids:

@@ -148,7 +148,7 @@ def with_absence_judged(
         missed = 1.0 - found_share(word)
         presence = None if answer.presence is None else missed / (1.0 + missed)
         sure = None if presence is None else 1.0 - presence
-        absent = replace(nothing, presence=presence, probability=sure, things=(), relation="absent")
+        absent = replace(nothing, presence=presence, probability=sure, thing_ids=(), relation="absent")
         return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
     colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
     likely = unnamed_probability(names.searched)
@@ -157,7 +157,7 @@ def with_absence_judged(
         thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
     }
     may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
-    offered = replace(nothing, presence=presence, probability=None, things=may_be, relation="undecided")
+    offered = replace(nothing, presence=presence, probability=None, thing_ids=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
 
 

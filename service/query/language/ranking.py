@@ -247,7 +247,7 @@ class Ranker:
             matches=self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
-            things=self._things.of_labels((order[judged.relevant[order]] + 1).tolist()),
+            thing_ids=self._things.of_labels((order[judged.relevant[order]] + 1).tolist()),
             searched=self._things.searched,
             relation=relation,
             relation_subject=subject,

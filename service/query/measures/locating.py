@@ -64,7 +64,7 @@ def locate(index: SceneIndex, place: Place) -> Located:
 
 def check_place(place: Place, kinds: tuple[str, ...]) -> None:
     """Raises InvalidInputError unless a place has one of `kinds`, and a pixel one viewpoint."""
-    said = [name for name in ("pixel", "point", "thing") if getattr(place, name) is not None]
+    said = [name for name in ("pixel", "point", "thing_id") if getattr(place, name) is not None]
     if len(said) != 1 or said[0] not in kinds:
         raise InvalidInputError(
             f"a place by {' and '.join(said) or 'nothing'}",

@@ -36,13 +36,13 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
     extents: dict[int, ThingExtents] = {}
     for number, place in enumerate(places):
         try:
-            if place.thing is None:
+            if place.thing_id is None:
                 located.append(locate(index, place))
                 continue
-            check_place(place, ("thing",))
-            index.things.check_all((place.thing,))
-            extents[place.thing] = extents_of(index, place.thing)
-            located.append(_middle(place.thing, extents[place.thing]))
+            check_place(place, ("thing_id",))
+            index.things.check_all((place.thing_id,))
+            extents[place.thing_id] = extents_of(index, place.thing_id)
+            located.append(_middle(place.thing_id, extents[place.thing_id]))
         except (InvalidInputError, NotFoundError) as error:
             raise error.within(f"places[{number}]") from error
     distance = center_distance = box = None
@@ -71,7 +71,7 @@ def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
     extents = thing_extents(index, thing_id)
     if extents is None or index.things.get(thing_id).box is None:
         raise NotFoundError(
-            f"thing {thing_id} is too faint to be seen", field="thing", hint="Measure a thing that has a box."
+            f"thing {thing_id} is too faint to be seen", field="thing_id", hint="Measure a thing that has a box."
         )
     return extents
 

@@ -111,7 +111,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
     for hollow in may_hold(unseen, "", taken_for)[:1]:
         near = next((posed for posed in cameras if posed.name == hollow.view), cameras[0])
         target = np.array(hollow.middle)
-        thing = called.get(hollow.thing, "") or "thing that has no name there"
+        thing = called.get(hollow.thing_id, "") or "thing that has no name there"
         yield (
             look_at(near.world_from_camera[:3, 3], target, up),
             target,

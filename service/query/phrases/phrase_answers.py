@@ -181,7 +181,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         head=reading.head,
         conditions=reading.said,
         not_understood=question.not_understood,
-        things=solved.things,
+        thing_ids=solved.things,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
         count=len(things.counted_once(solved.things)) if question.asks == "count" and counted else None,
@@ -194,7 +194,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         return Ranked(replace(_about(plain.answer, things, may_be), phrase=phrase), "undecided")
     if nowhere:
         ordered = tuple(match._replace(relevant=False) for match in head.answer.matches)
-        answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, things=())
+        answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, thing_ids=())
         return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
@@ -248,7 +248,7 @@ def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
     """Ids of the things shown, and of those they were compared with."""
-    return {*phrase.things, *(other for witness in phrase.witnesses for other in witness.others)}
+    return {*phrase.thing_ids, *(other for witness in phrase.witnesses for other in witness.others)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
@@ -313,7 +313,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     return replace(
         answer,
         matches=() if nameless else tuple(sorted(matches, key=place)),  # the first one is the answer's name
-        things=ids,
+        thing_ids=ids,
         relation="undecided",
         relation_subject=None,
         probability=None,
@@ -326,7 +326,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
 def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
     """Final answer for the decided things."""
     assert answer.phrase is not None
-    ids = answer.phrase.things
+    ids = answer.phrase.thing_ids
     decided = replace(
         _about(answer, things, ids),
         relation="same" if ids else "absent",

@@ -120,7 +120,7 @@ class PhraseSolver:
     def _kept(self, thing_ids: Iterable[int]) -> tuple[Witness, ...]:
         """Keeps a limited number of witnesses, those of these things first."""
         first = set(thing_ids)
-        ordered = sorted(self._witnesses, key=lambda witness: witness.thing not in first)
+        ordered = sorted(self._witnesses, key=lambda witness: witness.thing_id not in first)
         return tuple(ordered[:_MAX_WITNESSES])
 
     def _named(self, phrase: Phrase) -> Named:

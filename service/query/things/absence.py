@@ -23,7 +23,7 @@ USUAL_M = 0.22
 class Hollow:
     """The largest unseen space inside a thing."""
 
-    thing: int  # its id, or that of the label where no things are stored
+    thing_id: int  # its id, or that of the label where no things are stored
     volume: float  # scene units cubed
     width: float  # of the largest ball that fits into it, scene units
     middle: Vector3  # of that ball, world frame

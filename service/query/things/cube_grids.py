@@ -24,7 +24,7 @@ TRIM = 0.01
 class CubeGrid:
     """Cubes inside a convex hull."""
 
-    thing: int  # whose hull; 0 for all together
+    thing_id: int  # whose hull; 0 for all together
     inside: Mask  # bool [X, Y, Z], which cubes are inside
     middles: F64  # float64 [K, 3], their middles, world frame
     width: float  # of a cube, scene units
@@ -39,7 +39,7 @@ class Pieces:
     middles: tuple[Vector3, ...]  # P + 1 middles of these balls, world frame
 
 
-def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
+def cube_grid(points: F64, thing_id: int, across: int = 0) -> CubeGrid | None:
     """Voxelizes the convex hull of points [K, 3]; None without volume.
 
     `across`: cubes along the shortest side; at most 40 along the longest side, as for 0."""
@@ -61,7 +61,7 @@ def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
     inside = np.ones(grid.shape[:3], np.bool_)
     for a, b, c, d in planes:
         inside &= grid @ np.array([a, b, c]) + d <= 0
-    return CubeGrid(thing, inside, grid[inside], width) if inside.any() else None
+    return CubeGrid(thing_id, inside, grid[inside], width) if inside.any() else None
 
 
 def most_around(grid: CubeGrid, marked: Mask) -> Mask:

@@ -181,7 +181,7 @@ class SceneThings:
         self.check_all((thing_id,))
         return next(thing for thing in (*self.listed, *self.listed_parts) if thing.id == thing_id)
 
-    def check_all(self, thing_ids: Sequence[int], field: str = "things") -> None:
+    def check_all(self, thing_ids: Sequence[int], field: str = "thing_ids") -> None:
         """Raises NotFoundError unless each id is a present thing or part."""
         here = {thing.id for thing in (*self.present, *self.present_parts)}
         for number, thing_id in enumerate(thing_ids):
@@ -192,7 +192,7 @@ class SceneThings:
                     hint="List the scene's things.",
                 )
 
-    def with_members(self, ids: Sequence[int], field: str = "things") -> tuple[int, ...]:
+    def with_members(self, ids: Sequence[int], field: str = "thing_ids") -> tuple[int, ...]:
         """Expands group ids to members; raises NotFoundError for unknown ids."""
         self.check_all([each for each in ids if each not in self.groups], field)
         return self._members(ids)

@@ -98,7 +98,7 @@ def _looks(
     counts = [len(grid.middles) for grid in grids]
     middles = np.concatenate([grid.middles for grid in grids])
     widths = np.repeat([grid.width for grid in grids], counts)
-    inside_of = np.repeat([grid.thing for grid in grids], counts)
+    inside_of = np.repeat([grid.thing_id for grid in grids], counts)
     seen, hidden, outside, own, behind = np.zeros((5, len(middles)), np.int64)
     opaque, whose = hiding_points(scene, rows, of)
     for posed in spread_views(scene.cameras):
@@ -137,7 +137,7 @@ def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
         return None
     volume = float((pieces.numbers == best).sum()) * thing.grid.width**3
     middle = pieces.middles[best]
-    return Hollow(thing.grid.thing, volume, float(pieces.widths[best]), middle, _nearest_view(middle, cameras))
+    return Hollow(thing.grid.thing_id, volume, float(pieces.widths[best]), middle, _nearest_view(middle, cameras))
 
 
 def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:

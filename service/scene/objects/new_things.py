@@ -30,7 +30,7 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
     new_id = next_thing_id(things)
     if new_id > MAX_THING_ID:
         raise LimitExceededError(
-            "one more thing", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some things first."
+            "one more thing", field="thing_ids", limit=f"ids up to {MAX_THING_ID}", hint="Merge some things first."
         )
     membership, owner = things.membership, thing_rows(things)
     taken = np.zeros(len(membership), np.bool_)

@@ -58,7 +58,7 @@ def thing_of(things: Things, thing_id: int) -> Thing:
         if thing.id == thing_id:
             return thing
     raise NotFoundError(
-        f"there is no thing {str(thing_id)[:40]} in this scene", field="thing", hint="List the scene's things."
+        f"there is no thing {str(thing_id)[:40]} in this scene", field="thing_id", hint="List the scene's things."
     )
 
 
@@ -74,7 +74,7 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     things = _things_of(scene)
     first, *others = (thing_of(things, thing_id).id for thing_id in dict.fromkeys(thing_ids))
     if not others:
-        raise InvalidInputError(f"{len(thing_ids)} thing to merge", field="things", hint="Name two or more.")
+        raise InvalidInputError(f"{len(thing_ids)} thing to merge", field="thing_ids", hint="Name two or more.")
     reads = bounded_reads(read for each in (first, *others) for read in thing_of(things, each).reads)
     merged = _relabeled(things, others, first)
     table = tuple(replace(thing, reads=reads) if thing.id == first else thing for thing in merged.table)

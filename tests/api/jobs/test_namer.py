@@ -30,7 +30,7 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
             seen = seen_with_errors(room.truth, seed)
             with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
                 said = suggest_by(client, room.scene_id, Namer(server.url, model))
-            assert said.requests == len(sheets) and {each.thing for each in said.names} == room.truth.keys()
+            assert said.requests == len(sheets) and {each.thing_id for each in said.names} == room.truth.keys()
         listed = {each.id: each for each in client.things(room.scene_id)}
         assert not any(each.name for each in listed.values())
         reached = [name in [told.name for told in listed[thing].suggestions] for thing, name in room.truth.items()]
@@ -42,7 +42,9 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
 def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
     with client_of(room.faces) as client:
         sheets, before = list(client.thing_sheets(room.scene_id)), client.scene(room.scene_id).version
-        with replayed(sheets, lambda sheet: named(sheet, {each.thing: "cat" for each in sheet.things}, 1.0)) as server:
+        with replayed(
+            sheets, lambda sheet: named(sheet, {each.thing_id: "cat" for each in sheet.things}, 1.0)
+        ) as server:
             said = suggest_by(client, room.scene_id, Namer(server.url, "obeys"))
         assert server.got and said.names == () and said.refused == said.shown
         assert client.scene(room.scene_id).version == before

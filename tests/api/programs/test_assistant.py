@@ -101,7 +101,7 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
     assert (said["outcome"], said["probability"]) == (answer.outcome, answer.probability)
     assert said["relation"] == answer.relation
     assert said["sentence"] == answer.sentence and said["scene"] == scene_id
-    assert [each["id"] for each in said["things"]] == list(answer.things)
+    assert [each["id"] for each in said["things"]] == list(answer.thing_ids)
     labels = [match.label for match in answer.matches if match.relevant]
     assert [said["label"], *said["alternatives"]] == (labels or [""])
     assert said["unnamed_things"] == answer.searched.unnamed_things
@@ -113,7 +113,7 @@ def test_a_goal_is_that_of_rest_and_refused_as_there(
     upright = add_upright_scene(service, api_settings)
     said = _said(_call(faces, "goal", thing=1, robot_radius=0.15, scene=upright))
     truth = service.exports.goal(upright, 1, 0.15)
-    assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["thing"] == 1
+    assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["thing_id"] == 1
     assert [said[name] for name in ("yaw", "distance", "clearance")] == pytest.approx(
         [truth.yaw, truth.distance, truth.clearance], abs=1e-4
     )
@@ -205,7 +205,7 @@ def test_what_a_photo_shows_is_picked_by_shares_of_its_sides(faces: Faces, clien
 
 
 @pytest.mark.parametrize(
-    "viewpoint", [{"thing": 1}, {"view": "front.png"}, {"position": (0, 0, 1), "target": (0, 0, 4)}, {}]
+    "viewpoint", [{"thing_id": 1}, {"view": "front.png"}, {"position": (0, 0, 1), "target": (0, 0, 4)}, {}]
 )
 def test_a_picture_comes_as_a_picture(faces: Faces, scene_id: str, viewpoint: dict[str, Any]) -> None:
     result = _call(faces, "look_from", scene=scene_id, **viewpoint)

@@ -53,7 +53,7 @@ async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping
         assert [each["number"] for each in sheet["things"]] == list(range(1, len(sheet["things"]) + 1))
         seen += [each["id"] for each in sheet["things"]]
         names = [
-            {"thing": each["id"], "name": told[each["id"]], "probability": 0.8}
+            {"thing_id": each["id"], "name": told[each["id"]], "probability": 0.8}
             for each in sheet["things"]
             if each["id"] in told
         ]
@@ -114,11 +114,11 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "looked at")
     none = _call(guarded, "reader", "unnamed_things", scene=scene_id)
     assert _said(none)["things"] == [] and len(none.content) == 1  # all have names: there is no picture
-    version = guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))]).version
+    version = guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))]).version
     said = _said(_call(guarded, "reader", "unnamed_things", scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
         assert [each["id"] for each in said["things"]] == _shown(client, scene_id) == [1]
-    guess = {"thing": 1, "name": "moon", "probability": 0.7}
+    guess = {"thing_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
     assert "PERMISSION_DENIED" in _refusal(_call(guarded, "reader", "suggest_names", **arguments))
     for wrong, field in ((guess | {"color": "red"}, "color"), (guess | {"probability": 2}, "probability")):
@@ -129,10 +129,10 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
 
 def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
-    guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))])
+    guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))])
     said = _said(_call(guarded, "suggester", "unnamed_things", scene=scene_id))
     assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
-    arguments = {"names": [{"thing": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
+    arguments = {"names": [{"thing_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
     assert _said(_call(guarded, "suggester", "suggest_names", **arguments))["suggested"] == 1
     for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
         assert "PERMISSION_DENIED" in _refusal(_call(guarded, "suggester", tool, **more))
@@ -146,4 +146,4 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
 
 
 def _shown(client: Client, scene_id: str) -> list[int]:
-    return [each.thing for sheet in client.thing_sheets(scene_id) for each in sheet.things]
+    return [each.thing_id for sheet in client.thing_sheets(scene_id) for each in sheet.things]

@@ -175,7 +175,7 @@ def test_a_scene_without_a_vertical_is_shown_without_a_map(
 def test_what_answers_a_question_is_found_among_the_detections(client: Client, shown: Snapshot) -> None:
     (answer,) = client.query(shown.scene.id, "mug", outputs=["objects"])
     page = messages.found(shown.detections, answer)
-    assert [each.thing_id for each in page.detections] == list(answer.things) == [1]
+    assert [each.thing_id for each in page.detections] == list(answer.thing_ids) == [1]
     (absent,) = client.query(shown.scene.id, "elephant", outputs=["objects"])
     assert messages.found(shown.detections, absent).detections == ()
 

@@ -136,7 +136,7 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             told = (packed.headers["x-gaussian-count"], packed.headers["x-scene-version"])
             assert told == (str(len(expected)), answer.version)
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d", "objects"], mask3d_encoding="ply")
-        assert answer.mask3d == client.export(scene_id, things=answer.things)
+        assert answer.mask3d == client.export(scene_id, things=answer.thing_ids)
         (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
         (png,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"], mask2d_encoding="png")
         for one, other in zip(rle.masks, png.masks, strict=True):
@@ -190,7 +190,7 @@ class _Places:
         if of in ("edited", "undone"):
             self._service.versions.edit(made, [Edit("recolor", label="mug", color=RED)])
         if of == "unnamed":
-            self._service.versions.edit(made, [Edit("unname", things=(1, 2, 3))])
+            self._service.versions.edit(made, [Edit("unname", thing_ids=(1, 2, 3))])
         if of == "undone":
             self._service.versions.undo(made)
         if of == "aligned":

@@ -47,7 +47,7 @@ def test_every_face_answers_the_same(
     assert_same(client.ask(request, protocol="gRPC"), truth)
     (phrase,) = (answer.phrase for answer in truth)
     assert phrase is not None and (phrase.refusal is None) == (things is not None)
-    assert things is None or truth[0].things == phrase.things == things
+    assert things is None or truth[0].thing_ids == phrase.thing_ids == things
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_a_standing_question_is_asked_from_where_each_pose_is(client: Client, sc
     turned_round = type(_FRONT)(_FRONT.camera, _behind())
     for pose, thing in ((_FRONT, _MUG), (turned_round, _BOOK)):
         (answered,) = client.stream_query(question, [pose])
-        assert answered.answers[0].things == (thing,)
+        assert answered.answers[0].thing_ids == (thing,)
 
 
 def test_a_picture_shows_the_meant_thing_as_seen_from_it(client: Client, scene_id: str) -> None:

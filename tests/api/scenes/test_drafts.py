@@ -37,7 +37,7 @@ class _Made:
 
 
 def _said(answer: Answer) -> tuple[object, ...]:
-    shown = answer.outcome, answer.sentence, answer.things, answer.gaussians, answer.mask3d
+    shown = answer.outcome, answer.sentence, answer.thing_ids, answer.gaussians, answer.mask3d
     return answer.scene_id, answer.text, answer.version, answer.provisional, shown
 
 

@@ -53,11 +53,11 @@ def test_an_export_is_a_file_that_is_not_sent_again(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat
 ) -> None:
     things = (1,)
-    truth = service.exports.file(ExportRequest(scene_id, name, things=things))
-    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing": list(things)})
+    truth = service.exports.file(ExportRequest(scene_id, name, thing_ids=things))
+    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing_ids": list(things)})
     assert response.headers["content-disposition"] == f'attachment; filename="{FILE_NAMES[name]}"'
     tag = {"If-None-Match": response.headers["etag"]}
-    again = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing": list(things)}, headers=tag)
+    again = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing_ids": list(things)}, headers=tag)
     assert (again.status_code, again.content) == (304, b"")
     with client_of(faces) as client:
         assert client.export(scene_id, name, things=things) == truth
@@ -73,8 +73,8 @@ def test_the_page_of_a_scene_is_the_same_bytes(faces: Faces, service: SceneServi
     assert response.content == truth == _rpc(faces, scene_id, "html")
     assert response.headers["content-disposition"].startswith("attachment")
     assert response.headers["content-security-policy"] == "sandbox"
-    some = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html", params={"thing": 1}))
-    assert (some.code, some.details["field"]) == (400, "things")
+    some = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html", params={"thing_ids": 1}))
+    assert (some.code, some.details["field"]) == (400, "thing_ids")
 
 
 def test_one_thing_alone_has_the_rows_that_are_its(
@@ -103,8 +103,8 @@ def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: S
     with zipfile.ZipFile(io.BytesIO(truth)) as archive:
         shades = set(archive.read("map.pgm").split(b"255\n", 1)[1])
     assert shades == {0, 205, 254}
-    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"thing": 1}))
-    assert (refusal.code, refusal.details["field"]) == (400, "things")
+    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"thing_ids": 1}))
+    assert (refusal.code, refusal.details["field"]) == (400, "thing_ids")
 
 
 def test_a_cell_of_points_is_a_number_above_zero_that_leaves_fewer(service: SceneService, scene_id: str) -> None:

@@ -128,12 +128,12 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
     assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, made.id)
     (asked,) = client.query(room_id, _CUBE, outputs=["objects"])
-    assert (asked.outcome, asked.things) == ("not_here", (cube.id,))
+    assert (asked.outcome, asked.thing_ids) == ("not_here", (cube.id,))
     missing = f'The "{_CUBE}" is missing since 2 March 2026.'
     assert asked.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
     for text in ("What is gone?", "what has changed since 2 March 2026"):
         (told,) = client.query(room_id, text, outputs=["mask3d"])
-        assert (told.outcome, told.things, told.text) == ("here", (cube.id,), text)
+        assert (told.outcome, told.thing_ids, told.text) == ("here", (cube.id,), text)
         assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
         assert decode_mask3d(told.mask3d or b"", "bits", told.gaussians).sum() == cube.gaussian_count
     (told,) = client.query(room_id, f"when was the {_CUBE} last seen?")
@@ -141,7 +141,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     (told,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
     assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
     (told,) = client.query(room_id, "what moved?")
-    assert (told.outcome, told.things) == ("not_here", ())
+    assert (told.outcome, told.thing_ids) == ("not_here", ())
     assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 things."
     (told,) = client.query(room_id, "what is gone since 3 March 2026?")
     assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
@@ -206,7 +206,7 @@ def test_its_photos_are_kept_without_metadata_follow_edits_and_go_with_the_scene
     service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
     made = client.observe(room_id, without, focals=(420.0,))
-    client.edit_scene(room_id, [Edit("recolor", things=(1,), color=Color(1.0, 0.0, 0.0))])
+    client.edit_scene(room_id, [Edit("recolor", thing_ids=(1,), color=Color(1.0, 0.0, 0.0))])
     files = _kept(service, room_id)
     assert len(files) == len(without)
     content = client.photo(room_id, made.photos[0].view)

@@ -32,8 +32,8 @@ def _prompt(*pixels: tuple[float, float], **others: Any) -> ThingPrompt:
     return replace(ThingPrompt(view="front.png", pixels=tuple(Pixel(*pixel) for pixel in pixels)), **others)
 
 
-_MERGE = Edit("merge", things=(1, 2))
-_SPLIT = Edit("split", things=(1,), prompt=_prompt(_BALL))
+_MERGE = Edit("merge", thing_ids=(1, 2))
+_SPLIT = Edit("split", thing_ids=(1,), prompt=_prompt(_BALL))
 _ADD = Edit("add", prompt=_prompt(_BALL))
 
 
@@ -68,7 +68,7 @@ def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
         both = np.isin(now, (1, 4))
         assert (now == 4).any() and (now == 1).any()
         assert (both ^ (before == 1)).sum() <= 0.02 * (before == 1).sum()
-    assert client.query(own, "moon")[0].things == (4,)
+    assert client.query(own, "moon")[0].thing_ids == (4,)
     client.undo_edit(own, made.version)
     np.testing.assert_array_equal(_owner(service, own), owner)
     assert client.query(own, "violin")[0].is_absent and client.scene(own).version == merged.version
@@ -90,14 +90,14 @@ def test_a_missing_thing_is_added_from_nobody_and_from_whoever_has_it(
     client: Client, service: SceneService, own: str
 ) -> None:
     truth = _owner(service, own)
-    client.edit_scene(own, [Edit("discard", things=(2,))])
+    client.edit_scene(own, [Edit("discard", thing_ids=(2,))])
     before = _owner(service, own)
     made = client.add_thing(own, turned(0.0), box=(20.0, 13.0, 29.0, 22.0), name="ball")
     after, (new,) = _owner(service, own), made.prompted
     assert new.views[0] == "" and new.gaussian_count == (after == new.thing_id).sum()
     np.testing.assert_array_equal(after[after != new.thing_id], before[after != new.thing_id])
     assert ((after == new.thing_id) & (truth == 2)).sum() >= 0.85 * (truth == 2).sum()
-    assert client.query(own, "ball")[0].things == (new.thing_id,)
+    assert client.query(own, "ball")[0].thing_ids == (new.thing_id,)
     client.undo_edit(own)
     client.undo_edit(own)
     client.edit_scene(own, [_MERGE])
@@ -132,10 +132,10 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
         (replace(_SPLIT, prompt=None), InvalidInputError, "prompt"),
         (replace(_ADD, prompt=None), InvalidInputError, "prompt"),
         (replace(_MERGE, prompt=_prompt(_BALL)), InvalidInputError, "prompt"),
-        (replace(_SPLIT, things=()), InvalidInputError, "label"),
-        (replace(_SPLIT, things=(1, 3)), InvalidInputError, "things"),
-        (replace(_SPLIT, things=(9,)), NotFoundError, "things[0]"),
-        (replace(_ADD, things=(1,)), InvalidInputError, "things"),
+        (replace(_SPLIT, thing_ids=()), InvalidInputError, "label"),
+        (replace(_SPLIT, thing_ids=(1, 3)), InvalidInputError, "thing_ids"),
+        (replace(_SPLIT, thing_ids=(9,)), NotFoundError, "thing_ids[0]"),
+        (replace(_ADD, thing_ids=(1,)), InvalidInputError, "thing_ids"),
         (replace(_SPLIT, prompt=_prompt()), InvalidInputError, "prompt.pixels"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view=None)), InvalidInputError, "prompt.view"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view="none.png")), NotFoundError, "prompt.view"),
@@ -179,7 +179,7 @@ def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client
     named = client.name_things(own, 1, "violin")
     for call in (
         lambda seen: client.split_thing(own, 1, "front.png", pixels=[_BALL], looked_at=seen),
-        lambda seen: client.edit_scene(own, [Edit("merge", things=(3, 1)), _BOTH], looked_at=seen),
+        lambda seen: client.edit_scene(own, [Edit("merge", thing_ids=(3, 1)), _BOTH], looked_at=seen),
     ):
         with pytest.raises(ConflictError) as raised:
             call("1")
@@ -188,7 +188,7 @@ def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client
         client.undo_edit(own)
 
 
-_BOTH = Edit("split", things=(3,), prompt=_prompt(_BALL))
+_BOTH = Edit("split", thing_ids=(3,), prompt=_prompt(_BALL))
 
 
 def test_a_segmenter_that_is_not_installed_says_how_to_get_it(
@@ -209,7 +209,7 @@ def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Set
         warm = service.versions._prompted._segmenter
         first, memory = warm._open, service.versions._memory
         assert first is not None and memory.kept == warm.bytes and memory.reserved == 0
-        service.versions.edit(own, [Edit("merge", things=(1, 4)), _SPLIT])
+        service.versions.edit(own, [Edit("merge", thing_ids=(1, 4)), _SPLIT])
         assert warm._open is first and memory.kept == warm.bytes
         assert service.in_project("another").versions._prompted is service.versions._prompted
         with memory.reserve(2 << 30, "edits"), memory.reserve((1 << 30) - 1, "edits"):

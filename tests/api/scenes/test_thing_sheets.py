@@ -37,7 +37,7 @@ _OWN_COLORS = {1: 0, 2: 1, 3: 2}
 def nameless(service: SceneService, api_settings: Settings) -> Iterator[str]:
     """A scene of three things that nobody named."""
     scene_id = add_scene(service, api_settings, "nameless")
-    service.versions.edit(scene_id, [Edit("unname", things=(1, 2, 3))])
+    service.versions.edit(scene_id, [Edit("unname", thing_ids=(1, 2, 3))])
     yield scene_id
     service.delete_scene(scene_id)
 
@@ -58,33 +58,33 @@ def _middles(sheet: ThingSheet) -> list[NDArray[np.float64]]:
 
 def test_each_thing_is_cut_from_the_photo_of_its_view(client: Client, service: SceneService, nameless: str) -> None:
     (sheet,) = client.thing_sheets(nameless)
-    assert [(each.number, each.thing) for each in sheet.things] == [(1, 1), (2, 2), (3, 3)]
+    assert [(each.number, each.thing_id) for each in sheet.things] == [(1, 1), (2, 2), (3, 3)]
     assert sheet.meters and not sheet.unseen and sheet.version == service.get_scene(nameless).version
     listed = {thing.id: thing for thing in client.things(nameless)}
     for shown, middle in zip(sheet.things, _middles(sheet), strict=True):
-        best = service.photos.best_views(nameless, (shown.thing,), max_views=1).views
+        best = service.photos.best_views(nameless, (shown.thing_id,), max_views=1).views
         assert shown.photo and shown.view == best[0].view
         assert np.abs(middle - PHOTO_COLORS[_VIEWS.index(shown.view)]).max() < 12
-        box = listed[shown.thing].box
+        box = listed[shown.thing_id].box
         assert box is not None and shown.size == box.size
-    assert [near.thing for near in sheet.things[0].neighbors] == [2, 3]  # they stand in a row
+    assert [near.thing_id for near in sheet.things[0].neighbors] == [2, 3]  # they stand in a row
 
 
 def test_what_edits_changed_is_shown_as_the_version_shows_it(
     client: Client, service: SceneService, nameless: str
 ) -> None:
-    service.versions.edit(nameless, [Edit("remove", things=(2,))])
+    service.versions.edit(nameless, [Edit("remove", thing_ids=(2,))])
     (sheet,) = client.thing_sheets(nameless)
-    assert [each.thing for each in sheet.things] == [1, 3] and not any(each.photo for each in sheet.things)
+    assert [each.thing_id for each in sheet.things] == [1, 3] and not any(each.photo for each in sheet.things)
     for shown, middle in zip(sheet.things, _middles(sheet), strict=True):
-        assert middle.argmax() == _OWN_COLORS[shown.thing]
+        assert middle.argmax() == _OWN_COLORS[shown.thing_id]
 
 
 def test_without_photos_the_scene_is_shown(client: Client, service: SceneService, nameless: str) -> None:
     remove(photo_path(service._store.blobs.version(nameless, service.get_scene(nameless).version), 0).parent)
     (sheet,) = client.thing_sheets(nameless)
     for shown, middle in zip(sheet.things, _middles(sheet), strict=True):
-        assert not shown.photo and middle.argmax() == _OWN_COLORS[shown.thing]
+        assert not shown.photo and middle.argmax() == _OWN_COLORS[shown.thing_id]
 
 
 def test_a_damaged_photo_is_said(service: SceneService, nameless: str) -> None:
@@ -101,15 +101,15 @@ def test_a_damaged_photo_is_said(service: SceneService, nameless: str) -> None:
 def test_pages_show_all_also_where_names_are_suggested_and_given_between_them(client: Client, nameless: str) -> None:
     seen = []
     for sheet in client.thing_sheets(nameless):  # its pages are of 20
-        seen += [each.thing for each in sheet.things]
+        seen += [each.thing_id for each in sheet.things]
     assert seen == [1, 2, 3]
     first = client._transport.call("GET", f"/v1/scenes/{nameless}/things/sheet", params={"page_size": 1}).json()
-    assert [each["thing"] for each in first["things"]] == [1]
+    assert [each["thing_id"] for each in first["things"]] == [1]
     client.suggest_names(nameless, [SuggestedName(3, "violin", 0.7, "eyes", "v1")])
     client.name_things(nameless, 1, "moon")
     asked = {"page_size": 500, "page_token": first["next_page_token"]}
     rest = client._transport.call("GET", f"/v1/scenes/{nameless}/things/sheet", params=asked).json()
-    assert [each["thing"] for each in rest["things"]] == [2, 3] and not rest["next_page_token"]
+    assert [each["thing_id"] for each in rest["things"]] == [2, 3] and not rest["next_page_token"]
     assert [near["name"] for near in rest["things"][0]["neighbors"]].count("moon") == 1
     assert [told["name"] for told in rest["things"][1]["suggestions"]] == ["violin"]
 

@@ -30,7 +30,7 @@ _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
 
 def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:
-    return Edit("name", things=ids, name=text, aliases=aliases)
+    return Edit("name", thing_ids=ids, name=text, aliases=aliases)
 
 
 def test_picks_show_the_mask_of_what_is_asked_for_by_name(client: Client, service: SceneService, scene_id: str) -> None:
@@ -75,7 +75,7 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
     assert made.edits == (_name((mug.thing.id,), "violin", "elephant", "moon"),) and made.current
     for text in ("violin", "elephant", "moon"):
         (answer,) = client.query(own, text, views=["front.png"], outputs=["mask2d", "mask3d", "objects"])
-        assert (answer.outcome, answer.things, answer.version) == ("here", (mug.thing.id,), made.version)
+        assert (answer.outcome, answer.thing_ids, answer.version) == ("here", (mug.thing.id,), made.version)
         np.testing.assert_array_equal(
             answer.masks[0].array(), client.pick(own, "front.png", pixel=(15.5, 18.5)).mask.array()
         )
@@ -91,7 +91,7 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
 
     # Another service on the same data reads what was written.
     service.versions._scenes.forget(own)
-    assert client.query(own, "elephant")[0].things == (mug.thing.id,)
+    assert client.query(own, "elephant")[0].thing_ids == (mug.thing.id,)
     client.undo_edit(own, made.version)
     assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
     assert client.query(own, "mug")[0].outcome == "here" and client.query(own, "elephant")[0].is_absent
@@ -135,7 +135,7 @@ def test_things_of_another_project_do_not_exist(service: SceneService, api_setti
     foreign._store.scenes.create(job)
     finish_job(foreign._store, job.operation_id, made_scene(encoder))
     assert len(foreign.answers.list_things(job.scene_id).things) == 3
-    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(own))
+    edit = Edit("insert", thing_ids=(1,), transform=up, source=InsertSource(own))
     with pytest.raises(NotFoundError) as raised:
         foreign.versions.edit(job.scene_id, [edit])
     assert raised.value.field == "edits[0].source.scene"
@@ -195,7 +195,7 @@ def test_parts_are_listed_picked_and_named_alike(client: Client, service: SceneS
         assert f"element vertex {inside.sum()}\n".encode() in alone
     client.name_things(with_part, 4, "moon")
     (answer,) = client.query(with_part, "moon", views=["front.png"], outputs=["mask2d", "objects"])
-    assert answer.outcome == "here" and answer.things == (4,) and (answer.objects or ())[0].id == 4
+    assert answer.outcome == "here" and answer.thing_ids == (4,) and (answer.objects or ())[0].id == 4
     inside = answer.masks[0].array()
     assert 0 < (inside & picked.mask.array()).sum() < picked.mask.array().sum()
     rows_of_labels = {row.label: row.gaussian_count for row in service.get_scene(with_part).dictionary}

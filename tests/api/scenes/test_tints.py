@@ -44,6 +44,6 @@ def test_a_jpeg_is_the_picture_in_fewer_bytes(client: Client, scene_id: str) -> 
 
 @pytest.mark.parametrize("tint", [{"strength": 1.5}, {"color": {"r": 2.0, "g": 0.0, "b": 0.0}}, {"more": 1}])
 def test_a_tint_out_of_bounds_is_refused(faces: Faces, scene_id: str, tint: dict[str, Any]) -> None:
-    whole = {"things": [1], "color": {"r": 1.0, "g": 0.0, "b": 0.0}, "strength": 0.5, **tint}
+    whole = {"thing_ids": [1], "color": {"r": 1.0, "g": 0.0, "b": 0.0}, "strength": 0.5, **tint}
     body = {"kind": "rgb", "view": "front.png", "tints": [whole]}
     assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).status_code == 400

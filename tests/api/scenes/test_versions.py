@@ -59,7 +59,7 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
     (mug,) = _mugs(client, own)
     made = client.edit_scene(
         own,
-        [Edit("recolor", things=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+        [Edit("recolor", thing_ids=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
     (moved,) = _mugs(client, own)
     # Within a hundredth: what was a label's object is a thing from then on, with the faint Gaussians around it.

@@ -82,7 +82,7 @@ def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it() -> No
     assert {*strays.tolist(), 7} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
     assert len(np.setdiff1d(rows, np.arange(MUG.count))) <= 0.05 * BOOK.count
     (mug,) = _mugs(index)
-    np.testing.assert_array_equal(edited_rows(index, Edit("remove", things=(mug.id,))), rows)
+    np.testing.assert_array_equal(edited_rows(index, Edit("remove", thing_ids=(mug.id,))), rows)
 
 
 def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
@@ -90,7 +90,7 @@ def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
     aside[0, 3] = 0.2
     two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
     first, second = _mugs(two)
-    (left,) = _mugs(opened(apply_edit(two, Edit("remove", things=(first.id,)))))
+    (left,) = _mugs(opened(apply_edit(two, Edit("remove", thing_ids=(first.id,)))))
     np.testing.assert_allclose(left.centroid, second.centroid, atol=1e-6)
 
 
@@ -196,9 +196,9 @@ STRETCHED, NAN = Pose(STILL, Quaternion(0, 0, 1, 1)), Pose(STILL, Quaternion(0, 
     ("edit", "error", "field"),
     [
         (Edit("remove", label="submarine"), NotFoundError, "label"),
-        (Edit("remove", things=(9,)), NotFoundError, "things[0]"),
+        (Edit("remove", thing_ids=(9,)), NotFoundError, "thing_ids[0]"),
         (Edit("remove"), InvalidInputError, "label"),
-        (Edit("remove", label="mug", things=(1,)), InvalidInputError, "label"),
+        (Edit("remove", label="mug", thing_ids=(1,)), InvalidInputError, "label"),
         (Edit("paint", label="mug"), InvalidInputError, "action"),
         (Edit("recolor", label="mug"), InvalidInputError, "color"),
         (Edit("recolor", label="mug", color=(2, 0, 0)), InvalidInputError, "color"),

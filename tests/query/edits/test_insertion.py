@@ -47,9 +47,9 @@ def test_an_inserted_thing_is_the_thing_moved(here: int, there: int) -> None:
     index = opened(after)
     assert [(thing.id, thing.name) for thing in index.things.listed] == [(1, "book"), (2, "cup")]
     (cup, book) = index.ask(["cup", "book"])
-    assert cup.outcome == book.outcome == "here" and (cup.things, book.things) == ((2,), (1,))
+    assert cup.outcome == book.outcome == "here" and (cup.thing_ids, book.thing_ids) == ((2,), (1,))
     np.testing.assert_array_equal(np.flatnonzero(index.mask3d(cup)), np.arange(count, count + MUG.count))
-    alone = opened(apply_edit(index, Edit("remove", things=(1,))))
+    alone = opened(apply_edit(index, Edit("remove", thing_ids=(1,))))
     rest = opened(apply_edit(opened(moved), Edit("remove", label="lid")))
     if here == there:
         np.testing.assert_array_equal(alone.render(FRONT), rest.render(FRONT))
@@ -64,7 +64,7 @@ def test_a_thing_comes_again_under_new_ids_and_one_label() -> None:
     for ids in ((1, 2), (1, 2, 3)):
         index = opened(apply_edit(index, insert(aside, things=(1,)), source=opened(scene)))
         (mugs,) = index.ask(["mugs"])
-        assert mugs.things == tuple(i for i in (*ids, max(ids) + 1) if i != 2)
+        assert mugs.thing_ids == tuple(i for i in (*ids, max(ids) + 1) if i != 2)
     assert len(index.scene.dictionary) == 2 and len(index.scene.evidence or ()) == len(index.scene.gaussians)
 
 

@@ -32,7 +32,7 @@ def index() -> SceneIndex:
 
 
 def _edit(action: Any, **others: Any) -> Edit:
-    return Edit(action, prompt=_PROMPT, things=(1,) if action == "split" else (), **others)
+    return Edit(action, prompt=_PROMPT, thing_ids=(1,) if action == "split" else (), **others)
 
 
 def test_all_of_a_thing_or_all_but_its_rim_is_no_piece(index: SceneIndex) -> None:

@@ -77,7 +77,7 @@ def test_what_assistants_say_reaches_suggestions_and_nothing_is_named_without_a_
     sure = {thing: names[0].name for thing, names in told.items() if names[0].probability >= 0.9}
     before = index.ranked.names.trust
     for thing, name in sure.items():
-        index = index.after(apply_edit(index, Edit("name", things=(thing,), name=name)))
+        index = index.after(apply_edit(index, Edit("name", thing_ids=(thing,), name=name)))
     assert {thing.id for thing in index.things.table.everything if thing.source == "person"} == set(sure)
     assert not before and all(each > 1 for each in index.ranked.names.trust.values())
     assert index.ask([next(iter(sure.values()))])[0].outcome == "here"
@@ -103,16 +103,16 @@ def test_a_source_replaces_its_own_word_alone(opened: Callable[[Things], SceneIn
     assert first.suggestions[0].probability == pytest.approx(1 - 0.58 * 0.5)
     assert second.name == "bowl" and not second.suggestions and not third.suggestions
     by_alias, of_named = index.ask(["demitasse", "dish"])
-    assert by_alias.outcome == "probably_here" and by_alias.things == (1,)
+    assert by_alias.outcome == "probably_here" and by_alias.thing_ids == (1,)
     trust = 4 / (0.9 + 4)  # "dish" was claimed of what a person calls a bowl
     assert by_alias.probability == pytest.approx(0.6 * trust)
-    assert not of_named.things  # a person has settled what it is
+    assert not of_named.thing_ids  # a person has settled what it is
 
 
 @pytest.mark.parametrize(
     ("changed", "field"),
     [
-        ({"thing": 99}, "suggestions[0]"),
+        ({"thing_id": 99}, "suggestions[0]"),
         ({"name": " "}, "suggestions[0].name"),
         ({"aliases": ("?",)}, "suggestions[0].aliases[0]"),
         ({"source": ""}, "suggestions[0].source"),

@@ -62,8 +62,8 @@ def test_one_is_sent_around_a_screen_to_what_it_hides() -> None:
 
 def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
     index = opened(opened(with_something_shut(0)).things.scene)
-    (cupboard,) = index.ask(["cupboard"])[0].things
-    named = index.after(apply_edit(index, Edit("name", things=(cupboard,), name="tree stump")))
+    (cupboard,) = index.ask(["cupboard"])[0].thing_ids
+    named = index.after(apply_edit(index, Edit("name", thing_ids=(cupboard,), name="tree stump")))
     assert named.ask(["spoon"])[0].outcome == "not_here"
     things = index.things.scene.things
     assert things is not None

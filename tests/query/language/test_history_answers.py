@@ -51,7 +51,7 @@ def _answers(days: _Days) -> HistoryAnswers:
 
 
 def _found(thing: int = _MUG) -> Answer:
-    return replace(ANSWERS.answers[0], things=(thing,), outcome="here", sentence="Here.", matches=())
+    return replace(ANSWERS.answers[0], thing_ids=(thing,), outcome="here", sentence="Here.", matches=())
 
 
 def _asked(days: _Days, text: str) -> Answer:
@@ -114,9 +114,9 @@ def test_a_question_of_time_is_answered_by_the_photos_of_the_day(text: str, sent
 
 def test_what_is_as_it_was_before_the_day_has_not_become_so_since() -> None:
     days: _Days = [(22, "gone"), (25, "gone")]
-    assert _asked(days, "what is gone?").things == (_MUG,)
+    assert _asked(days, "what is gone?").thing_ids == (_MUG,)
     since = _asked(days, "what is gone since Monday?")
-    assert (since.things, since.outcome) == ((), "not_here")
+    assert (since.thing_ids, since.outcome) == ((), "not_here")
 
 
 def test_when_it_is_missing_and_when_it_was_seen() -> None:

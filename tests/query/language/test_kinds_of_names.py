@@ -48,7 +48,7 @@ def _unnamed() -> Scene:
 
 
 def named(index: SceneIndex, thing: int, name: str, *kinds: str) -> SceneIndex:
-    return index.after(apply_edit(index, Edit("name", things=(thing,), name=name, kinds=kinds)))
+    return index.after(apply_edit(index, Edit("name", thing_ids=(thing,), name=name, kinds=kinds)))
 
 
 def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index: SceneIndex) -> None:
@@ -58,7 +58,7 @@ def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index:
     told = named(bare, 1, "Oskar", "teddy bear")
     assert told.is_understood("Oskar") and told.scene.dictionary.entries[0].aliases == ("Oskar teddy bear",)
     for answer in told.ask(["Oskar", "teddy bear", "toy"]):
-        assert answer.outcome in ("here", "probably_here") and answer.things == (1,), answer.sentence
+        assert answer.outcome in ("here", "probably_here") and answer.thing_ids == (1,), answer.sentence
     assert told.ask(["toy"])[0].relation == "kind_of"
     (stranger,) = told.ask(["bulldozer"])
     assert stranger.outcome != "here"
@@ -67,10 +67,10 @@ def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index:
 def test_several_names_are_of_one_kind_and_the_kind_is_still_a_name_of_its_own(index: SceneIndex) -> None:
     both = named(named(index, 1, "Oskar", "teddy bear"), 2, "Bruno", "teddy bear")
     (answer,) = both.ask(["teddy bear"])
-    assert set(answer.things) == {1, 2}
+    assert set(answer.thing_ids) == {1, 2}
     other = named(named(index, 1, "Oskar", "teddy bear"), 2, "teddy bear")
     assert {thing.id: thing.name for thing in other.things.listed} == {1: "Oskar", 2: "teddy bear"}
-    assert other.ask(["teddy bear"])[0].things[0] == 2
+    assert other.ask(["teddy bear"])[0].thing_ids[0] == 2
 
 
 @pytest.mark.parametrize(("name", "known"), [("grandma's mug", True), ("mug", True), ("Oskarine", False)])
@@ -84,10 +84,10 @@ def test_without_a_lexicon_nothing_is_asked() -> None:
 
 def test_kinds_are_names_of_a_name(index: SceneIndex) -> None:
     for edit, error, field in (
-        (Edit("unname", things=(1,), kinds=("toy",)), InvalidInputError, "name"),
-        (Edit("name", things=(1,), name="Oskar", kinds=("a\nb",)), InvalidInputError, "kinds[0]"),
-        (Edit("name", things=(1,), name="Oskar", kinds=("toy",) * 21), LimitExceededError, "kinds"),
-        (Edit("name", things=(1,), name="O" * 200, kinds=("toy",)), InvalidInputError, "kinds[0]"),
+        (Edit("unname", thing_ids=(1,), kinds=("toy",)), InvalidInputError, "name"),
+        (Edit("name", thing_ids=(1,), name="Oskar", kinds=("a\nb",)), InvalidInputError, "kinds[0]"),
+        (Edit("name", thing_ids=(1,), name="Oskar", kinds=("toy",) * 21), LimitExceededError, "kinds"),
+        (Edit("name", thing_ids=(1,), name="O" * 200, kinds=("toy",)), InvalidInputError, "kinds[0]"),
     ):
         with pytest.raises(error) as raised:
             apply_edit(index, edit)

@@ -299,7 +299,7 @@ def test_label_sets_cover_what_they_say_on_scenes_they_never_saw(encoder: TextEn
 
 def test_a_chair_is_no_dining_table_though_that_comes_closest(ask: Ask) -> None:
     answer = ask(("dining table", "book", "teddy bear", "cup"), "chair")
-    assert answer.matches[0].label == "dining table" and not relevant(answer) and not answer.things
+    assert answer.matches[0].label == "dining table" and not relevant(answer) and not answer.thing_ids
     assert (answer.outcome, answer.relation, answer.probability, answer.presence) == ("not_here", "absent", None, None)
     assert 'none of the 4 names in this scene is "chair"' in answer.sentence and "the closest is" in answer.sentence
     assert ask(("dining table", "book"), "furniture").outcome in ("here", "probably_here")

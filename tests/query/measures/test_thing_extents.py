@@ -41,12 +41,12 @@ def _index(scene: Scene) -> SceneIndex:
 def test_strays_change_neither_size_nor_distance(share: float) -> None:
     index = _index(_strewn(share)[0])
     for thing in (1, 2):
-        sides = measure(index, [Place(thing=thing)], "1").sides
+        sides = measure(index, [Place(thing_id=thing)], "1").sides
         for side, true in zip(sorted(sides), sorted(_SIZE), strict=True):
             assert side.value == pytest.approx(true, abs=0.025) and side.low <= true <= side.high
-    between = measure(index, [Place(thing=1), Place(thing=2)], "1")
+    between = measure(index, [Place(thing_id=1), Place(thing_id=2)], "1")
     assert between.distance is not None and between.center_distance is not None
-    plain = measure(_index(_strewn(0.0)[0]), [Place(thing=1), Place(thing=2)], "1")
+    plain = measure(_index(_strewn(0.0)[0]), [Place(thing_id=1), Place(thing_id=2)], "1")
     assert plain.distance is not None
     assert between.distance.value == pytest.approx(plain.distance.value, abs=0.025)
     assert between.center_distance.low <= 1.0 <= between.center_distance.high

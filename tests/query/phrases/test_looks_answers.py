@@ -69,7 +69,7 @@ def _answer(index: SceneIndex, text: str) -> Answer:
 @pytest.mark.parametrize(("text", "thing"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])
 def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksModel, text: str, thing: int) -> None:
     answer = _answer(_index(scene, DrawnEncoder(), model), text)
-    assert (answer.outcome, answer.things) == ("probably_here", (thing,)), answer.sentence
+    assert (answer.outcome, answer.thing_ids) == ("probably_here", (thing,)), answer.sentence
     assert answer.probability is not None and 0.5 <= answer.probability < 1
     assert "by its looks" in answer.sentence
     without = _answer(_index(scene, DrawnEncoder(), None), text)
@@ -79,7 +79,7 @@ def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksMod
 def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
     index = _index(scene, DrawnEncoder(), model)
     named = _answer(index, "the book")
-    assert named.things == (_GREEN,) and "looks" not in named.sentence
+    assert named.thing_ids == (_GREEN,) and "looks" not in named.sentence
     assert _answer(index, "the book") == _answer(_index(scene, DrawnEncoder(), None), "the book")
 
 
@@ -88,12 +88,12 @@ def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
 )
 def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
     told, plain = (_answer(_index(scene, DrawnEncoder(), each), text) for each in (model, None))
-    assert (told.outcome, told.things, told.sentence) == (plain.outcome, plain.things, plain.sentence)
+    assert (told.outcome, told.thing_ids, told.sentence) == (plain.outcome, plain.thing_ids, plain.sentence)
 
 
 def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
     told, plain = (_answer(_index(scene, DrawnEncoder(), each), "a submarine") for each in (model, None))
-    assert (told.outcome, told.things) == (plain.outcome, plain.things)
+    assert (told.outcome, told.thing_ids) == (plain.outcome, plain.thing_ids)
 
 
 def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -> None:

@@ -100,11 +100,11 @@ def test_a_phrasing_is_answered_as_its_bare_noun(index: SceneIndex) -> None:
 def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: str, things: set[int]) -> None:
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None and answer.outcome == "here"
-    assert set(answer.phrase.things) == set(answer.things) == things
+    assert set(answer.phrase.thing_ids) == set(answer.thing_ids) == things
     names = {thing.id: thing.name for thing in index.things.listed}
     assert answer.outcome == "here" and answer.sentence.startswith("Here: ")
     assert all(f'"{names[thing]}"' in answer.sentence for thing in things)
-    decisive = [witness for witness in answer.phrase.witnesses if witness.thing in things]
+    decisive = [witness for witness in answer.phrase.witnesses if witness.thing_id in things]
     assert decisive and all(witness.clearness >= 1 for witness in decisive)
 
 
@@ -115,14 +115,14 @@ def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwis
     large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
     room.place("crate", box((0.1, 0.1, 0.1)), (-far, 0, 0), 0.0, _WOOD)
     answer = _answer(make(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
-    assert (answer.things == (large,) and answer.outcome == "here") == nearest
+    assert (answer.thing_ids == (large,) and answer.outcome == "here") == nearest
     assert _reason(answer) == (None if nearest else "too_close")
 
 
 def test_numbers_are_counted(index: SceneIndex) -> None:
     for text, count in (("how many mugs are there?", 2), ("how many mugs are on the table?", 1)):
         answer = _answer(index, text)
-        assert answer.phrase is not None and answer.phrase.count == count == len(answer.things)
+        assert answer.phrase is not None and answer.phrase.count == count == len(answer.thing_ids)
         assert answer.sentence.startswith(f"Here: {count} (")
 
 
@@ -130,7 +130,7 @@ def test_numbers_are_counted(index: SceneIndex) -> None:
 def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None
-    assert answer.is_absent and answer.things == () == answer.relevant_ids
+    assert answer.is_absent and answer.thing_ids == () == answer.relevant_ids
     assert (
         answer.probability is None and answer.presence is None and answer.sentence.startswith("Not here: nothing is ")
     )
@@ -166,16 +166,18 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     assert answer.phrase is not None and _reason(answer) == reason
     assert (answer.outcome, answer.relation, answer.probability) == ("cannot_say", "undecided", None)
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
-    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.things
+    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.thing_ids
     names = {thing.id: thing.name for thing in index.things.listed}
     shown = {match.label for match in answer.matches if match.relevant}
-    assert shown == {names[thing] for thing in answer.things} and set(answer.phrase.undecided) <= set(answer.things)
+    assert shown == {names[thing] for thing in answer.thing_ids} and set(answer.phrase.undecided) <= set(
+        answer.thing_ids
+    )
 
 
 @pytest.mark.parametrize("text", ["the piano on the table", "how many pianos are there?"])
 def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    assert answer.phrase is not None and (answer.is_absent, _reason(answer), answer.things) == (True, None, ())
+    assert answer.phrase is not None and (answer.is_absent, _reason(answer), answer.thing_ids) == (True, None, ())
     assert answer.phrase.count == (0 if text.startswith("how") else None)
 
 
@@ -199,10 +201,10 @@ def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> No
     for each, unit in ((index, "m"), (make(replace(index.scene, scale="ARBITRARY")), "unit")):
         phrase = _answer(each, "the mug on the table").phrase
         assert phrase is not None and phrase.conditions == ("on the table",) and phrase.head == "mug"
-        own = {witness.measure: witness for witness in phrase.witnesses if witness.thing == _RED_MUG}
+        own = {witness.measure: witness for witness in phrase.witnesses if witness.thing_id == _RED_MUG}
         assert own["gap"].others == (_TABLE,) and own["gap"].unit == unit and abs(own["gap"].value) < 0.01
         assert own["overlap"].value > 0.9 and min(own["gap"].clearness, own["overlap"].clearness) >= 1
-        other = [witness for witness in phrase.witnesses if witness.thing == _BLUE_MUG]
+        other = [witness for witness in phrase.witnesses if witness.thing_id == _BLUE_MUG]
         assert min(witness.clearness for witness in other) <= -1
 
 
@@ -213,7 +215,7 @@ def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> No
     index = make(scene_of(room, 0, _WORLD))
     for text in ("the red book", "what is red?"):
         answer = _answer(index, text)
-        assert (answer.outcome, answer.things[:1]) == ("probably_here", (3,)) and 1 not in answer.things
+        assert (answer.outcome, answer.thing_ids[:1]) == ("probably_here", (3,)) and 1 not in answer.thing_ids
         assert index.mask3d(answer).sum() == answer.matches[0].gaussian_count
 
 
@@ -242,7 +244,7 @@ def test_the_scale_of_a_scene_changes_no_answer(scene: Scene, index: SceneIndex,
     cameras = tuple(replace(camera, world_from_camera=pose) for camera, pose in zip(scene.cameras, poses, strict=True))
     scaled = make(replace(scene, gaussians=gaussians, cameras=cameras))
     for text in ("what is on the table?", "mug next to the lamp", "the mug left of the lamp", "the nearest mug"):
-        assert _answer(scaled, text, asker).things == _answer(index, text).things
+        assert _answer(scaled, text, asker).thing_ids == _answer(index, text).thing_ids
 
 
 def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
@@ -274,9 +276,9 @@ def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
             head=head,
         )
     )
-    assert _answer(parted, "the mug with a handle").things == (_RED_MUG,)
-    assert _answer(parted, "the mug without a handle").things == (_BLUE_MUG,)
-    assert _answer(parted, "the handle of the mug").things == (20,)
+    assert _answer(parted, "the mug with a handle").thing_ids == (_RED_MUG,)
+    assert _answer(parted, "the mug without a handle").thing_ids == (_BLUE_MUG,)
+    assert _answer(parted, "the handle of the mug").thing_ids == (20,)
 
 
 def test_a_question_about_all_pairs_of_many_things_is_refused() -> None:
@@ -299,7 +301,7 @@ def test_a_text_of_two_readings_is_answered_if_one_of_them_makes_sense() -> None
     with_lamp = room.place("mug", box((0.09, 0.09, 0.1)), (0, 4, 0.75), 0.0, _RED)
     room.place("desk lamp", box((0.15, 0.15, 0.4)), (0.2, 4, 0.75), 0.0, _WHITE)
     index = make(scene_of(room, 0, _WORLD))
-    assert _answer(index, "the mug on a table next to the street lamp").things == (beside_lamp,)
-    assert _answer(index, "the mug on a table next to the desk lamp").things == (with_lamp,)
+    assert _answer(index, "the mug on a table next to the street lamp").thing_ids == (beside_lamp,)
+    assert _answer(index, "the mug on a table next to the desk lamp").thing_ids == (with_lamp,)
     both = "the mug on a table next to something"
     assert _reason(_answer(index, both)) == "ambiguous"

@@ -75,14 +75,14 @@ def _answer(index: SceneIndex, text: str) -> Answer:
 )
 def test_things_are_found_by_what_is_written_on_them(index: SceneIndex, text: str, things: set[int]) -> None:
     answer = _answer(index, text)
-    assert set(answer.things) == things, answer.sentence
+    assert set(answer.thing_ids) == things, answer.sentence
     assert answer.outcome in ("here", "probably_here") and set(index.ranked.names.picks(answer) or ()) == things
 
 
 @pytest.mark.parametrize("text", ["oat milk", "Hafermilch", "tag 12", "where is the oat milk?", "To the Lighthouse"])
 def test_what_nothing_is_named_may_be_where_it_is_written(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    assert (answer.outcome, len(answer.things)) == ("probably_here", 1) and "says" in answer.sentence
+    assert (answer.outcome, len(answer.thing_ids)) == ("probably_here", 1) and "says" in answer.sentence
     assert answer.probability is None  # nobody measured how often what says "oat milk" is oat milk
 
 
@@ -100,7 +100,7 @@ def test_what_no_photo_shows_is_not_said_to_be_absent(index: SceneIndex, text: s
 
 
 def test_names_come_before_what_is_written_and_by_is_a_place_where_nothing_says_so(index: SceneIndex) -> None:
-    assert set(_answer(index, "book").things) == {_RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK}
+    assert set(_answer(index, "book").thing_ids) == {_RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK}
     by_place = _answer(index, "the book by the crate").phrase
     assert by_place is not None and by_place.refusal is not None and by_place.refusal.reason == "not_understood"
 
@@ -109,7 +109,7 @@ def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene) -> No
     assert scene.things is not None
     silent = replace(scene.things, table=tuple(replace(thing, reads=()) for thing in scene.things.table))
     index = SceneIndex(replace(scene, things=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
-    assert not _answer(index, "Hafermilch").things and not _answer(index, "oat milk").things
+    assert not _answer(index, "Hafermilch").thing_ids and not _answer(index, "oat milk").thing_ids
     assert _answer(index, "where does it say Hafermilch").outcome == "cannot_say"
 
 

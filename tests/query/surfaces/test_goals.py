@@ -31,7 +31,7 @@ def _thing(solid: Solid, motion: np.ndarray = _STILL) -> SceneThing:
     low, high = np.array(solid.low), np.array(solid.high)
     center = motion[:3, :3] @ ((low + high) / 2) + motion[:3, 3]
     box = Box(Pose(vector3(center), quaternion_of(motion[:3, :3])), Vector3(*(high - low).tolist()))
-    return dataclasses.replace(_ANY, id=solid.thing, box=box)
+    return dataclasses.replace(_ANY, id=solid.thing_id, box=box)
 
 
 def _local(goal: Goal, motion: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def test_what_nobody_named_is_a_floor_if_it_lies_low_enough(height: float, is_fl
 def test_naming_a_thing_changes_whether_it_is_a_floor_and_back() -> None:
     index = _index(_scene("", None, "floor", 1.5))
     for name, surface in (("dining table", "horizontal surface"), ("floor", "floor"), ("rug", "floor"), ("", "floor")):
-        edit = Edit("name", things=(1,), name=name) if name else Edit("unname", things=(1,))
+        edit = Edit("name", thing_ids=(1,), name=name) if name else Edit("unname", thing_ids=(1,))
         index = index.after(apply_edit(index, edit, index.scene.things, index.scene.things))
         assert index.things.present[0].surface == surface, name
         assert index.scene.things is not None and index.scene.things.table[0].surface == "floor", "is kept as it was"

@@ -101,9 +101,9 @@ def test_no_name_that_is_shown_is_denied(
         )
         bearing = set().union(*(ids for name, ids in shown.items() if label_key(name) == label_key(answer.text)))
         if bearing:
-            assert answer.outcome in ("here", "probably_here") and set(answer.things) <= bearing and answer.things
+            assert answer.outcome in ("here", "probably_here") and set(answer.thing_ids) <= bearing and answer.thing_ids
         if answer.outcome == "not_here":
-            assert not answer.things and not answer.relevant_ids
+            assert not answer.thing_ids and not answer.relevant_ids
             others = [match.label for match in answer.matches if match.label not in answer.text]
             assert not any(f'"{label}"' in answer.sentence for label in others)
 
@@ -123,8 +123,8 @@ def test_what_is_suggested_alone_is_as_probable_as_its_likeliest_thing(things: t
             (answer,) = index.ask([name])
             assert answer.outcome == "probably_here"
             assert answer.probability == pytest.approx(max(likely.values()))
-            assert answer.things[0] in [each for each in likely if likely[each] == max(likely.values())]
-            assert (index.mask3d(answer) == index.things.rows(answer.things)).all()
+            assert answer.thing_ids[0] in [each for each in likely if likely[each] == max(likely.values())]
+            assert (index.mask3d(answer) == index.things.rows(answer.thing_ids)).all()
 
 
 _WORDS = ("mug", "coffee", "tea", "fruit", "sofa", "something to read", "furniture", "bicycle", "hammer", "bed linen")
@@ -150,7 +150,7 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexi
             if leads:
                 assert of_suggested.outcome == "probably_here" and of_guess.outcome in ("here", "probably_here")
                 assert of_suggested.probability == pytest.approx(probability * of_sure.probability)
-                assert of_suggested.things == (1,) and of_suggested.relation == of_sure.relation
+                assert of_suggested.thing_ids == (1,) and of_suggested.relation == of_sure.relation
                 assert f'may be "{name}"' in of_suggested.sentence and of_sure.text in of_suggested.sentence
             elif of_sure.outcome == "not_here":
                 assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.relevant_ids
@@ -166,7 +166,7 @@ def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:
     entries = tuple(replace(entry, views=2) for entry in scene.dictionary.entries)
     seen = SceneIndex(replace(scene, dictionary=Dictionary(entries)), DrawnEncoder(), index.settings)
     (vase,) = seen.ask(["vase"])
-    assert (vase.outcome, vase.things) == ("cannot_say", (1,)) and "nothing bears that name" in vase.sentence
+    assert (vase.outcome, vase.thing_ids) == ("cannot_say", (1,)) and "nothing bears that name" in vase.sentence
 
 
 def test_fragments_of_one_name_are_counted_once(room: SceneIndex) -> None:
@@ -177,7 +177,7 @@ def test_fragments_of_one_name_are_counted_once(room: SceneIndex) -> None:
     membership = evidence_of(np.arange(len(owner)), owner, np.full(len(owner), 16 * UNIT), len(owner))
     cut = replace(room.scene, things=Things((*things.table, Thing(7, "cup", "detected", 0.8)), membership))
     cups, number = SceneIndex(cut, DrawnEncoder(), room.settings).ask(["cups", "how many cups are there?"])
-    assert cups.things == number.things == (5, 6, 7) and cups.sentence == 'Here: 2 of "cup".'
+    assert cups.thing_ids == number.thing_ids == (5, 6, 7) and cups.sentence == 'Here: 2 of "cup".'
     assert number.phrase is not None and number.phrase.count == 2
 
 
@@ -190,7 +190,7 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     query = check_query(("my samovar", "jar", "vase"), index.settings)
     samovar, jar, vase = ranked.answer(query, lambda: index.things)
     (told,) = ranked.elsewhere.values()
-    assert (samovar.outcome, samovar.probability, samovar.things) == ("probably_here", told.probability, (1,))
+    assert (samovar.outcome, samovar.probability, samovar.thing_ids) == ("probably_here", told.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
     assert index.ask(["samovar"])[0].outcome == "cannot_say"  # of this scene alone
     assert index.ranked.suggesting([*known, KnownThing("t", "kettle", other)], "own") is ranked  # it says the same
@@ -241,7 +241,7 @@ def test_things_are_called_by_their_names_or_by_what_is_beside_them(room: SceneI
     assert kettle.sentence == (
         'Probably here (19 %): the unnamed thing beside the "lamp" and an unnamed thing may be "kettle".'
     )
-    assert kettle.things == (3, 4)
+    assert kettle.thing_ids == (3, 4)
     assert stool.sentence == 'Probably here (30 %): an unnamed thing may be "stool".'
     assert cups.sentence == 'Here: 2 of "cup".'
     assert all_of_it.sentence == ('Here: "lamp", the unnamed thing beside the "lamp" and 2 of "cup", on the table.')

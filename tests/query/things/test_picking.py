@@ -126,11 +126,11 @@ def test_a_group_is_its_members_in_masks_and_rows() -> None:
 
 def test_a_group_of_what_is_gone_is_none_and_comes_back_with_it() -> None:
     before = opened(scene_with())
-    after = before.after(apply_edit(before, Edit("remove", things=(SPREAD,))))
+    after = before.after(apply_edit(before, Edit("remove", thing_ids=(SPREAD,))))
     pixel = pixel_of(after, lambda shown, parts: (shown == MUG) & (parts == 0))
     assert [each.level for each in pick_pixel(after.things, FRONT, pixel)] == ["thing"]
     assert after.things.groups == {} and after.things.get(MUG).groups == ()
-    merged = before.after(apply_edit(before, Edit("merge", things=(MUG, SPREAD))))
+    merged = before.after(apply_edit(before, Edit("merge", thing_ids=(MUG, SPREAD))))
     assert merged.things.groups == {} and merged.things.table.groups == ()
     assert opened(before.scene).things.groups[BOTH].members == (MUG, SPREAD)
 

@@ -61,7 +61,7 @@ def edited(index: SceneIndex, *edits: Edit) -> SceneIndex:
 
 
 def name(thing_id: int, text: str) -> Edit:
-    return Edit("name", things=(thing_id,), name=text)
+    return Edit("name", thing_ids=(thing_id,), name=text)
 
 
 def test_lists_are_of_things_and_have_the_parts_on_request(scene: Scene) -> None:
@@ -102,7 +102,7 @@ def test_a_click_says_which_part_it_hit(scene: Scene) -> None:
 def test_a_named_part_is_asked_for_and_is_its_own_gaussians(scene: Scene) -> None:
     index = edited(opened(scene), name(3, "mug"), name(RIM, "rim"))
     (rim, mug) = index.ask(["rim", "mug"])
-    assert (rim.outcome, rim.things, mug.things) == ("here", (RIM,), (3,))
+    assert (rim.outcome, rim.thing_ids, mug.thing_ids) == ("here", (RIM,), (3,))
     np.testing.assert_array_equal(index.mask3d(rim), index.things.part_owner == RIM)
     np.testing.assert_array_equal(index.mask3d(mug), index.things.owner == 3)
     shown = index.things.part_map(FRONT) == RIM
@@ -116,11 +116,11 @@ def test_a_named_part_is_asked_for_and_is_its_own_gaussians(scene: Scene) -> Non
     assert index.label_counts[labels["mug"]] == CUP.count
     both = edited(index, name(SPINE, "mug"))
     (mug,) = both.ask(["mug"])
-    assert mug.things == (3, SPINE)
+    assert mug.thing_ids == (3, SPINE)
     np.testing.assert_array_equal(both.mask3d(mug), (both.things.owner == 3) | (both.things.part_owner == SPINE))
     assert (both.mask2d(mug, FRONT).mask == both.mask(mug, FRONT)).all()
     (gone,) = edited(both, Edit("unname", label="mug")).ask(["mug"])
-    assert gone.outcome == "cannot_say" and 3 in gone.things
+    assert gone.outcome == "cannot_say" and 3 in gone.thing_ids
 
 
 def test_what_a_person_named_is_guarded_for_parts_too(scene: Scene) -> None:
@@ -134,50 +134,50 @@ def test_what_a_person_named_is_guarded_for_parts_too(scene: Scene) -> None:
 def test_edits_of_what_is_seen_take_the_gaussians_of_a_part(scene: Scene) -> None:
     index = opened(scene)
     count, rim = len(scene.gaussians), index.things.part_owner == RIM
-    removed = edited(index, Edit("remove", things=(RIM,)))
+    removed = edited(index, Edit("remove", thing_ids=(RIM,)))
     assert count - len(removed.scene.gaussians) >= rim.sum()
     assert [thing.id for thing in removed.things.listed_with_parts] == [3, 5, SPINE]
     with pytest.raises(NotFoundError):
         removed.things.get(RIM)
-    red = edited(index, Edit("recolor", things=(RIM,), color=(1, 0, 0))).scene.gaussians.sh
+    red = edited(index, Edit("recolor", thing_ids=(RIM,), color=(1, 0, 0))).scene.gaussians.sh
     changed = (red != scene.gaussians.sh).any(axis=(1, 2))
     assert changed[rim].all() and not changed[index.things.owner == 5].any()
 
 
 def test_merging_and_discarding_keep_parts_where_their_things_stay(scene: Scene) -> None:
     index = opened(scene)
-    merged = edited(index, Edit("merge", things=(5, 3)))
+    merged = edited(index, Edit("merge", thing_ids=(5, 3)))
     assert [(part.id, part.parent) for part in merged.things.listed_parts] == [(RIM, 5), (SPINE, 5)]
     np.testing.assert_array_equal(merged.things.part_owner, index.things.part_owner)
-    without = edited(index, Edit("discard", things=(RIM,)))
+    without = edited(index, Edit("discard", thing_ids=(RIM,)))
     assert [thing.id for thing in without.things.listed_with_parts] == [3, 5, SPINE]
     np.testing.assert_array_equal(without.things.owner, index.things.owner)
-    alone = edited(index, Edit("discard", things=(3, RIM)))
+    alone = edited(index, Edit("discard", thing_ids=(3, RIM)))
     assert [thing.id for thing in alone.things.listed_with_parts] == [5, SPINE]
-    bare = edited(index, Edit("discard", things=(3, 5)))
+    bare = edited(index, Edit("discard", thing_ids=(3, 5)))
     assert bare.scene.things == replace(bare.scene.things, table=(), parts=None)
     with pytest.raises(InvalidInputError, match="a part of thing 3"):
-        apply_edit(index, Edit("merge", things=(5, RIM)))
+        apply_edit(index, Edit("merge", thing_ids=(5, RIM)))
 
 
 def test_copies_have_new_ids_and_no_parts(scene: Scene) -> None:
     index = opened(scene)
     aside = np.eye(4)
     aside[0, 3] = 1.0
-    copied = edited(index, Edit("duplicate", things=(3,), transform=pose_of(aside)))
+    copied = edited(index, Edit("duplicate", thing_ids=(3,), transform=pose_of(aside)))
     assert [thing.id for thing in copied.things.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     np.testing.assert_array_equal(copied.things.part_owner[len(scene.gaussians) :], 0)
-    insert = Edit("insert", things=(3,), transform=pose_of(aside), source=InsertSource("s"))
+    insert = Edit("insert", thing_ids=(3,), transform=pose_of(aside), source=InsertSource("s"))
     inserted = index.after(apply_edit(index, insert, source=opened(scene)))
     assert [thing.id for thing in inserted.things.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     with pytest.raises(InvalidInputError, match="a part of thing 3"):
-        apply_edit(index, replace(insert, things=(RIM,)), source=opened(scene))
+        apply_edit(index, replace(insert, thing_ids=(RIM,)), source=opened(scene))
 
 
 def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(scene: Scene) -> None:
     index = opened(scene)
     index.things.part_map(FRONT)
-    steps = (name(RIM, "rim"), name(5, "book"), Edit("discard", things=(SPINE,)), Edit("merge", things=(5, 3)))
+    steps = (name(RIM, "rim"), name(5, "book"), Edit("discard", thing_ids=(SPINE,)), Edit("merge", thing_ids=(5, 3)))
     for edit in steps:
         index = edited(index, edit)
         fresh = opened(index.scene)
@@ -192,7 +192,7 @@ def test_parts_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> N
     again = opened(read_scene(tmp_path / "v"))
     assert again.things.listed_with_parts == named.things.listed_with_parts
     np.testing.assert_array_equal(again.things.part_owner, named.things.part_owner)
-    assert again.ask(["rim"])[0].things == (RIM,)
+    assert again.ask(["rim"])[0].thing_ids == (RIM,)
 
 
 def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(scene: Scene) -> None:
@@ -208,4 +208,4 @@ def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(scene: Scene
 
 def test_a_part_is_not_split(scene: Scene) -> None:
     with pytest.raises(InvalidInputError, match=f"{RIM} is a part of thing 3"):
-        split_thing(opened(scene), Edit("split", things=(RIM,)))
+        split_thing(opened(scene), Edit("split", thing_ids=(RIM,)))

@@ -70,7 +70,7 @@ def edited(index: SceneIndex, *edits: Edit) -> SceneIndex:
 
 
 def name(ids: Any, text: str, *aliases: str) -> Edit:
-    return Edit("name", things=tuple(np.atleast_1d(ids).tolist()), name=text, aliases=aliases)
+    return Edit("name", thing_ids=tuple(np.atleast_1d(ids).tolist()), name=text, aliases=aliases)
 
 
 def ids_of(index: SceneIndex) -> dict[int, str]:
@@ -95,7 +95,7 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, 
     (mug, twin, book) = ids_of(first)
     aside = np.eye(4)
     aside[2, 3] = 0.5
-    copied = edited(first, Edit("duplicate", things=(twin,), transform=pose_of(aside)))
+    copied = edited(first, Edit("duplicate", thing_ids=(twin,), transform=pose_of(aside)))
     assert ids_of(copied) == {mug: "mug", twin: "mug", book: "book", book + 1: "mug"}
     moved = next(thing for thing in copied.things.listed if thing.id == book + 1)
     old = next(thing for thing in first.things.listed if thing.id == twin)
@@ -103,11 +103,11 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, 
     np.testing.assert_allclose(np.subtract(moved.box.center.position, old.box.center.position), [0, 0, 0.5], atol=1e-5)
     write_scene(copied.scene, tmp_path / "v")
     assert ids_of(opened(read_scene(tmp_path / "v"))) == ids_of(copied)
-    removed = edited(copied, Edit("remove", things=(mug,)))
+    removed = edited(copied, Edit("remove", thing_ids=(mug,)))
     assert list(ids_of(removed)) == [twin, book, book + 1]
     # No id is given twice, not even that of the last thing once it is gone.
-    gone = edited(removed, Edit("discard", things=(book + 1,)))
-    assert list(ids_of(edited(gone, Edit("duplicate", things=(book,), transform=pose_of(aside))))) == [
+    gone = edited(removed, Edit("discard", thing_ids=(book + 1,)))
+    assert list(ids_of(edited(gone, Edit("duplicate", thing_ids=(book,), transform=pose_of(aside))))) == [
         twin,
         book,
         book + 2,
@@ -121,7 +121,7 @@ def test_a_label_is_the_union_of_the_things_that_bear_it(request: pytest.Fixture
     named = edited(index, name([other, last], "Einmachglas", "jar"), name(one, "kettle"))
     (answer, alias, kettle) = named.ask(["einmachglas", "a jar", "kettle"])
     assert answer.outcome == alias.outcome == kettle.outcome == "here"
-    assert answer.things == alias.things == (other, last) and kettle.things == (one,)
+    assert answer.thing_ids == alias.thing_ids == (other, last) and kettle.thing_ids == (one,)
     owner = named.things.owner
     np.testing.assert_array_equal(named.mask3d(answer), np.isin(owner, [other, last]))
     np.testing.assert_array_equal(owner, index.things.owner)
@@ -151,7 +151,7 @@ def test_naming_changes_no_mask_of_what_is_not_named(labeled: Scene) -> None:
 def test_a_label_that_nothing_bears_any_more_is_not_known(labeled: Scene) -> None:
     index = edited(opened(labeled), Edit("name", label="mugs", name="kettle"))
     mug, kettle = index.ask(["mug", "kettle"])
-    assert (mug.is_absent, mug.things, kettle.outcome, len(kettle.things)) == (True, (), "here", 2)
+    assert (mug.is_absent, mug.thing_ids, kettle.outcome, len(kettle.thing_ids)) == (True, (), "here", 2)
     assert not index.mask3d(mug).any() and index.mask3d(kettle).sum() == CUP.count + TWIN.count
     back = edited(index, Edit("name", label="kettle", name="Mugs"))
     assert back.ask(["mug"])[0].outcome == "here" and len(back.scene.dictionary) == 3
@@ -161,12 +161,12 @@ def test_a_label_that_nothing_bears_any_more_is_not_known(labeled: Scene) -> Non
 def test_merging_and_discarding_are_what_they_say(discovered: Scene) -> None:
     index = opened(discovered)
     named = edited(index, name(7, "jar"))
-    merged = edited(named, Edit("merge", things=(7, 4)))
+    merged = edited(named, Edit("merge", thing_ids=(7, 4)))
     assert ids_of(merged) == {7: "jar", 9: ""}
     np.testing.assert_array_equal(merged.things.owner == 7, np.isin(index.things.owner, [4, 7]))
-    discarded = edited(merged, Edit("discard", things=(7,)))
+    discarded = edited(merged, Edit("discard", thing_ids=(7,)))
     assert ids_of(discarded) == {9: ""} and len(discarded.scene.gaussians) == len(index.scene.gaussians)
-    assert discarded.ask(["jar"])[0].things == (9,)
+    assert discarded.ask(["jar"])[0].thing_ids == (9,)
     unnamed = edited(named, Edit("unname", label="jar"))
     assert ids_of(unnamed) == {4: "", 7: "", 9: ""} and unnamed.ask(["jar"])[0].outcome != "here"
 
@@ -177,7 +177,7 @@ def test_an_absence_says_what_was_looked_for(discovered: Scene) -> None:
     (answer, kettle) = named.ask(["truck", "kettle"])
     assert "none of the 2 names" in answer.sentence and "2 things have no name" in answer.sentence
     assert answer.searched == (1, 2, (7, 9), 80)
-    assert (kettle.outcome, kettle.things, kettle.relation) == ("probably_here", (7,), "same")
+    assert (kettle.outcome, kettle.thing_ids, kettle.relation) == ("probably_here", (7,), "same")
     assert kettle.sentence == 'Probably here (40 %): an unnamed thing may be "kettle".'
     assert (named.mask3d(kettle) == named.things.rows((7,))).all()
 
@@ -193,14 +193,14 @@ def test_absence_is_said_only_where_it_can_be_known(
     violinist, spoon, sofa, keyboard, piano, goose = index.ask([phrasing.format(word) for word in words])
     assert [each.outcome for each in (violinist, spoon, sofa, piano)] == ["not_here"] * 4
     assert 0.5 < (spoon.probability or 0) < (violinist.probability or 0) < 1
-    assert (keyboard.outcome, set(keyboard.things), set(goose.things)) == ("cannot_say", {4, 7, 9}, {4, 7})
+    assert (keyboard.outcome, set(keyboard.thing_ids), set(goose.thing_ids)) == ("cannot_say", {4, 7, 9}, {4, 7})
     assert (
         keyboard.probability is None and not keyboard.relevant_ids and "; 3 things may be it; name" in keyboard.sentence
     )
-    assert (index.mask3d(keyboard) == index.things.rows(keyboard.things)).all()
+    assert (index.mask3d(keyboard) == index.things.rows(keyboard.thing_ids)).all()
     named = SceneIndex(apply_edit(index, name((4, 7, 9), "jar")), calibrated_encoder, settings, lexicon=lexicon)
     (keyboard,) = named.ask([phrasing.format("keyboard")])
-    assert (keyboard.outcome, keyboard.things) == ("not_here", ())
+    assert (keyboard.outcome, keyboard.thing_ids) == ("not_here", ())
 
 
 def test_what_looks_alike_is_suggested_and_never_named(discovered: Scene) -> None:
@@ -257,20 +257,20 @@ def test_picking_finds_what_a_picture_shows(discovered: Scene) -> None:
         (name(4, "  \t"), InvalidInputError, "name"),
         (name(4, "x" * 10_000), InvalidInputError, "name"),
         (name(4, "two\nlines"), InvalidInputError, "name"),
-        (Edit("name", things=(4,)), InvalidInputError, "name"),
-        (Edit("merge", things=(4, 7), name="jar"), InvalidInputError, "name"),
-        (Edit("recolor", things=(4,), color=(1, 0, 0), name="jar"), InvalidInputError, "name"),
-        (Edit("merge", things=(4, 4)), InvalidInputError, "things"),
+        (Edit("name", thing_ids=(4,)), InvalidInputError, "name"),
+        (Edit("merge", thing_ids=(4, 7), name="jar"), InvalidInputError, "name"),
+        (Edit("recolor", thing_ids=(4,), color=(1, 0, 0), name="jar"), InvalidInputError, "name"),
+        (Edit("merge", thing_ids=(4, 4)), InvalidInputError, "thing_ids"),
         (Edit("name", name="jar"), InvalidInputError, "label"),
-        (Edit("name", things=(4,), label="jar", name="jar"), InvalidInputError, "label"),
+        (Edit("name", thing_ids=(4,), label="jar", name="jar"), InvalidInputError, "label"),
         (Edit("name", label="jar", name="pot"), NotFoundError, "label"),
-        (name([4, 5], "jar"), NotFoundError, "things[1]"),
-        (name(0, "jar"), NotFoundError, "things[0]"),
-        (name(2**40, "jar"), NotFoundError, "things[0]"),
+        (name([4, 5], "jar"), NotFoundError, "thing_ids[1]"),
+        (name(0, "jar"), NotFoundError, "thing_ids[0]"),
+        (name(2**40, "jar"), NotFoundError, "thing_ids[0]"),
         (name(4, "jar", *(f"alias {i}" for i in range(21))), LimitExceededError, "aliases"),
         (name(4, "jar", ""), InvalidInputError, "aliases[0]"),
-        (Edit("discard", things=(8,)), NotFoundError, "things[0]"),
-        (Edit("remove", things=(8,)), NotFoundError, "things[0]"),
+        (Edit("discard", thing_ids=(8,)), NotFoundError, "thing_ids[0]"),
+        (Edit("remove", thing_ids=(8,)), NotFoundError, "thing_ids[0]"),
     ],
 )
 def test_what_makes_no_sense_is_refused(discovered: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
@@ -284,7 +284,7 @@ def test_an_alias_that_is_anothers_name_is_refused_and_its_own_is_not(discovered
     with pytest.raises(ConflictError, match="jar"):
         apply_edit(index, name(7, "tub", "pots"))
     again = edited(index, name(7, "Pot", "jars", "can"))
-    assert ids_of(again) == {4: "jar", 7: "jar", 9: ""} and again.ask(["can"])[0].things == (4, 7)
+    assert ids_of(again) == {4: "jar", 7: "jar", 9: ""} and again.ask(["can"])[0].thing_ids == (4, 7)
 
 
 @pytest.mark.parametrize("text", ["чайник", "急須", "🫖", "إبريق", "a" * 200, "0", "don't", "Ä Ö"])
@@ -293,7 +293,7 @@ def test_names_of_any_script_are_names(discovered: Scene, tmp_path: Path, text: 
     index = opened(read_scene(tmp_path / "v"))
     assert ids_of(index)[4] == text
     (answer,) = index.ask([text])
-    assert (answer.outcome, answer.things) == ("here", (4,))
+    assert (answer.outcome, answer.thing_ids) == ("here", (4,))
 
 
 def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(discovered: Scene) -> None:
@@ -302,9 +302,9 @@ def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(discovere
     named = edited(index, name(4, "jar"))
     for edit in (
         name(4, "pot"),
-        Edit("unname", things=(4,)),
-        Edit("discard", things=(4,)),
-        Edit("merge", things=(7, 4)),
+        Edit("unname", thing_ids=(4,)),
+        Edit("discard", thing_ids=(4,)),
+        Edit("merge", thing_ids=(7, 4)),
     ):
         with pytest.raises(ConflictError, match="'jar'"):
             apply_edit(named, edit)
@@ -328,7 +328,7 @@ def test_a_thousand_things_are_named_at_once() -> None:
     assert len(index.things.listed) == count
     named = edited(index, name(list(range(1, count)), "post"))
     (answer,) = named.ask(["post"])
-    assert answer.things == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
+    assert answer.thing_ids == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
 
 
 def test_a_mask_alone_is_the_mask_of_a_whole_picture(labeled: Scene, discovered: Scene) -> None:
@@ -344,7 +344,7 @@ def test_a_mask_alone_is_the_mask_of_a_whole_picture(labeled: Scene, discovered:
 def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(discovered: Scene) -> None:
     index = opened(discovered)
     index.things.map(FRONT)
-    steps = (name(4, "mug"), name((7, 4), "cup"), Edit("unname", things=(7,)), Edit("merge", things=(7, 9)))
+    steps = (name(4, "mug"), name((7, 4), "cup"), Edit("unname", thing_ids=(7,)), Edit("merge", thing_ids=(7, 9)))
     for edit in (*steps, name(7, "book")):
         index = index.after(apply_edit(index, edit, index.things.table))
         fresh = opened(index.scene)

@@ -145,7 +145,7 @@ def test_an_absence_is_said_only_where_enough_is_seen(stored: bool) -> None:
             index = opened(index.things.scene)
         piano, mug = index.ask(["piano", "mug"])
         assert (piano.outcome, mug.outcome) == (outcome, "here")
-        assert piano.is_absent and not piano.things and not piano.relevant_ids
+        assert piano.is_absent and not piano.thing_ids and not piano.relevant_ids
         if outcome == "not_seen":
             assert piano.probability is None
             assert piano.sentence.startswith('Not seen: none of the 6 names in this scene is "piano"; no photo shows ')
@@ -156,7 +156,7 @@ def test_an_absence_is_said_only_where_enough_is_seen(stored: bool) -> None:
 
 def test_a_name_changes_nothing_that_was_seen() -> None:
     index = opened(opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner())).things.scene)
-    (screen,) = index.ask(["screen"])[0].things
-    named = index.after(apply_edit(index, Edit("name", things=(screen,), name="room divider")))
+    (screen,) = index.ask(["screen"])[0].thing_ids
+    named = index.after(apply_edit(index, Edit("name", thing_ids=(screen,), name="room divider")))
     assert named.things.unseen is index.things.unseen
     assert named.ask(["piano"])[0].sentence.endswith('behind or in "room divider".')

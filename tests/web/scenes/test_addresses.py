@@ -76,7 +76,7 @@ def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None
     scene_id = place.new_scene("versions")
     old = place.service.get_scene(scene_id).version
     ball = _thing(place, scene_id, "ball")
-    place.service.versions.edit(scene_id, (Edit("name", things=(ball,), name="violin"),), looked_at=old)
+    place.service.versions.edit(scene_id, (Edit("name", thing_ids=(ball,), name="violin"),), looked_at=old)
     address = f"#/scenes/{scene_id}?version={old}&things={ball}"
     with visiting(browser, place.url, address) as visit:
         page = visit.page

@@ -51,7 +51,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         name, content = _saved(visit, "One HTML file")
         assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
         name, content = _saved(visit, "Its Gaussians as PLY")
-        assert name == "mug.ply" and content == file(ExportRequest(scene_id, things=(1,)))
+        assert name == "mug.ply" and content == file(ExportRequest(scene_id, thing_ids=(1,)))
 
         camera = _shown_camera(1280, 720)
         for button, request in (
@@ -69,7 +69,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         visit.tab("Share")
         (ball,) = [thing for thing in place.service.answers.list_things(scene_id).things if thing.name == "ball"]
         name, content = _saved(visit, "Only ball as PLY")
-        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", things=(ball.id,)))
+        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", thing_ids=(ball.id,)))
         visit.check_accessible()
 
 

@@ -17,8 +17,8 @@ def _names(place: Place, scene_id: str) -> list[str]:
 
 
 def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> None:
-    place.service.versions.edit(own, [Edit("name", things=(1,), name="violin")])
-    place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
+    place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name="violin")])
+    place.service.versions.edit(own, [Edit("merge", thing_ids=(1, 2))])
     phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
     with visiting(browser, place.url, f"#/scenes/{own}", **phone) as visit:
         canvas, rows = visit.scene_shown(), visit.tab("Things").locator(".thing-list li")
@@ -46,8 +46,8 @@ def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> 
 
 def test_versions_are_listed_compared_and_restored(place: Place, webgl_browser: Browser, own: str) -> None:
     trained = place.service.versions.resolve(own)
-    place.service.versions.edit(own, [Edit("recolor", things=(1,), color=Color(0.0, 0.0, 1.0))])
-    named = place.service.versions.edit(own, [Edit("name", things=(1,), name=MARKUP)])
+    place.service.versions.edit(own, [Edit("recolor", thing_ids=(1,), color=Color(0.0, 0.0, 1.0))])
+    named = place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name=MARKUP)])
     with visiting(webgl_browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
         canvas, page = visit.scene_shown(), visit.page
         visit.tab("Things").locator(".versions summary").click()

@@ -68,7 +68,7 @@ def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
         assert np.abs(moved - shown).mean() < 0.15 * np.abs(shown - here).mean()
     made = place.service.versions.all(own)[-1]
     (edit,) = made.edits
-    assert edit.action == "move" and edit.things == (2,) and edit.transform is not None
+    assert edit.action == "move" and edit.thing_ids == (2,) and edit.transform is not None
     matrix, after = edit.transform.matrix(), _gaussians(place, own)
     assert 0.1 < matrix[2, 3] < 2 and matrix[1, 0] == pytest.approx(0.5, abs=1e-6)
     rows = (after.means != before.means).any(axis=1)

@@ -22,7 +22,7 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
         with running(settings) as place:
             own = place.new_scene("own")
             ids = [thing.id for thing in place.service.answers.list_things(own).things]
-            place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+            place.service.versions.edit(own, [Edit("unname", thing_ids=tuple(ids))])
             with visiting(browser, place.url, f"#/scenes/{own}") as visit:
                 visit.scene_shown()
                 things = visit.tab("Things")

@@ -23,7 +23,7 @@ def _owner(place: Place, scene_id: str) -> np.ndarray:
 def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser) -> None:
     own = place.new_scene("own")
     truth = _owner(place, own)
-    merged = place.service.versions.edit(own, [Edit("merge", things=(1, 2))])
+    merged = place.service.versions.edit(own, [Edit("merge", thing_ids=(1, 2))])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
@@ -54,7 +54,7 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
 
 def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser) -> None:
     own = place.new_scene("own")
-    place.service.versions.edit(own, [Edit("discard", things=(2,))])
+    place.service.versions.edit(own, [Edit("discard", thing_ids=(2,))])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page = visit.page
@@ -75,9 +75,9 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
 def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser) -> None:
     own = place.new_scene("alike")
     upright = Quaternion(0.0, 0.0, 0.0, 1.0)
-    place.service.versions.edit(own, [Edit("unname", things=(1, 2, 3))])
+    place.service.versions.edit(own, [Edit("unname", thing_ids=(1, 2, 3))])
     for height in (0.8, 1.6):
-        copy = Edit("duplicate", things=(1,), transform=Pose(Vector3(0.0, 0.0, height), upright))
+        copy = Edit("duplicate", thing_ids=(1,), transform=Pose(Vector3(0.0, 0.0, height), upright))
         place.service.versions.edit(own, [copy])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page

@@ -187,7 +187,7 @@ def test_things_without_a_name_are_named_by_an_answer_and_worked_through_by_keyb
     place: Place, browser: Browser, own: str
 ) -> None:
     ids = [thing.id for thing in place.service.answers.list_things(own).things]
-    place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+    place.service.versions.edit(own, [Edit("unname", thing_ids=tuple(ids))])
     with visiting(browser, place.url, f"#/scenes/{own}?q=where+is+the+submarine") as visit:
         visit.scene_shown()
         page = visit.page
@@ -220,7 +220,7 @@ def test_suggested_names_are_taken_by_one_key_a_thing_or_all_likely_ones_at_once
         SuggestedName(ids[1], MARKUP, 0.6, MARKUP),
         SuggestedName(ids[2], "moon", 0.85, "eyes", "eyes:7b"),
     ]
-    place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+    place.service.versions.edit(own, [Edit("unname", thing_ids=tuple(ids))])
     place.service.versions.edit(own, [Edit("suggest", suggestions=tuple(told))])
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
@@ -230,7 +230,7 @@ def test_suggested_names_are_taken_by_one_key_a_thing_or_all_likely_ones_at_once
         page.get_by_role("button", name="Name the next one").focus()
         page.keyboard.press("Enter")
         for told_of in told:
-            field = page.get_by_label(f"Thing {told_of.thing}, no name", exact=True)
+            field = page.get_by_label(f"Thing {told_of.thing_id}, no name", exact=True)
             expect(field).to_be_focused()
             expect(field).to_have_value(told_of.name)
             says = rf"Suggested: {re.escape(told_of.name)} \(\d+ %, says {re.escape(told_of.source)}\)"
@@ -265,7 +265,7 @@ def test_suggested_names_are_taken_by_one_key_a_thing_or_all_likely_ones_at_once
 def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
-        place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
+        place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name="volcano")])
         expect(visit.tab("Things").locator(".thing-list")).to_contain_text("volcano")
         expect(visit.page.get_by_text("The scene has changed.")).to_be_visible()
 
@@ -276,7 +276,7 @@ def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, bro
         visit.expected.append("40")
         visit.page.route("**/versions", lambda route: route.abort())  # the page does not notice
         visit.expected.append("ERR_FAILED")
-        place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
+        place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name="volcano")])
         visit.tab("Things").locator(".thing-list").get_by_role("button", name="mug").click()
         visit.page.locator(".thing-card").get_by_label("Name", exact=True).fill("moon")
         visit.page.get_by_role("button", name="Save the name").click()

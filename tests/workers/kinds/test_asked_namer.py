@@ -177,7 +177,7 @@ def test_suggestions_go_into_what_people_made_of_the_scene_meanwhile(asked: Aske
     made = asked.made()
     (operation,) = asked.asking(made.scene_id)
     asked.deployment.wait_in("suggesting", operation)
-    edit = Edit("discard", things=(FINAL_IDS[0],))
+    edit = Edit("discard", thing_ids=(FINAL_IDS[0],))
     asked.deployment.service.versions.edit(made.scene_id, [edit])
     done = asked.deployment.wait_over(operation)
     assert done.ask_namer is not None and done.ask_namer.suggested == 2

@@ -60,16 +60,16 @@ def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
     operation = _drafted(words, "training:until_told")
     edit = words.service.versions.edit
     scene_id = operation.scene_id
-    named = [Edit("name", things=(_RIGHT,), name="Oskar"), Edit("name", things=(ONLY_IN_DRAFT,), name="ghost")]
+    named = [Edit("name", thing_ids=(_RIGHT,), name="Oskar"), Edit("name", thing_ids=(ONLY_IN_DRAFT,), name="ghost")]
     edit(scene_id, named, "a-request")
-    edit(scene_id, [Edit("recolor", things=(_LEFT, ONLY_IN_DRAFT), color=Color(1.0, 0.0, 0.0))])
-    edit(scene_id, [Edit("duplicate", things=(_MIDDLE,), transform=_UP)])
+    edit(scene_id, [Edit("recolor", thing_ids=(_LEFT, ONLY_IN_DRAFT), color=Color(1.0, 0.0, 0.0))])
+    edit(scene_id, [Edit("duplicate", thing_ids=(_MIDDLE,), transform=_UP)])
     copy = max(_names(words, operation))
-    edit(scene_id, [Edit("name", things=(copy,), name="twin")])
-    edit(scene_id, [Edit("discard", things=(_LEFT,))])
+    edit(scene_id, [Edit("name", thing_ids=(copy,), name="twin")])
+    edit(scene_id, [Edit("discard", thing_ids=(_LEFT,))])
     words.service.versions.undo(scene_id)
     answer = words.service.answers.query(QueryRequest(scene_id, ("Oskar",))).answers[0]
-    assert answer.provisional is not None and answer.things == (_RIGHT,)
+    assert answer.provisional is not None and answer.thing_ids == (_RIGHT,)
     _tell(words)
     done = words.wait_over(operation)
     assert done.state == "SUCCEEDED"
@@ -77,7 +77,7 @@ def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
     names = _names(words, operation)
     assert names == {left: "", middle: "", right: "Oskar", max(names): "twin"} and len(names) == 4
     answer = words.service.answers.query(QueryRequest(scene_id, ("Oskar",))).answers[0]
-    assert (answer.things, answer.provisional) == ((right,), None)
+    assert (answer.thing_ids, answer.provisional) == ((right,), None)
     twin = next(t for t in words.service.answers.list_things(scene_id).things if t.name == "twin")
     assert abs(twin.centroid.x - PLACES[1]) < 0.2 and abs(twin.centroid.y + 2.0) < 0.2
     assert done.create_scene is not None and done.create_scene.carried == 4
@@ -102,7 +102,7 @@ def test_an_edit_at_the_last_moment_holds(words: Deployment) -> None:
     """One that comes when the scene is already made is in it all the same, and costs no stage again but the last."""
     operation = _drafted(words, "export:until_told")
     words.wait_in("export", operation)
-    words.service.versions.edit(operation.scene_id, [Edit("name", things=(_LEFT,), name="Oskar")])
+    words.service.versions.edit(operation.scene_id, [Edit("name", thing_ids=(_LEFT,), name="Oskar")])
     _tell(words)
     assert words.wait_over(operation).error is None
     assert _names(words, operation)[FINAL_IDS[0]] == "Oskar"
@@ -112,7 +112,7 @@ def test_an_edit_at_the_last_moment_holds(words: Deployment) -> None:
 def test_a_draft_takes_over_edits_of_the_one_before_and_loses_none(words: Deployment) -> None:
     """A later draft has the names of the one before; its things are the same, so the names hold to the end."""
     operation = _drafted(words, "training:until_told", "training:draft", "export:until_asked")
-    words.service.versions.edit(operation.scene_id, [Edit("name", things=(_MIDDLE,), name="Oskar")])
+    words.service.versions.edit(operation.scene_id, [Edit("name", thing_ids=(_MIDDLE,), name="Oskar")])
     # Until the worker has seen it: a draft made without it is not published.
     words.wait_for(lambda: any("Oskar" in path.read_text() for path in words.settings.data_dir.rglob(EDITS)))
     _tell(words)

@@ -9,7 +9,7 @@ export interface GaussianFilter {
   isolation_above?: number;
 }
 
-export type CleanUpEdit = Pick<Edit, "action"> & { things?: number[]; filter?: GaussianFilter };
+export type CleanUpEdit = Pick<Edit, "action"> & { thing_ids?: number[]; filter?: GaussianFilter };
 
 /** What some removals would take. */
 export interface EditPreview {

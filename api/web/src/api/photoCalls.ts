@@ -28,7 +28,7 @@ export async function bestViews(
 ): Promise<BestView[]> {
   const query = new URLSearchParams({ version });
   if ("text" in of) query.set("text", of.text);
-  else for (const id of of.things) query.append("things", String(id));
+  else for (const id of of.things) query.append("thing_ids", String(id));
   return (await getJson<BestViewList>(`${path(sceneId)}/views?${query}`, signal)).views;
 }
 

@@ -19,14 +19,14 @@ interface Properties {
 
 /** What can be asked or done next, by what the answer is. */
 export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properties) {
-  const ids = answer.things;
+  const ids = answer.thing_ids;
   const here = answer.outcome === "here" || answer.outcome === "probably_here";
   const meant = ids.flatMap((id) => state.things.value?.find((thing) => thing.id === id) ?? []);
   const unnamed = meant.filter((thing) => !thing.name);
   const label = answer.matches.find((match) => match.relevant)?.label ?? "";
   const confirm = (things: readonly SceneThing[], name: string) => {
     const ids = things.map((thing) => thing.id);
-    const edit = () => void state.edit({ action: "name", things: ids, name }, texts.things.saved(name));
+    const edit = () => void state.edit({ action: "name", thing_ids: ids, name }, texts.things.saved(name));
     return !isShared && <Chip onClick={edit}>{texts.ask.confirm(name)}</Chip>;
   };
   if (here)

@@ -89,7 +89,10 @@ class Round {
 
   confirm(things: SceneThing[]): void {
     const name = this.name.value;
-    void this.state.edit({ action: "name", things: things.map((thing) => thing.id), name }, texts.things.saved(name));
+    void this.state.edit(
+      { action: "name", thing_ids: things.map((thing) => thing.id), name },
+      texts.things.saved(name),
+    );
   }
 
   decline(thing: SceneThing): void {

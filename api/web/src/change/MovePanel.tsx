@@ -15,7 +15,7 @@ export function MovePanel({ state }: { state: SceneState }) {
   const ids = state.selected.value;
   const unit = state.selectedThings.value[0]?.meters ? texts.change.meters : texts.change.units;
   const send = (action: "move" | "duplicate", message: string) =>
-    void state.edit({ action, things: [...ids], transform: poseOf(motion) }, message).then((done) => {
+    void state.edit({ action, thing_ids: [...ids], transform: poseOf(motion) }, message).then((done) => {
       if (done) change.motion.value = null;
     });
   const end = () => (change.motion.value = null);

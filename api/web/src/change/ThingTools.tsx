@@ -43,7 +43,7 @@ export function ThingTools({ state }: { state: SceneState }) {
         <Button
           class="danger"
           disabled={state.busy.value}
-          onClick={() => void state.edit({ action: "remove", things: ids }, texts.change.removed)}
+          onClick={() => void state.edit({ action: "remove", thing_ids: ids }, texts.change.removed)}
           text={texts.change.remove}
         />
       </div>
@@ -68,7 +68,9 @@ function Recolor({ state, ids }: { state: SceneState; ids: number[] }) {
   return (
     <Form
       class="recolor"
-      onSubmit={() => void state.edit({ action: "recolor", things: ids, color: { r, g, b } }, texts.change.recolored)}
+      onSubmit={() =>
+        void state.edit({ action: "recolor", thing_ids: ids, color: { r, g, b } }, texts.change.recolored)
+      }
     >
       <label>
         {texts.change.color}

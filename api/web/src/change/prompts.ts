@@ -35,7 +35,7 @@ async function promptAt(state: SceneState, place: SeenPlace): Promise<void> {
   const prompt = promptOf(places);
   if (!prompt) return;
   const things = tool.kind === "split" ? [tool.thing] : [];
-  const done = await state.edit({ action: tool.kind, things, prompt }, texts.change.promptDone);
+  const done = await state.edit({ action: tool.kind, thing_ids: things, prompt }, texts.change.promptDone);
   const new_ = state.made.value?.prompted[0];
   if (change.prompt.value?.kind !== tool.kind) return; // ended meanwhile
   if (!done || !new_) {

@@ -35,7 +35,7 @@ export function editsOf({ opacity, isolation, box, outside, things }: CleanUp): 
   if (isolation > 0) filters.push({ isolation_above: isolation, outside: false });
   if (box) filters.push({ box: placed(box), outside });
   return [
-    ...(things.length > 0 ? [{ action: "remove" as const, things: [...things] }] : []),
+    ...(things.length > 0 ? [{ action: "remove" as const, thing_ids: [...things] }] : []),
     ...filters.map((filter) => ({ action: "remove" as const, filter })),
   ];
 }

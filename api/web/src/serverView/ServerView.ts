@@ -140,6 +140,6 @@ function tintsOf(shown: Shown): Tint[] {
   ];
   return marked.flatMap(([things, { color, strength }]) => {
     const [r = 0, g = 0, b = 0] = color;
-    return things.length ? [{ things: [...things], color: { r, g, b }, strength }] : [];
+    return things.length ? [{ thing_ids: [...things], color: { r, g, b }, strength }] : [];
   });
 }

@@ -14,7 +14,8 @@ export function useServerView(view: Signal<ServerView | null>, state: SceneState
     if (!view.value || !version) return;
     const answer = state.answer.value;
     const lit = state.lit.value;
-    const found = lit === "answer" && answer?.version === version && answer.things.length > 0 ? answer.things : null;
+    const found =
+      lit === "answer" && answer?.version === version && answer.thing_ids.length > 0 ? answer.thing_ids : null;
     const selected = lit === "selection" ? state.selected.value.filter((id) => known?.includes(id)) : [];
     view.value.show({
       version,

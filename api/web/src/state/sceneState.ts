@@ -58,7 +58,7 @@ export class SceneState {
   readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
   readonly found = computed(() => {
     const answer = this.answer.value;
-    return answer?.mask3d && (answer.things.length > 0 || answer.matches.some((match) => match.relevant))
+    return answer?.mask3d && (answer.thing_ids.length > 0 || answer.matches.some((match) => match.relevant))
       ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
       : null;
   });

@@ -121,7 +121,7 @@ export function TakeAway({ state, scene, view }: Properties) {
           </ul>
         </div>
       ))}
-      {answer && (answer.things.length > 0 || answer.matches.some((match) => match.relevant)) && (
+      {answer && (answer.thing_ids.length > 0 || answer.matches.some((match) => match.relevant)) && (
         <>
           <h3>{texts.take.masks(answer.text)}</h3>
           <ul class="chips">

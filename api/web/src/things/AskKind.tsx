@@ -18,7 +18,7 @@ export function AskKind({ state, thing, name, onSkip }: Properties) {
   const kinds = wordsOf(text);
   const say = (event: Event) => {
     event.preventDefault();
-    void state.edit({ action: "name", name, kinds, things: [thing] }, texts.things.saved(name));
+    void state.edit({ action: "name", name, kinds, thing_ids: [thing] }, texts.things.saved(name));
   };
   return (
     <form onSubmit={say}>

@@ -23,7 +23,7 @@ export function ThingPanel({ state, onFly }: Properties) {
   const things = state.selectedThings.value;
   const [thing] = things;
   const merge = () =>
-    void state.edit({ action: "merge", things: things.map((each) => each.id) }, texts.things.merged).then((done) => {
+    void state.edit({ action: "merge", thing_ids: things.map((each) => each.id) }, texts.things.merged).then((done) => {
       if (done && thing) state.select(thing.id);
     });
   if (things.length === 0) return null;
@@ -56,7 +56,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   const asksKind = made?.asks_kind && made.version !== skipped && made.edits.some((edit) => edit.name === thing.name);
   const { box } = thing;
   const act = (edit: Parameters<SceneState["edit"]>[0], message: string) =>
-    void state.edit({ ...edit, things: [thing.id] }, message);
+    void state.edit({ ...edit, thing_ids: [thing.id] }, message);
   const give = (text: string) => {
     const trimmed = text.trim();
     if (!trimmed || (trimmed === thing.name && !aliases.length)) return;

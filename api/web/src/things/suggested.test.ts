@@ -25,8 +25,8 @@ test("names from 80 % on are confirmed at once, each the likeliest of its thing,
     thing(5, ["vase", 0.99]),
   ];
   expect(likelyNames(things)).toEqual([
-    { action: "name", things: [1], name: "mug", aliases: ["cup"] },
-    { action: "name", things: [5], name: "vase", aliases: [] },
+    { action: "name", thing_ids: [1], name: "mug", aliases: ["cup"] },
+    { action: "name", thing_ids: [5], name: "vase", aliases: [] },
   ]);
   const many = Array.from({ length: 150 }, (_, index) => thing(index + 1, ["mug", 0.9]));
   expect(likelyNames(many)).toHaveLength(100);

@@ -20,7 +20,7 @@ export function filledIn(thing: SceneThing): Suggestion | null {
 /** What gives a thing a name, with the aliases that were suggested with it and those that were typed. */
 export function naming(thing: SceneThing, name: string, typed: readonly string[] = []): Partial<Edit> {
   const told = thing.suggestions.find((each) => each.name === name)?.aliases ?? [];
-  return { action: "name", things: [thing.id], name, aliases: [...told, ...typed] };
+  return { action: "name", thing_ids: [thing.id], name, aliases: [...told, ...typed] };
 }
 
 /** Names for the things whose likeliest name is at least 80 % likely, as many as one request takes. */

@@ -71,7 +71,7 @@ def detection_array(make: MessageMaker, page: DetectionList, stamp_ns: int) -> A
 def found(page: DetectionList, answer: Answer) -> DetectionList:
     """The things that answer a question, the best first; parts of things are not among them."""
     by_id = {each.thing_id: each for each in page.detections}
-    return page._replace(detections=tuple(by_id[number] for number in answer.things if number in by_id))
+    return page._replace(detections=tuple(by_id[number] for number in answer.thing_ids if number in by_id))
 
 
 def point_cloud(make: MessageMaker, ply: bytes, frame_id: str, stamp_ns: int) -> Any:

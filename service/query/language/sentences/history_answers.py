@@ -62,7 +62,7 @@ class HistoryAnswers:
 
     def _things(self, answer: Answer) -> Sequence[int]:
         """The things that answer, also of a scene that stores none."""
-        return answer.things or self._names.of_labels(answer.relevant_ids)
+        return answer.thing_ids or self._names.of_labels(answer.relevant_ids)
 
     def _events(self, question: TimeQuestion, answer: Answer) -> Answer:
         observations, since = self._history.later, question.when
@@ -72,7 +72,7 @@ class HistoryAnswers:
             coverage=None,
             presence=None,
             phrase=None,
-            things=(),
+            thing_ids=(),
             matches=(),
             relation_subject=None,
             probability=None,
@@ -98,7 +98,7 @@ class HistoryAnswers:
             replace(
                 about,
                 relation="same",
-                things=tuple(change.thing_id for change, _ in changes if change.thing_id),
+                thing_ids=tuple(change.thing_id for change, _ in changes if change.thing_id),
                 probability=min(change.probability for change, _ in changes),
             ),
             "here",

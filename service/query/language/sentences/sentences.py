@@ -121,7 +121,7 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
 def _without_closest(answer: Answer) -> Answer:
     """Clears the matches of an answer; the closest one's probability does not apply."""
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
-    return replace(answer, relation="absent", probability=None, presence=None, things=(), matches=matches)
+    return replace(answer, relation="absent", probability=None, presence=None, thing_ids=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
@@ -143,9 +143,9 @@ def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
     question = quoted(noun_phrase(answer.text))
     if remarks.by_shape:
         taken = "" if verdict == "exact" else f", taken for {question}"
-        return f"{in_words(answer.things)}{taken}, by shape and place"
+        return f"{in_words(answer.thing_ids)}{taken}, by shape and place"
     if remarks.by_looks:
-        return f"{in_words(answer.things)}, taken for {question}, by its looks"
+        return f"{in_words(answer.thing_ids)}, taken for {question}, by its looks"
     ids = answer.relevant_ids
     labels = _labels(answer)
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
@@ -157,7 +157,7 @@ def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
         sources = sorted({source for each in ids if each in names.table for source in names.table[each].sources})
         said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
-        return f"{in_words(answer.things)} may be {may_be}{said_by}{relation}{remark}"
+        return f"{in_words(answer.thing_ids)} may be {may_be}{said_by}{relation}{remark}"
     if verdict in ("exact", "possible"):
         doubt = "" if verdict == "exact" else ", but that name is not sure"
         return f"{_belonging(ids, labels, names, in_words)}{relation}{doubt}{remark}"
@@ -180,9 +180,9 @@ def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: Thing
 
 def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
     """Describes the things that a phrase means."""
-    shown = in_words(answer.things)
+    shown = in_words(answer.thing_ids)
     count = f"{phrase.count} ({shown})" if phrase.count is not None else shown
-    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.things)
+    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.thing_ids)
     head = f" for {quoted(phrase.head)}" if phrase.head and other else ""
     return ", ".join((f"{count}{head}", *phrase.conditions)) + _left_open(phrase, remarks, in_words)
 
@@ -210,7 +210,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_w
         said.append(f"no photo shows {round(100 * unseen.share)} % of the place{where}")
     if held:
         first = held[0]
-        inside = in_words([first.thing]) if names.stored else quoted(called[first.thing])
+        inside = in_words([first.thing_id]) if names.stored else quoted(called[first.thing_id])
         volume = f" ({first.volume:.1g} m³)" if unseen.in_meters else ""
         more = f", and into {len(held) - 1} more" if held[1:] else ""
         view = f"; look into it, from where {first.view} was taken" if first.view else ""
@@ -228,7 +228,7 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
         understood = ""
         if phrase.refusal.reason == "not_understood" and (phrase.head or phrase.conditions):
             understood = f"; understood was {_asked(phrase)}"
-        may_be = f"; it may be {in_words(answer.things)}" if answer.things else ""
+        may_be = f"; it may be {in_words(answer.thing_ids)}" if answer.thing_ids else ""
         choice = _CHOICES.get(phrase.refusal.reason, "")
         return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
     unnamed, asked = answer.searched.unnamed_things, answer.asked
@@ -237,7 +237,7 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
     have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"
     none = "nothing bears that name" if names.dictionary.id_of(asked) else "no name here is it"
     named = "no thing here has a name yet" if not names.table else f"{none}, and {have}"
-    count = len(answer.things)
+    count = len(answer.thing_ids)
     may_be = f"; {'one thing' if count == 1 else f'{count} things'} may be it" if count else ""
     return f" whether {quoted(asked)} is here: {named}{may_be}; name what it is"
 

@@ -177,7 +177,7 @@ class ThingNames:
     def picks(self, answer: Answer) -> tuple[int, ...] | None:
         """The things that an answer picks; None if all of its labels."""
         borne = any(map(self.is_borne, answer.relevant_ids))
-        return answer.things if answer.phrase is not None or (answer.things and not borne) else None
+        return answer.thing_ids if answer.phrase is not None or (answer.thing_ids and not borne) else None
 
     def counted(self, answer: Answer) -> Answer:
         """Restricts the Gaussian counts of relevant entries to the picked things."""
