@@ -88,7 +88,7 @@ class AllScenes:
         """Answers of one scene; masks and objects need its Gaussians unless all are "absent"."""
         version, ranked = self._scenes.ranked(request.scene_id)
         answers = self._known_names.suggesting(request.scene_id, ranked).answer(
-            query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
+            query, lambda: self._scenes.open(request.scene_id, version)[0].things
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):

@@ -69,16 +69,13 @@ class Answers:
         question = question_of(request)
         query = check_query((question,), self._settings.query) if question else None
         check_texts(dataclasses.replace(request, scene_id=""))
-
-        def read(index: SceneIndex, _: str) -> bytes:
-            posed = request.camera or index.view(request.view or "")
-            index.check_view(posed)
-            gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
-            with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
-                ranked = self._known_names.suggesting(request.scene_id, index.ranked)
-                return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+        index, _ = self._scenes.open(request.scene_id, request.version)
+        posed = request.camera or index.view(request.view or "")
+        index.check_view(posed)
+        gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
+        with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
+            ranked = self._known_names.suggesting(request.scene_id, index.ranked)
+            return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
         """Path of the scene's 3DGS PLY file, immutable until deletion, and its version.
@@ -104,15 +101,10 @@ class Answers:
     ) -> ThingList:
         """Every thing of a scene by id, paged as `SceneService.list_scenes`; `parts` includes parts."""
         size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> ThingList:
-            listed = index.things.listed_with_parts if parts else index.things.listed
-            page, token = page_of(
-                listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
-            )
-            return ThingList(self._known_names.suggest(scene_id, index.ranked, page), token, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        listed = index.things.listed_with_parts if parts else index.things.listed
+        page, token = page_of(listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}")
+        return ThingList(self._known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
     def pick(self, request: PickRequest) -> PickedThing:
         """Picks the thing, part and group at a pixel, box or point.
@@ -128,33 +120,30 @@ class Answers:
         """
         check_pick(request)
         check_texts(dataclasses.replace(request, scene_id=""))
-
-        def read(index: SceneIndex, read_version: str) -> PickedThing:
-            posed = index.view(request.view) if request.view is not None else request.camera
-            if posed is not None:
-                check_pixels((posed,), 1)
-            things = index.things
-            if request.point is not None:
-                levels = pick_point(things, request.point)
+        index, read_version = self._scenes.open(request.scene_id, request.version)
+        posed = index.view(request.view) if request.view is not None else request.camera
+        if posed is not None:
+            check_pixels((posed,), 1)
+        things = index.things
+        if request.point is not None:
+            levels = pick_point(things, request.point)
+        else:
+            assert posed is not None
+            if request.pixel is not None:
+                levels = pick_pixel(things, posed, request.pixel)
             else:
-                assert posed is not None
-                if request.pixel is not None:
-                    levels = pick_pixel(things, posed, request.pixel)
-                else:
-                    assert request.box is not None
-                    levels = pick_box(things, posed, request.box)
-            chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
-            mask = None
-            if posed is not None:
-                inside = things.mask(posed, (chosen.id,))
-                mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-            mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
-            part = things.get(ids["part"]) if "part" in ids else None
-            (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
-            provisional = provisional_of(index.scene.quality)
-            return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+                assert request.box is not None
+                levels = pick_box(things, posed, request.box)
+        chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
+        mask = None
+        if posed is not None:
+            inside = things.mask(posed, (chosen.id,))
+            mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
+        mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
+        part = things.get(ids["part"]) if "part" in ids else None
+        (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
+        provisional = provisional_of(index.scene.quality)
+        return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
 
     def measure(self, request: MeasureRequest) -> Measurement:
         """Measures the distance of two places, or the size or position of one.
@@ -164,46 +153,41 @@ class Answers:
             NotReadyError: as `query`.
             InvalidInputError: not one or two places, or an invalid one.
         """
+        from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
+
         check_texts(dataclasses.replace(request, scene_id=""))
-
-        def read(index: SceneIndex, read_version: str) -> Measurement:
-            from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
-
-            return measure(index, request.places, read_version)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+        index, version = self._scenes.open(request.scene_id, request.version)
+        return measure(index, request.places, version)
 
     def _of_scene(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        def read(index: SceneIndex, version: str) -> tuple[Answer, ...]:
-            cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
-            cameras += [(name, 0, index.view(name)) for name in request.views]
-            if "mask2d" in request.outputs:
-                views = [posed for _, _, posed in cameras]
-                check_pixels(views, len(request.texts))
-                for posed in views:
-                    index.check_view(posed)
-            asker = asker_of(index, request)
-            ranked = self._known_names.suggesting(request.scene_id, index.ranked)
-            size, field = _bytes_to_hold(index, cameras, request)
-            with self._memory.reserve(size, field):
-                return tuple(
-                    completed(
-                        answer,
-                        request,
-                        version,
-                        self._settings.calls,
-                        masks=_masks(index, answer, cameras, request),
-                        mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
-                        if "mask3d" in request.outputs
-                        else None,
-                        objects=self._known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
-                        if "objects" in request.outputs
-                        else None,
-                    )
-                    for answer in ranked.answer(query, lambda: index.things, asker)
+        index, version = self._scenes.open(request.scene_id, request.version)
+        cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+        cameras += [(name, 0, index.view(name)) for name in request.views]
+        if "mask2d" in request.outputs:
+            views = [posed for _, _, posed in cameras]
+            check_pixels(views, len(request.texts))
+            for posed in views:
+                index.check_view(posed)
+        asker = asker_of(index, request)
+        ranked = self._known_names.suggesting(request.scene_id, index.ranked)
+        size, field = _bytes_to_hold(index, cameras, request)
+        with self._memory.reserve(size, field):
+            return tuple(
+                completed(
+                    answer,
+                    request,
+                    version,
+                    self._settings.calls,
+                    masks=_masks(index, answer, cameras, request),
+                    mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
+                    if "mask3d" in request.outputs
+                    else None,
+                    objects=self._known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
+                    if "objects" in request.outputs
+                    else None,
                 )
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+                for answer in ranked.answer(query, lambda: index.things, asker)
+            )
 
     def _check(self, request: QueryRequest) -> TextQuery:
         query = check_query(

@@ -6,7 +6,6 @@ from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
-from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.detections import DetectionList
 
@@ -25,10 +24,7 @@ class Detections:
 
         check_texts(version, "version")
         size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> DetectionList:
-            page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
-            named = self._known_names.suggest(scene_id, index.ranked, page)
-            return detections_of(index, named, read_version, token)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
+        named = self._known_names.suggest(scene_id, index.ranked, page)
+        return detections_of(index, named, read_version, token)

@@ -80,7 +80,8 @@ class Localizing:
         side = self._settings.localization.max_side
         square = Camera(side, side, float(side), float(side), side / 2, side / 2)
 
-        def read(index: SceneIndex, version: str) -> Located:
+        try:
+            index, version = self._scenes.open(request.scene_id, request.version)
             gaussians = len(index.scene.gaussians)
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
             with self._memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
@@ -89,9 +90,6 @@ class Localizing:
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
                 return index, localized_photos(index, landmarks, sent, _focals(request), rough, version)
-
-        try:
-            return self._scenes.reading(request.scene_id, request.version, read)
         finally:
             self._prepare()
 

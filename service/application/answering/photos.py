@@ -100,7 +100,8 @@ class Photos:
         from fastsplat.service.query.measures.next_viewpoints import next_photos  # scipy loads with the first call
 
         check_texts(version, "version")
-        return self._scenes.reading(scene_id, version, lambda index, name: NextPhotoList(next_photos(index), name))
+        index, name = self._scenes.open(scene_id, version)
+        return NextPhotoList(next_photos(index), name)
 
     def best_views(
         self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
@@ -136,33 +137,30 @@ class Photos:
             check_encodings(query)
         version, names, folder = self._cameras(scene_id, version)
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
-
-        def read(index: SceneIndex, read_version: str) -> BestViewList:
-            thing_ids = (
-                index.things.with_members(things)
-                if query is None
-                else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
-            )
-            if not thing_ids or not index.scene.cameras:
-                return BestViewList((), read_version)
-            size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
-            with self._memory.reserve(size, "things"):
-                best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
-            return BestViewList(
-                tuple(
-                    BestView(
-                        view.name,
-                        view.share,
-                        view.cut_off,
-                        view.name in has_photo,
-                        encoded_mask(view.mask, view.name, 0, "rle"),
-                    )
-                    for view in best
-                ),
-                read_version,
-            )
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        thing_ids = (
+            index.things.with_members(things)
+            if query is None
+            else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
+        )
+        if not thing_ids or not index.scene.cameras:
+            return BestViewList((), read_version)
+        size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+        with self._memory.reserve(size, "things"):
+            best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
+        return BestViewList(
+            tuple(
+                BestView(
+                    view.name,
+                    view.share,
+                    view.cut_off,
+                    view.name in has_photo,
+                    encoded_mask(view.mask, view.name, 0, "rle"),
+                )
+                for view in best
+            ),
+            read_version,
+        )
 
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
         """Resolved version, camera names in order, and the version's folder."""

@@ -50,19 +50,16 @@ class ThingSheets:
         """
         check_texts(version, "version")
         size = min(check_page_size(page_size, self._settings.store) if page_size else MOST_THINGS, MOST_THINGS)
-
-        def read(index: SceneIndex, read_version: str) -> ThingSheet:
-            nameless = [thing for thing in index.things.listed if not thing.name]
-            page, token = page_after(nameless, lambda thing: thing.id, size, page_token, f"sheet {scene_id}")
-            named = self._known_names.suggest(scene_id, index.ranked, page)
-            folder = self._scenes.folder(scene_id, read_version)
-            picture, shown = self._picture(index, named, folder) if named else (b"", ())
-            seen = {each.thing for each in shown}
-            unseen = tuple(thing.id for thing in named if thing.id not in seen)
-            meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
-            return ThingSheet(picture, shown, unseen, meters, token, read_version, written)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        nameless = [thing for thing in index.things.listed if not thing.name]
+        page, token = page_after(nameless, lambda thing: thing.id, size, page_token, f"sheet {scene_id}")
+        named = self._known_names.suggest(scene_id, index.ranked, page)
+        folder = self._scenes.folder(scene_id, read_version)
+        picture, shown = self._picture(index, named, folder) if named else (b"", ())
+        seen = {each.thing for each in shown}
+        unseen = tuple(thing.id for thing in named if thing.id not in seen)
+        meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
+        return ThingSheet(picture, shown, unseen, meters, token, read_version, written)
 
     def _picture(
         self, index: SceneIndex, things: Sequence[SceneThing], folder: Path

@@ -113,18 +113,15 @@ class Observations:
         """Observations of a version, latest first, paged as `SceneService.list_scenes`."""
         size = check_page_size(page_size, self._settings.store)
         check_texts(version, "version")
-
-        def read(index: SceneIndex, name: str) -> ObservationList:
-            newest = _told(index, scene_id)[::-1]
-            page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
-            return ObservationList(tuple(page), token, name)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, name = self._scenes.open(scene_id, version)
+        newest = _told(index, scene_id)[::-1]
+        page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
+        return ObservationList(tuple(page), token, name)
 
     def get(self, scene_id: str, observation_id: str, version: str = "") -> Observation:
         """One observation of a version; raises `NotFoundError` if it is unknown or was undone."""
         check_texts((version, observation_id), "observation_id")
-        observations = self._scenes.reading(scene_id, version, lambda index, _: _told(index, scene_id))
+        observations = _told(self._scenes.open(scene_id, version)[0], scene_id)
         for each in observations:
             if each.id == observation_id:
                 return each

@@ -114,16 +114,13 @@ class Versions:
 
     def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
         """Gaussians that edits would remove, by the code that removes them; raises as `edit`."""
+        from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
+
         check_edits(edits)
         check_texts(version, "version")
-
-        def read(index: SceneIndex, read_version: str) -> EditPreview:
-            from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
-
-            with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
-                return preview_of(index, read_version, edits)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
+            return preview_of(index, read_version, edits)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
         """Makes the current version's parent current; `ConflictError` unless `version` ("": any) is current."""
@@ -180,8 +177,8 @@ class Versions:
     def _make(self, order: VersionOrder, parent: str) -> SceneVersion:
         seen: Things | None = None
         if order.looked_at:
-            seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
-        before = self._scenes.reading(order.scene_id, parent, lambda index, _: index)
+            seen = self._scenes.open(order.scene_id, order.looked_at)[0].things.table
+        before = self._scenes.open(order.scene_id, parent)[0]
         sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
@@ -299,7 +296,7 @@ class Versions:
 
     def _source(self, source: InsertSource) -> SceneIndex:
         try:
-            return self._scenes.reading(source.scene_id, source.version, lambda index, _: index)
+            return self._scenes.open(source.scene_id, source.version)[0]
         except (NotFoundError, NotReadyError) as error:
             raise error.within("source") from error
 

@@ -87,12 +87,9 @@ class Exports:
         check_texts(replace(request, scene_id=""))
         _check(request)
         write = _WRITERS[request.format]
-
-        def read(index: SceneIndex, version: str) -> bytes:
-            things = index.things.with_members(request.things) if request.things else ()
-            return write(self, index, version, replace(request, things=things))
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+        index, version = self._scenes.open(request.scene_id, request.version)
+        things = index.things.with_members(request.things) if request.things else ()
+        return write(self, index, version, replace(request, things=things))
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
         """Nearest free place from which a robot sees a thing or part, see `goal_near`.
@@ -108,18 +105,15 @@ class Exports:
         from fastsplat.service.query.surfaces.goals import goal_near  # scipy loads with the first call
 
         check_texts(version, "version")
-
-        def read(index: SceneIndex, read_version: str) -> Goal:
-            needed = map_bytes(index)  # refuses a scene without a map
-            try:
-                thing = index.things.get(thing_id)
-            except NotFoundError as error:
-                raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
-            with self._memory.reserve(needed, "scene_id"):
-                known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
-            return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._scenes.open(scene_id, version)
+        needed = map_bytes(index)  # refuses a scene without a map
+        try:
+            thing = index.things.get(thing_id)
+        except NotFoundError as error:
+            raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
+        with self._memory.reserve(needed, "scene_id"):
+            known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
+        return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:

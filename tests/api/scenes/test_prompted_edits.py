@@ -38,14 +38,12 @@ _ADD = Edit("add", prompt=_prompt(_BALL))
 
 
 def _owner(service: SceneService, scene_id: str) -> np.ndarray:
-    return service.versions._scenes.reading(scene_id, "", lambda index, _: index.things.owner)
+    return service.versions._scenes.open(scene_id, "")[0].things.owner
 
 
 def _maps(service: SceneService, scene_id: str) -> list[np.ndarray]:
-    def drawn(index: Any, _: str) -> list[np.ndarray]:
-        return [index.things.map(posed) for posed in index.scene.cameras]
-
-    return service.versions._scenes.reading(scene_id, "", drawn)
+    index, _ = service.versions._scenes.open(scene_id, "")
+    return [index.things.map(posed) for posed in index.scene.cameras]
 
 
 def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
