@@ -32,6 +32,7 @@ from fastsplat.service.application.answering.mask_encodings import view_mask
 from fastsplat.service.application.base.memory import masks_bytes, picture_bytes
 from fastsplat.service.application.answering.pictures import picture
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.language.words.query_text import check_query
@@ -69,7 +70,7 @@ def draw(kind, posed):
     return picture(index, index.ranked, PictureRequest("scene", kind, text, camera=posed), query)
 
 def masks(posed, encoding):
-    (answer,) = index.ranked.answer(query, lambda: index.things)
+    (answer,) = RankedQuery(index.ranked, query).answer(lambda: index.things)
     assert view_mask(index, answer, "", 0, posed, encoding).area > 0.1 * posed.camera.width**2
 
 rows = {}

@@ -14,6 +14,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
@@ -87,8 +88,8 @@ class AllScenes:
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         """Answers of one scene; masks and objects need its Gaussians unless all are "absent"."""
         version, ranked = self._scenes.ranked(request.scene_id)
-        answers = self._known_names.suggesting(request.scene_id, ranked).answer(
-            query, lambda: self._scenes.open(request.scene_id, version)[0].things
+        answers = RankedQuery(self._known_names.suggesting(request.scene_id, ranked), query).answer(
+            lambda: self._scenes.open(request.scene_id, version)[0].things
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):

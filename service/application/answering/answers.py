@@ -16,6 +16,7 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
+from fastsplat.service.query.ranked_scene import RankedQuery, StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.artefact.drafts import provisional_of
@@ -46,10 +47,11 @@ class Answers:
         self._known_names = known_names
         self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
 
-    def query(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest, standing: StandingQuery | None = None) -> QueryOut:
         """Answers one scene, by text, or without a scene id every READY scene, newest first.
 
-        Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped.
+        Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped. Further calls
+        with the same `standing` and another pose rank only what has changed.
 
         Raises:
             NotFoundError: unknown scene, version or view.
@@ -61,7 +63,7 @@ class Answers:
         """
         query = self._check(request)
         if request.scene_id:
-            return QueryOut(self._of_scene(query, request))
+            return QueryOut(self._of_scene(query, request, standing))
         return self._all_scenes.query(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
@@ -159,7 +161,9 @@ class Answers:
         index, version = self._scenes.open(request.scene_id, request.version)
         return measure(index, request.places, version)
 
-    def _of_scene(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+    def _of_scene(
+        self, query: TextQuery, request: QueryRequest, standing: StandingQuery | None = None
+    ) -> tuple[Answer, ...]:
         index, version = self._scenes.open(request.scene_id, request.version)
         cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
         cameras += [(name, 0, index.view(name)) for name in request.views]
@@ -172,6 +176,7 @@ class Answers:
         ranked = self._known_names.suggesting(request.scene_id, index.ranked)
         size, field = _bytes_to_hold(index, cameras, request)
         with self._memory.reserve(size, field):
+            asked = RankedQuery(ranked, query) if standing is None else standing.ranked(ranked, query)
             return tuple(
                 completed(
                     answer,
@@ -186,7 +191,7 @@ class Answers:
                     if "objects" in request.outputs
                     else None,
                 )
-                for answer in ranked.answer(query, lambda: index.things, asker)
+                for answer in asked.answer(lambda: index.things, asker)
             )
 
     def _check(self, request: QueryRequest) -> TextQuery:

@@ -18,7 +18,7 @@ from fastsplat.service.application.base.validate import check_page_size, check_t
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
-from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
@@ -171,7 +171,7 @@ class Photos:
 
 def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
     """Ids of the things that answer a text."""
-    (answer,) = ranked.answer(query, lambda: index.things)
+    (answer,) = RankedQuery(ranked, query).answer(lambda: index.things)
     if answer.is_absent:
         return ()
     return answer.things or tuple(thing.id for thing in index.objects_of(answer))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import grpc
@@ -13,11 +14,15 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.ranking import Ranker
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
@@ -63,26 +68,36 @@ class _Robot:
         return rpc_refusal(caught.value).reason
 
 
-def test_poses_are_answered_as_a_query_would(faces: Faces, service: SceneService, scene_id: str) -> None:
-    request = _question(scene_id, "mug", "moon", mask2d_encoding="png")
-    sent = iter(_ANGLES)
+@pytest.mark.parametrize(
+    ("texts", "rankings"), [(("mug", "moon"), 1), (("mug left of the ball", "how many things are red"), 2)]
+)
+def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
+    faces: Faces, service: SceneService, own: str, texts: tuple[str], rankings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranked: list[TextQuery] = []
+    rank = Ranker.rank
+    monkeypatch.setattr(Ranker, "rank", lambda ranker, query: ranked.append(query) or rank(ranker, query))
+    request, version = _question(own, *texts, mask2d_encoding="png"), service.versions.resolve(own)
     answered = threading.Semaphore(1)
 
     def poses() -> Iterator[Any]:
-        for angle in sent:
+        for angle in 2 * _ANGLES:
             answered.acquire()  # a robot that waits for each answer misses none
             yield turned(angle)
 
     with client_of(faces) as client:
         for number, found in enumerate(client.stream_query(StandingQuestion(request), poses()), start=1):
-            (mug, moon) = found.answers
-            expected = service.answers.query(
-                _question(scene_id, "mug", "moon", mask2d_encoding="png", cameras=(turned(_ANGLES[number - 1]),))
-            ).answers
-            assert_same((mug, moon), expected)
+            assert len(ranked) == (1 + (number > len(_ANGLES))) * rankings
+            camera = (2 * _ANGLES)[number - 1 :][0]
+            asked = replace(request, cameras=(turned(camera),), asker=pose_of(turned(camera).world_from_camera))
+            assert_same(found.answers, service.answers.query(asked).answers)
+            ranked[rankings * (1 + (number > len(_ANGLES))) :] = ()
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
+            assert {answer.version for answer in found.answers} == {version}
+            if number == len(_ANGLES):
+                version = service.versions.edit(own, [Edit("name", things=(1,), name="violin")]).version
             answered.release()
-    assert number == len(_ANGLES)
+    assert number == 2 * len(_ANGLES)
 
 
 def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> None:
@@ -110,7 +125,7 @@ class _Held(OwnQuestions):
         self.go = threading.Event()
         self.asked: list[float] = []
 
-    def query(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest, standing: Any = None) -> QueryOut:
         if request.cameras:
             self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()
@@ -120,7 +135,7 @@ class _Held(OwnQuestions):
             except BaseException:
                 self.stopped.set()
                 raise
-        return self._service.answers.query(request)
+        return self._service.answers.query(request, standing)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.probability import Logistic
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Looks, Scene, Thing
@@ -62,7 +63,7 @@ def _index(scene: Scene, encoder: Any, model: LooksModel | None) -> SceneIndex:
 
 
 def _answer(index: SceneIndex, text: str) -> Answer:
-    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things)
+    (answer,) = RankedQuery(index.ranked, check_query((text,), index.settings)).answer(lambda: index.things)
     return answer
 
 
