@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -74,30 +74,25 @@ class _Robot:
 def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
     faces: Faces, service: SceneService, own: str, texts: tuple[str], rankings: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ranked: list[TextQuery] = []
-    rank = Ranker.rank
+    ranked, rank = list[TextQuery](), Ranker.rank
     monkeypatch.setattr(Ranker, "rank", lambda ranker, query: ranked.append(query) or rank(ranker, query))
     request, version = _question(own, *texts, mask2d_encoding="png"), service.versions.resolve(own)
-    answered = threading.Semaphore(1)
-
-    def poses() -> Iterator[Any]:
-        for angle in 2 * _ANGLES:
-            answered.acquire()  # a robot that waits for each answer misses none
-            yield turned(angle)
-
+    answered, cameras = threading.Semaphore(1), [turned(angle) for angle in 2 * _ANGLES]
+    # a robot that waits for each answer misses none
+    poses = (camera for camera in cameras if answered.acquire())
     with client_of(faces) as client:
-        for number, found in enumerate(client.stream_query(StandingQuestion(request), poses()), start=1):
-            assert len(ranked) == (1 + (number > len(_ANGLES))) * rankings
-            camera = (2 * _ANGLES)[number - 1 :][0]
-            asked = replace(request, cameras=(turned(camera),), asker=pose_of(turned(camera).world_from_camera))
-            assert_same(found.answers, service.answers.query(asked).answers)
-            ranked[rankings * (1 + (number > len(_ANGLES))) :] = ()
+        stream = client.stream_query(StandingQuestion(request), poses)
+        for number, (camera, found) in enumerate(zip(cameras, stream, strict=True), start=1):
+            assert len(ranked) == rankings
+            alone = replace(request, cameras=(camera,), asker=pose_of(camera.world_from_camera))
+            assert_same(found.answers, service.answers.query(alone).answers)
+            del ranked[rankings:]
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
             assert {answer.version for answer in found.answers} == {version}
             if number == len(_ANGLES):
                 version = service.versions.edit(own, [Edit("name", things=(1,), name="violin")]).version
+                ranked.clear()
             answered.release()
-    assert number == 2 * len(_ANGLES)
 
 
 def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> None:
@@ -257,38 +252,26 @@ def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
 
 
 @pytest.mark.parametrize(
-    ("case", "field"),
+    ("send", "field"),
     [
-        ("pose first", "question"),
-        ("no scene", "question.query"),
-        ("cameras in the question", "question.query"),
-        ("no such scene", "scene"),
-        ("empty text", "text"),
-        ("numbers that do not grow", "pose.sequence"),
-        ("heartbeat too fast", "question.heartbeat_s"),
-        ("nothing", "part"),
+        (lambda robot, scene_id: robot.move(1), "question"),
+        (lambda robot, scene_id: robot.ask(_question("", "mug")), "question.query"),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, "mug", cameras=(turned(0.0),))), "question.query"),
+        (lambda robot, scene_id: robot.ask(_question("none", "mug")), "scene"),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, " ")), "text"),
+        (
+            lambda robot, scene_id: [robot.ask(_question(scene_id, "mug")), robot.move(2), robot.move(2)],
+            "pose.sequence",
+        ),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001), "question.heartbeat_s"),
+        (lambda robot, scene_id: robot._requests.put(pb.StreamQueryRequest()), "part"),
     ],
 )
-def test_what_makes_no_sense_ends_the_stream_and_is_named(faces: Faces, scene_id: str, case: str, field: str) -> None:
+def test_what_makes_no_sense_ends_the_stream_and_is_named(
+    faces: Faces, scene_id: str, send: Callable[[_Robot, str], Any], field: str
+) -> None:
     robot = _Robot(faces)
-    if case == "pose first":
-        robot.move(1)
-    elif case == "no scene":
-        robot.ask(_question("", "mug"))
-    elif case == "cameras in the question":
-        robot.ask(_question(scene_id, "mug", cameras=(turned(0.0),)))
-    elif case == "no such scene":
-        robot.ask(_question("none", "mug"))
-    elif case == "empty text":
-        robot.ask(_question(scene_id, " "))
-    elif case == "heartbeat too fast":
-        robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001)
-    elif case == "nothing":
-        robot._requests.put(pb.StreamQueryRequest())
-    else:
-        robot.ask(_question(scene_id, "mug"))
-        robot.move(2)
-        robot.move(2)
+    send(robot, scene_id)
     with pytest.raises(grpc.RpcError) as caught:
         list(robot.replies)
     assert rpc_refusal(caught.value).details["field"] == field
