@@ -44,7 +44,6 @@ from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
@@ -244,11 +243,11 @@ class SceneService:
 
         Raises:
             NotFoundError, NotReadyError: no such scene, or it is not ready.
-            FastSplatError: as `look_again_job` and `place_order`.
+            FastSplatError: as `look_again_job` and `RunningJobs.order`.
         """
         self._context.scenes.finished(scene_id)
         job = look_again_job(scene_id, request, self.project, self._context.settings)
-        return self.jobs.operation(place_order(job, self._context))
+        return self.jobs.order(job)
 
     def get_operation(self, operation_id: str) -> Operation:
         """State of a job; raises `NotFoundError`."""

@@ -8,7 +8,6 @@ from fastsplat.service.application.admin.server_capabilities import namer_status
 from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.validate import check_request_id
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import NamerSettings
 from fastsplat.service.store.queue.ordered_jobs import order_job
@@ -47,7 +46,7 @@ class OwnNamer:
             NotFoundError, NotReadyError: no such scene, or it is not ready.
             ModelUnavailableError: the server has no namer.
             PermissionDeniedError: the project did not agree to the host.
-            ConflictError, QuotaError: as `place_order`.
+            ConflictError, QuotaError: as `RunningJobs.order`.
         """
         check_request_id(request_id)
         self._context.scenes.finished(scene_id)
@@ -59,7 +58,7 @@ class OwnNamer:
                 hint="An admin of the project agrees once, on the page or by AgreeToNamer.",
             )
         job = order_job("ask_namer", scene_id, request_id, {}, self._context.project)
-        return self._jobs.operation(place_order(job, self._context))
+        return self._jobs.order(job)
 
     def _status(self) -> NamerStatus:
         status = namer_status(self._context.store, self._context.settings, self._context.project)

@@ -1,4 +1,4 @@
-"""Running jobs for waiting callers: worker state, previews, log, and early finish."""
+"""Jobs for waiting callers: orders, worker state, previews, log, and early finish."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastsplat.service.application.answering.project_context import ProjectConte
 from fastsplat.service.application.jobs.estimates import QueueTimes
 from fastsplat.service.application.jobs.stored import operation_of
 from fastsplat.service.store.rows.damaged_rows import each_readable
-from fastsplat.service.store.rows.records import OperationRecord
+from fastsplat.service.store.rows.records import NewJob, OperationRecord
 from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
@@ -21,10 +21,24 @@ _MAX_LOG = 1 << 20
 
 
 class RunningJobs:
-    """Running jobs of one project. Raises `DatabaseError` if the database is unavailable."""
+    """Jobs of one project. Raises `DatabaseError` if the database is unavailable."""
 
     def __init__(self, context: ProjectContext, queue: QueueTimes) -> None:
         self._context, self._queue = context, queue
+
+    def order(self, job: NewJob) -> Operation:
+        """Queues a job, or returns the operation of the same earlier request. Durable on return.
+
+        Raises:
+            ConflictError: the request id was used for another request.
+            QuotaError: too many active jobs in the project.
+        """
+        scenes = self._context.store.scenes
+        record = scenes.find_request(job.request_id, job.request_digest, job.project)
+        if record is None:
+            self._context.quotas.check_retry(job.project)
+            record = scenes.add_job(job)
+        return self.operation(record)
 
     def operation(self, record: OperationRecord) -> Operation:
         """Converts an operation row for callers."""
