@@ -78,8 +78,7 @@ def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
     monkeypatch.setattr(Ranker, "rank", lambda ranker, query: ranked.append(query) or rank(ranker, query))
     request, version = _question(own, *texts, mask2d_encoding="png"), service.versions.resolve(own)
     answered, cameras = threading.Semaphore(1), [turned(angle) for angle in 2 * _ANGLES]
-    # a robot that waits for each answer misses none
-    poses = (camera for camera in cameras if answered.acquire())
+    poses = (camera for camera in cameras if answered.acquire())  # a robot that waits for each answer misses none
     with client_of(faces) as client:
         stream = client.stream_query(StandingQuestion(request), poses)
         for number, (camera, found) in enumerate(zip(cameras, stream, strict=True), start=1):
