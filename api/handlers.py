@@ -5,7 +5,7 @@ Each protocol implements uploads, streams, waiting and ranged files itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
@@ -41,9 +41,9 @@ class Handler(Generic[Q, A]):
     example: A | None = None  # for OpenAPI, once per answer type
     bodies: Bodies = field(default_factory=dict)  # for OpenAPI, once per body type
 
-    async def run(self, threads: Threads, function: Callable[[], R]) -> R:
+    def run(self, threads: Threads, function: Callable[[], R]) -> Awaitable[R]:
         """Runs a function on a thread, with the deadline and priority of this call."""
-        return await (threads.answer(function, self.renders) if self.computes else threads.call(function))
+        return threads.answer(function, self.renders) if self.computes else threads.call(function)
 
 
 HANDLERS: Mapping[str, Handler[Any, Any]] = {

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -18,8 +18,6 @@ from prometheus_client.registry import Collector
 
 from fastsplat.service.application.admin.service_metrics import ServiceMetrics
 from fastsplat_contract.errors import FastSplatError, ResourceError
-
-_R = TypeVar("_R")
 
 current_route: ContextVar[str] = ContextVar("current_route", default="other")
 """Matched route (REST) or method (gRPC) of the running task."""
@@ -139,12 +137,13 @@ class Call:
         self.future: Future[Any] | None = None
         self._metrics = metrics
 
-    def run(self, function: Callable[[], _R]) -> _R:
-        """Runs and times the call; called on its thread."""
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """Times the call; entered on its thread."""
         self._metrics._begun(self)
         self.at = time.perf_counter()
         try:
-            return function()
+            yield
         finally:
             self._metrics._ended(self)
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import os
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 from typing import TypeVar
 
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.fair_pool import FairPool
-from fastsplat.api.metrics import Metrics
+from fastsplat.api.metrics import Call, Metrics
 from fastsplat.api.receiving import Sink, UploadReceiver
 from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
@@ -44,9 +44,9 @@ class Threads:
         self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
         self._metrics = metrics or Metrics()
 
-    async def answer(self, function: Callable[[], _R], background: bool = False) -> _R:
+    def answer(self, function: Callable[[], _R], background: bool = False) -> Awaitable[_R]:
         """Runs a question or a picture as `call` does, with the shorter deadline `answer_s`."""
-        return await self.call(function, self._limits.answer_s, background)
+        return self.call(function, self._limits.answer_s, background)
 
     async def call(
         self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S, background: bool = False
@@ -60,8 +60,8 @@ class Threads:
         """
         cancellation = Cancellation(timeout_s)
 
-        def watched() -> _R:
-            with cancellable(cancellation), run_by(cancellation):
+        def watched(call: Call) -> _R:
+            with call.running(), cancellable(cancellation), run_by(cancellation):
                 cancellation.check()
                 return function()
 
@@ -69,7 +69,7 @@ class Threads:
             while True:
                 try:
                     with self._metrics.queued() as call:
-                        run = partial(contextvars.copy_context().run, call.run, watched)  # with the caller's identity
+                        run = partial(contextvars.copy_context().run, watched, call)  # with the caller's identity
                         call.future = self._calls.submit(caller_id(), run, background=background)
                         return await asyncio.wrap_future(call.future)
                 except CallAgainError as again:  # waits without holding a thread

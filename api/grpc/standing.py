@@ -7,13 +7,14 @@ import math
 import time
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from google.protobuf import timestamp_pb2
 
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.query.ranked_scene import StandingQuery
 from fastsplat_contract.codec.proto_codec import from_proto
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -31,6 +32,7 @@ class _Question:
     number: int
     query: QueryRequest
     heartbeat_s: float
+    ranking: StandingQuery = field(default_factory=StandingQuery)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ async def answer_stream(
                 if (error := reading.exception()) is not None:
                     raise error
             if (question := inbox.take_question()) is not None:
-                version = await threads.answer(lambda: _accept(service, question.query))
+                version = await threads.answer(lambda: _accept(service, question))
                 yield pb.StreamQueryResponse(question=question.number, accepted=pb.Accepted(version=version))
                 continue
             pose, dropped = inbox.take_pose()
@@ -185,9 +187,10 @@ class _Inbox:
         self._pose = _Pose(pose.sequence, camera, pose.stamp if pose.HasField("stamp") else None, self._question)
 
 
-def _accept(service: SceneService, query: QueryRequest) -> str:
+def _accept(service: SceneService, question: _Question) -> str:
     """Validates a question by asking it without outputs; returns the scene's version."""
-    answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1)).answers
+    query = replace(question.query, outputs=frozenset(), max_matches=1)
+    answers = service.answers.query(query, question.ranking).answers
     return answers[0].version
 
 
@@ -205,7 +208,8 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     started = time.perf_counter()
 
     def asked() -> list[pb.QueryResponse]:
-        return [message for answer in service.answers.query(query).answers for message in messages_of(answer)]
+        answers = service.answers.query(query, pose.question.ranking).answers
+        return [message for answer in answers for message in messages_of(answer)]
 
     work = asyncio.ensure_future(threads.answer(asked, background="mask2d" in query.outputs))
     try:

@@ -34,7 +34,7 @@ from fastsplat.api.rest.routes.query_routes import query_routes
 from fastsplat.api.rest.routes.scene_routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.routes.table_routes import table_routes
 from fastsplat.api.rest.routes.tus import tus_routes
-from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
+from fastsplat.api.rest.standard_http import etag_of, not_modified, reads_gzip
 from fastsplat.api.rest.static_files import ReleaseFiles
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -122,7 +122,6 @@ def create_app(
         redirect_slashes=False,  # a redirect would reveal paths to callers without a key
     )
     app.add_middleware(AccessLayer, routed=app, gate=gate or build_gate(settings, None))
-    app.add_middleware(HeadLayer)
     app.add_middleware(OuterLayer)
     if settings.cors_origins:  # outermost: a browser's preflight carries no key
         app.add_middleware(

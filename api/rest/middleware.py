@@ -1,4 +1,4 @@
-"""Outermost middleware: request ids, limits on headers and bodies, and error answers."""
+"""Outermost middleware: request ids, HEAD, limits on headers and bodies, and error answers."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from fastsplat.api.access.access_log import log_request
 from fastsplat.api.errors import accepted_request_id
 from fastsplat.api.rest.problem_answers import BodyTooLargeError, problem_response
+from fastsplat.api.rest.standard_http import head_as_get
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotReadyNowError
 
 MAX_HEADERS = 100
@@ -63,7 +64,7 @@ class OuterLayer:
             if ambiguity is not None:
                 raise ambiguity
             check_header_count(headers)
-            await self._app(scope, receive if is_upload else _limited(receive), tagged_send)
+            await self._app(*head_as_get(scope, receive if is_upload else _limited(receive), tagged_send))
         except asyncio.CancelledError:  # by the server, at the end of its drain time
             if status:
                 raise

@@ -110,5 +110,5 @@ def _allowed(request: Request) -> str:
     def fits(method: str) -> bool:
         return any(route.matches({**request.scope, "method": method})[0] is Match.FULL for route in routes)
 
-    # `HeadLayer` answers HEAD wherever there is GET.
+    # `head_as_get` answers HEAD wherever there is GET.
     return ", ".join(method for method in methods if fits(method) or (method == "HEAD" and fits("GET")))

@@ -9,35 +9,29 @@ from importlib.metadata import version
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 _GZIP_REFUSED = re.compile(r"gzip\s*;\s*q\s*=\s*0(?:\.0*)?\s*(?:,|$)", re.IGNORECASE)
 _OWN_HEAD = re.compile(r"/v1/uploads(/|$)")  # tus defines its own HEAD
 
 
-class HeadLayer:
-    """ASGI middleware that answers HEAD as GET without the body (RFC 9110, section 9.3.2)."""
+def head_as_get(scope: Scope, receive: Receive, send: Send) -> tuple[Scope, Receive, Send]:
+    """Turns a HEAD request into a GET whose body is not sent (RFC 9110, section 9.3.2)."""
+    if scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
+        return scope, receive, send
+    over = False
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    async def send_head(message: Message) -> None:
+        nonlocal over
+        if message["type"] == "http.response.start":
+            await send(message)
+            await send({"type": "http.response.body", "body": b""})
+            over = True
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http" or scope["method"] != "HEAD" or _OWN_HEAD.match(scope["path"]):
-            await self._app(scope, receive, send)
-            return
-        over = False
+    async def receive_until_over() -> Message:
+        return {"type": "http.disconnect"} if over else await receive()
 
-        async def send_head(message: Message) -> None:
-            nonlocal over
-            if message["type"] == "http.response.start":
-                await send(message)
-                await send({"type": "http.response.body", "body": b""})
-                over = True
-
-        async def receive_until_over() -> Message:
-            return {"type": "http.disconnect"} if over else await receive()
-
-        await self._app({**scope, "method": "GET"}, receive_until_over, send_head)
+    return {**scope, "method": "GET"}, receive_until_over, send_head
 
 
 def reads_gzip(headers: Headers) -> bool:

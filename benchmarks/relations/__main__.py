@@ -25,6 +25,7 @@ from benchmarks.provenance import begin, parser_of, write_results
 from benchmarks.relations.drawing import drawn_frame, scene_of
 from benchmarks.relations.questions import ROOMS, Case
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.messages.queries import Answer
@@ -91,7 +92,7 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
             asker = None if case.asker is None else world @ case.asker
             index = indices[case.vertical]
             query = check_query((case.text,), settings)
-            (answer,) = index.ranked.answer(query, lambda index=index: index.things, asker)
+            (answer,) = RankedQuery(index.ranked, query).answer(lambda index=index: index.things, asker)
             answered.append(_judged(case, room_seed, answer))
         room_seed += 1
     return answered

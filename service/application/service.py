@@ -22,7 +22,9 @@ from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.answering.thing_sheets import ThingSheets
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (
@@ -42,7 +44,6 @@ from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
@@ -67,6 +68,8 @@ from fastsplat_contract.server.server_status import ServerStatus
 
 MAX_LISTED = 5_000
 """Limit of a scene's labels and cameras in one response."""
+_MAX_PROJECTS = 256
+"""Projects, and scenes with keys of their own, whose parts are kept."""
 
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
@@ -79,59 +82,56 @@ class SceneService:
     """
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
-        self._settings = settings
         self._check_files = admit or admit_upload
         self._validating = ValidationSlots()
-        self._memory = MemoryBudget(settings.calls, machine_bytes())
-        self._prompted = PromptedEdits(settings, self._memory)
-        self._quotas = Quotas(store.quota_usage, settings.quotas)
         self._queue = QueueTimes(store, settings.jobs.stalled_worker_timeout_s)
         self.estimates = JobEstimates(settings)
+        memory, mine = MemoryBudget(settings.calls, machine_bytes()), store.in_project(DEFAULT_PROJECT)
+        self._prompted = PromptedEdits(settings, memory)
+        scenes, quotas = OpenScenes(mine, settings, memory), Quotas(store.quota_usage, settings.quotas)
+        context = ProjectContext(mine, settings, memory, scenes, KnownNames(mine, settings), quotas)
         files = settings.uploads
         self.resumable = ResumableUploads(
-            store.blobs, settings.capture.max_upload_bytes, files.expiry_s, self._quotas, files.min_free_bytes
+            store.blobs, settings.capture.max_upload_bytes, files.expiry_s, quotas, files.min_free_bytes
         )
         """Files uploaded in pieces, adopted by an upload once complete."""
-        mine = store.in_project(DEFAULT_PROJECT)
-        scenes = OpenScenes(mine, settings, self._memory)
-        self.known_names = KnownNames(mine, settings)
-        self.exports = Exports(mine, scenes, self._memory)
-        self.localizing = Localizing(mine, settings, scenes, self._memory)
+        self.exports = Exports(context)
+        self.localizing = Localizing(context)
         self.admin = Admin(store, settings, scenes.count)
         """Operator functions."""
-        self._bind(DEFAULT_PROJECT, mine, scenes)
+        self._projects: LeastRecentlyUsed[tuple[str, str], SceneService] = LeastRecentlyUsed(_MAX_PROJECTS)
+        self._bind(context)
 
-    def _bind(self, project: str, store: Store, scenes: OpenScenes) -> None:
+    def _bind(self, context: ProjectContext) -> None:
         """Creates the parts that belong to one project; shared caches exist already."""
-        settings, memory = self._settings, self._memory
-        self.project, self._store, self._scenes = project, store, scenes
-        self.answers = Answers(store, settings, scenes, memory, self.known_names)
+        self._context, self._store, self.project = context, context.store, context.project
+        self.known_names = context.known_names
+        self.answers = Answers(context)
         """Queries, pictures and files of finished scenes."""
-        self.detections = Detections(settings, scenes, self.known_names)
-        self.versions = Versions(store, settings, scenes, memory, self._prompted)
-        self.photos = Photos(store, settings, scenes, memory, self.known_names)
+        self.detections = Detections(context)
+        self.versions = Versions(context, self._prompted)
+        self.photos = Photos(context)
         """Photos of finished scenes, and best views of things."""
-        self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
-        self.jobs = RunningJobs(store, settings, self._queue)
+        self.sheets = ThingSheets(context)
+        self.jobs = RunningJobs(context, self._queue)
         """Views into running jobs."""
-        self.namer = OwnNamer(store, settings, scenes, self._quotas, self.jobs, project)
-        self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
-        self.keys = ProjectKeys(store, settings, project)
+        self.namer = OwnNamer(context, self.jobs)
+        self.observations = Observations(context, self.localizing, self.versions)
+        self.keys = ProjectKeys(context.store, context.settings)
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service for another project, or for one scene alone with `scene_id`.
 
-        Threads, open scenes and limits are shared, so only one of them must be closed.
+        Made once. Threads, open scenes and limits are shared, so only one of them must be closed.
         """
         if (project, scene_id) == (self.project, self._store.only_scene):
             return self
-        other = copy.copy(self)
-        store = self._store.in_project(project, scene_id)
-        scenes = self._scenes.over(store)
-        other.known_names = self.known_names.over(store)
-        other.exports = self.exports.over(store, scenes)
-        other.localizing = self.localizing.over(store, scenes)
-        other._bind(project, store, scenes)
+        return self._projects.get((project, scene_id), lambda: 1, lambda: self._over(project, scene_id))
+
+    def _over(self, project: str, scene_id: str) -> SceneService:
+        other, context = copy.copy(self), self._context.over(self._store.in_project(project, scene_id))
+        other.exports, other.localizing = self.exports.over(context), self.localizing.over(context)
+        other._bind(context)
         return other
 
     def __enter__(self) -> Self:
@@ -143,13 +143,13 @@ class SceneService:
     def close(self) -> None:
         """Releases scenes and connections."""
         self.localizing.close()
-        self._scenes.close()
+        self._context.scenes.close()
         self._store.close()
 
     @property
     def heartbeat_s(self) -> float:
         """Default heartbeat of a standing query after silence, in seconds."""
-        return self._settings.calls.heartbeat_s
+        return self._context.settings.calls.heartbeat_s
 
     def new_upload(self) -> UploadSession:
         """Session for a new scene's files; leaving it before `create_scene` removes them.
@@ -158,11 +158,12 @@ class SceneService:
             QuotaError: the project is full.
             ResourceError: the disk is almost full.
         """
-        self._quotas.check_room(self.project, 0)
-        check_space = partial(check_free_space, self._store.blobs.root, self._settings.uploads.min_free_bytes)
+        settings = self._context.settings
+        self._context.quotas.check_room(self.project, 0)
+        check_space = partial(check_free_space, self._store.blobs.root, settings.uploads.min_free_bytes)
         check_space()
         upload_id = uuid.uuid4().hex
-        return UploadSession(upload_id, self._store.blobs.upload(upload_id), self._settings.capture, check_space)
+        return UploadSession(upload_id, self._store.blobs.upload(upload_id), settings.capture, check_space)
 
     def create_scene(
         self, upload: UploadSession, name: str, request_id: str, options: SceneOptions, upload_key: str = ""
@@ -181,17 +182,17 @@ class SceneService:
             FastSplatError: the files are refused by `validate_upload`; nothing is kept.
         """
         with upload.committing():
-            check_request(name, request_id, options, self._settings.store)
+            check_request(name, request_id, options, self._context.settings.store)
             digest = upload.digest(name, options)
             earlier = self._store.scenes.find_request(request_id, digest, self.project)
             if earlier is not None:
                 remove(upload.folder)
                 return self.jobs.operation(earlier)
             with self._validating.taken(self.project):
-                validated = self._check_files(upload.raw, self._settings.capture, options.strict)
+                validated = self._check_files(upload.raw, self._context.settings.capture, options.strict)
                 upload.check_names(validated.source, validated.has_labels)
-                check_labels(options, validated, self._settings)
-            check_models(self._settings, given_labels=validated.has_labels, named=bool(options.labels))
+                check_labels(options, validated, self._context.settings)
+            check_models(self._context.settings, given_labels=validated.has_labels, named=bool(options.labels))
             check_splat_options(validated, options)
             predicted = self.estimates.predicted(validated, options)
             upload.replace_files(validated.folder)
@@ -215,7 +216,7 @@ class SceneService:
             )
 
             def within(connection: Connection) -> None:
-                self._quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
+                self._context.quotas.reserve(connection, self.project, job.scene_id, upload.bytes)
                 if upload_key:
                     check_unused(connection, upload_key, job.operation_id)
 
@@ -226,27 +227,27 @@ class SceneService:
 
     def open_sample(self) -> Scene:
         """The project's copy of the sample scene, created if missing; raises as `copy_sample`."""
-        return self.get_scene(copy_sample(self._store, self._quotas, self.project))
+        return self.get_scene(copy_sample(self._context))
 
     @property
     def max_entries(self) -> int:
         """Limit of files in an upload."""
-        return self._settings.capture.max_entries
+        return self._context.settings.capture.max_entries
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
         """Server capabilities and remaining quotas, as visible to the caller's role."""
-        return server_status(self._store, self._settings, self.project, role, key_id)
+        return server_status(self._store, self._context.settings, self.project, role, key_id)
 
     def look_again(self, scene_id: str, request: LookAgainIn) -> Operation:
         """Queues a job that searches a finished scene for more names; durable on return.
 
         Raises:
             NotFoundError, NotReadyError: no such scene, or it is not ready.
-            FastSplatError: as `look_again_job` and `place_order`.
+            FastSplatError: as `look_again_job` and `RunningJobs.order`.
         """
-        self._scenes.finished(scene_id)
-        job = look_again_job(scene_id, request, self.project, self._settings)
-        return self.jobs.operation(place_order(job, self._store, self._quotas))
+        self._context.scenes.finished(scene_id)
+        job = look_again_job(scene_id, request, self.project, self._context.settings)
+        return self.jobs.order(job)
 
     def get_operation(self, operation_id: str) -> Operation:
         """State of a job; raises `NotFoundError`."""
@@ -264,15 +265,13 @@ class SceneService:
 
     def retry_operation(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
         """Queues a failed or cancelled job again, without excluded photos; raises as `retries.retry`."""
-        retention_s = self._settings.uploads.failed_retention_s
-        record = retry(operation_id, exclude, self._store, self._quotas, self.project, retention_s)
-        return self.jobs.operation(record)
+        return self.jobs.operation(retry(operation_id, exclude, self._context))
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
     ) -> OperationList:
         """Operations (in `state`, if given), newest first, paged as `list_scenes`."""
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         records = self._store.scenes.list_operations(size + 1, read_page_token(page_token), state)
         return OperationList(self.jobs.operations(records[:size]), _next(records, size))
 
@@ -294,14 +293,14 @@ class SceneService:
 
     def list_labels(self, scene_id: str, page_size: int = 0, page_token: str = "") -> LabelList:
         """A scene's dictionary by label id, paged as `list_scenes`."""
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
         return LabelList(labels_of(scene, page), token)
 
     def list_photo_verdicts(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoVerdictList:
         """Registration result of each photo of a scene in any state, paged as `list_scenes`."""
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         quality = self._store.scenes.scene(scene_id).quality
         return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
 
@@ -315,7 +314,7 @@ class SceneService:
         Raises:
             InvalidInputError: a negative size, or an unknown token.
         """
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         return SceneList(summaries_of(records[:size]), _next(records, size))
 
@@ -323,7 +322,7 @@ class SceneService:
         """Deletes a scene, stops its job and frees its request id; raises `NotFoundError`."""
         # On a full disk, even deletion needs some space for its row.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
-        for kept in (self._scenes, self.exports, self.localizing):
+        for kept in (self._context.scenes, self.exports, self.localizing):
             kept.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -69,17 +70,17 @@ class RankedScene:
     ) -> None:
         self.ranker = ranker
         self.names = names
-        self._words = ThingWords(names)
-        self._vocabulary = Vocabulary(names.searched_for, ranker.lexicon)
-        self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
-        self._looks = ThingLooks(names.present, looks)
-        self._unseen = unseen
-        self._history = history
-        self._provisional = provisional_of(scene.quality)
+        self.words = ThingWords(names)
+        self.vocabulary = Vocabulary(names.searched_for, ranker.lexicon)
+        self.written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
+        self.looks = ThingLooks(names.present, looks)
+        self.unseen = unseen
+        self.history = history
+        self.provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
         self.sizes: Sizes = {} if sizes is None else sizes
-        self._unit = "m" if scene.scale == "METRIC" else "unit"
+        self.unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
         self.blank = Gaussians(**{name: np.broadcast_to(np.float32(0), shape) for name, shape in shapes.items()})
 
@@ -107,67 +108,79 @@ class RankedScene:
             if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):
                 names = self.names.suggesting(elsewhere, said)
                 other = copy.copy(self)
-                other.ranker, other.names, other._words = self.ranker.suggesting(names), names, ThingWords(names)
+                other.ranker, other.names, other.words = self.ranker.suggesting(names), names, ThingWords(names)
                 other.elsewhere = elsewhere
             other = other if needed else None
             self._suggesting = known, other
         return other or self
 
-    def answer(
-        self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
-    ) -> tuple[Answer, ...]:
-        """Answers each text of a checked query, in order; every answer ranks all names.
 
-        `things` loads the scene's things, only for measurements, sentences about unnamed things, or if none are stored.
-        `asker` is float64 [4, 4], world from asker."""
-        if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.looked_at_again:
-            return tuple(self._in_words(ranked, things, None) for ranked in self.decided(query, things, asker))
+class RankedQuery:
+    """A query ranked and parsed once for a scene, answered from any pose."""
+
+    def __init__(self, scene: RankedScene, query: TextQuery) -> None:
         now = datetime.now(UTC)
-        questions = [time_question(text, now) for text in query.texts]
-        pairs = zip(questions, query.texts, strict=True)
+        self._scene, self._query, self._day = scene, query, now.date()
+        self._questions = [time_question(text, now) if _MAY_ASK_OF_TIME.search(text) else None for text in query.texts]
+        pairs = zip(self._questions, query.texts, strict=True)
         # A question about moves alone names nothing: a negative is ranked in its place, and its matches are not
         # reported.
         texts = tuple(text if asked is None else asked.about or query.negatives[0] for asked, text in pairs)
-        ranked = self.decided(replace(query, texts=texts), things, asker)
-        answers = (self._in_words(each, things, asked) for each, asked in zip(ranked, questions, strict=True))
-        return tuple(replace(answer, text=text) for answer, text in zip(answers, query.texts, strict=True))
+        self._ranked, names = scene.ranker.rank(replace(query, texts=texts)), scene.ranker.names
+        self._rank = cache(lambda texts: scene.ranker.rank(replace(query, texts=texts)))
+        self._parsed = parsed_questions(texts, names, scene.ranker.is_name, scene.written)
+        # A "black bear" that the lexicon knows and the scene lacks may be a bear that is black.
+        gone = [each.answer.text if each.verdict == "absent" else "" for each in self._ranked]
+        self._parted = parsed_questions(gone, names, names.has, scene.written)
+        told = scene.looks or any(thing.surface or thing.reads for thing in scene.names.present)
+        toys = any(text and names.match(text).hyponyms for text in gone)
+        self._is_plain = not any(self._parsed) and not any(self._parted) and not toys and not told
+        self._is_of_pose = any(each is not None and each.is_of_pose for each in (*self._parsed, *self._parted))
+        self._answers: tuple[Answer, ...] | None = None
 
-    def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings], question: TimeQuestion | None) -> Answer:
-        words = self._words
-        if (ranked.answer.thing_ids or self._history.looked_at_again) and not self.names.stored:
+    def is_of(self, scene: RankedScene, query: TextQuery) -> bool:
+        """True if it ranks this query to this scene, and "yesterday" is still the same day."""
+        return self._scene is scene and (self._query, self._day) == (query, datetime.now(UTC).date())
+
+    def answer(self, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None) -> tuple[Answer, ...]:
+        """Answers each text, in order; every answer ranks all names.
+
+        `things` loads the scene's things, only for measurements, sentences about unnamed things, or if none are stored.
+        `asker` is float64 [4, 4], world from asker."""
+        if self._answers is None or self._is_of_pose:
+            answers = map(partial(self._in_words, things), self.decided(things, asker), self._questions)
+            texts = self._query.texts
+            self._answers = tuple(replace(answer, text=text) for answer, text in zip(answers, texts, strict=True))
+        return self._answers
+
+    def _in_words(self, things: Callable[[], SceneThings], ranked: Ranked, question: TimeQuestion | None) -> Answer:
+        scene, words = self._scene, self._scene.words
+        if (ranked.answer.thing_ids or scene.history.looked_at_again) and not scene.names.stored:
             words = ThingWords(things().names)
 
         def in_words(thing_ids: Sequence[int]) -> str:
             return words.listed(thing_ids, lambda: things().measures)
 
-        answer = spoken(ranked, words.names, self._unseen, in_words)
-        if question is not None or self._history.looked_at_again:
-            unit = "m" if self._unit == "m" else "scene units"
-            of_time = HistoryAnswers(self._history, words.names, in_words, unit)
+        answer = spoken(ranked, words.names, scene.unseen, in_words)
+        if question is not None or scene.history.looked_at_again:
+            unit = "m" if scene.unit == "m" else "scene units"
+            of_time = HistoryAnswers(scene.history, words.names, in_words, unit)
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
-        return replace(words.names.counted(answer), provisional=self._provisional)
+        return replace(words.names.counted(answer), provisional=scene.provisional)
 
-    def decided(
-        self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
-    ) -> Sequence[Ranked]:
-        """Ranks and judges each text before sentences are written; arguments as in `answer`."""
-        ranked = self.ranker.rank(query)
-        parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
-        # A "black bear" that the lexicon knows and the scene lacks may be a bear that is black.
-        gone = [each.answer.text if each.verdict == "absent" else "" for each in ranked]
-        parted = parsed_questions(gone, self.ranker.names, self.ranker.names.has, self._written)
-        told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)
+    def decided(self, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None) -> Sequence[Ranked]:
+        """Judges each text before sentences are written; arguments as in `answer`."""
+        scene = self._scene
 
         def color_share(thing_id: int, name: str) -> float:
             color = things().measures.color(thing_id)
             return 0.0 if color is None else color.shares.get(name, 0.0)
 
         def judged(each: Ranked) -> Ranked:
-            return with_absence_judged(each, self.names, self._vocabulary, color_share)
+            return with_absence_judged(each, scene.names, scene.vocabulary, color_share)
 
-        toys = any(text and self.ranker.names.match(text).hyponyms for text in gone)
-        if not any(parsed) and not any(parted) and not toys and not told:
-            return tuple(map(judged, ranked))
+        if self._is_plain:
+            return tuple(map(judged, self._ranked))
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,
             answer_by_looks,
@@ -177,26 +190,42 @@ class RankedScene:
             closest_kind,
         )
 
-        def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
-            return self.ranker.rank(replace(query, texts=tuple(texts)))
-
-        names = self.names if self.names.stored else things().names
-        scene = AskedScene(
-            names, self.ranker.names, rank, lambda: things().measures, self._unit, self._written, self._looks
+        names = scene.names if scene.names.stored else things().names
+        context = AskedScene(
+            names,
+            scene.ranker.names,
+            lambda texts: self._rank(tuple(texts)),
+            lambda: things().measures,
+            scene.unit,
+            scene.written,
+            scene.looks,
         )
 
         def answered(plain: Ranked, phrase: ParsedQuestion | None, parted: ParsedQuestion | None) -> Ranked:
             if names_nothing(plain.answer.text):
                 return plain
             if is_foreign(plain.answer.text) and not (phrase and phrase.of_writing):
-                return answer_written(plain, scene)
+                return answer_written(plain, context)
             if phrase is None and parted is not None:
-                found = answer_phrase(parted, plain, scene, asker)
+                found = answer_phrase(parted, plain, context, asker)
                 if found.verdict in ("exact", "possible"):
                     return found
             if phrase is None:
-                named = answer_surface(closest_kind(plain, scene), scene)
-                return answer_by_looks(None, answer_written(named, scene), scene)
-            return answer_by_looks(phrase, answer_phrase(phrase, plain, scene, asker), scene)
+                named = answer_surface(closest_kind(plain, context), context)
+                return answer_by_looks(None, answer_written(named, context), context)
+            return answer_by_looks(phrase, answer_phrase(phrase, plain, context, asker), context)
 
-        return tuple(judged(answered(*each)) for each in zip(ranked, parsed, parted, strict=True))
+        return tuple(judged(answered(*each)) for each in zip(self._ranked, self._parsed, self._parted, strict=True))
+
+
+class StandingQuery:
+    """Ranks a repeated query again only for other words, names, versions or days."""
+
+    def __init__(self) -> None:
+        self._ranked: RankedQuery | None = None
+
+    def ranked(self, scene: RankedScene, query: TextQuery) -> RankedQuery:
+        """Ranks a query to a scene, unless it was the last one."""
+        if self._ranked is None or not self._ranked.is_of(scene, query):
+            self._ranked = RankedQuery(scene, query)
+        return self._ranked

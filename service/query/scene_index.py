@@ -17,7 +17,7 @@ from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
 from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import check_query
-from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
 from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
@@ -167,7 +167,7 @@ class SceneIndex:
     ) -> tuple[Answer, ...]:
         """Answers each text; arguments and errors as `check_query`; new templates re-embed the labels."""
         query = check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
-        return self.ranked.answer(query, lambda: self.things)
+        return RankedQuery(self.ranked, query).answer(lambda: self.things)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """Selects Gaussians whose class or part is a relevant entry, bool [G]."""

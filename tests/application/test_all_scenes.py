@@ -120,7 +120,7 @@ def _alone(service: SceneService, stored: dict[str, str], request: QueryRequest)
 
 def _close(service: SceneService) -> None:
     """As when other scenes needed the memory."""
-    service._scenes._open.drop(lambda key: True)
+    service._context.scenes._open.drop(lambda key: True)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_new_version_and_a_deleted_scene_are_noticed(service: SceneService, st
     assert {answer.scene_id for answer in service.answers.query(request).answers} == set(stored.values()) - {
         stored["codes"]
     }
-    assert all(key[0] != stored["codes"] for key in service._scenes._ranked._slots)
+    assert all(key[0] != stored["codes"] for key in service._context.scenes._ranked._slots)
 
 
 def test_what_is_kept_of_a_scene_does_not_grow_with_its_gaussians(
@@ -221,18 +221,18 @@ def test_with_room_for_one_scene_all_are_answered(
 ) -> None:
     request = QueryRequest("", PLAIN)
     expected = service.answers.query(request).answers
-    assert len(service._scenes._ranked) == len(stored) and service._scenes._ranked.bytes < 10e6
+    assert len(service._context.scenes._ranked) == len(stored) and service._context.scenes._ranked.bytes < 10e6
     calls = settings.calls.model_copy(update={"ranking_memory_bytes": 1})
     with open_service(settings.model_copy(update={"calls": calls})) as small:
         assert small.answers.query(request).answers == expected == small.answers.query(request).answers
-        assert len(small._scenes._ranked) == 1
+        assert len(small._context.scenes._ranked) == 1
 
 
 def test_a_second_scene_with_the_same_labels_asks_the_encoder_for_nothing(
     settings: Settings, lexicon_models_dir: Path, scenes: dict[str, Scene], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with open_service(settings.model_copy(update={"models": lexicon_models_dir})) as service:
-        encoder, texts = service._scenes._encoder(ENCODER), list[str]()
+        encoder, texts = service._context.scenes._encoder(ENCODER), list[str]()
         encode = encoder.encode
 
         def counting(names: Any) -> Any:

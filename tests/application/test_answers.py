@@ -126,8 +126,8 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
 
 def test_threads_share_one_open_scene(service, ready, monkeypatch):
     opened = []
-    real = service._scenes._load
-    monkeypatch.setattr(service._scenes, "_load", lambda *key: opened.append(key) or real(*key))
+    real = service._context.scenes._load
+    monkeypatch.setattr(service._context.scenes, "_load", lambda *key: opened.append(key) or real(*key))
     request = QueryRequest(ready.id, ("mug",), views=("front.jpg",), outputs=frozenset({"mask2d"}))
     with ThreadPoolExecutor(8) as pool:
         answers = list(pool.map(lambda _: service.answers.query(request).answers, range(16)))
@@ -143,8 +143,8 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
     calls = settings.calls.model_copy(update={"scene_memory_bytes": int(2.5 * weight)})
     with open_service(settings.model_copy(update={"calls": calls})) as bounded:
         assert len(bounded.answers.query(QueryRequest("", ("mug",))).answers) == 3
-        assert bounded._scenes.count() == 2
-        assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
+        assert bounded._context.scenes.count() == 2
+        assert 0 < bounded._context.scenes._open.bytes <= 2.5 * weight
 
 
 def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):

@@ -201,7 +201,7 @@ def test_names_are_read_once_until_any_process_changes_them(
         "settings, scene_id = pickle.load(sys.stdin.buffer)\n"
         "with open_service(settings) as service: service.versions.undo(scene_id)"
     )
-    subprocess.run([sys.executable, "-c", script], input=pickle.dumps((service._settings, first)), check=True)
+    subprocess.run([sys.executable, "-c", script], input=pickle.dumps((service._context.settings, first)), check=True)
     assert _asked(service, other, "mug") == "cannot_say" and len(read) == 2
 
 
@@ -346,9 +346,9 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     store.scenes.add_job(order)
     claim = store.jobs.claim(order.operation_id)
     assert claim is not None
-    claimed = ClaimedJob(store, claim, service._settings.calls)
+    claimed, settings = ClaimedJob(store, claim, service._context.settings.calls), service._context.settings
     upload, version = claimed.current_version()
-    job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, service._settings, stages, {}, version)
+    job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, settings, stages, {}, version)
     scene = read_scene(upload / "artefact")
     assert scene.things is not None
     first, *others = scene.things.table

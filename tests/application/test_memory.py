@@ -69,7 +69,7 @@ def draw(kind, posed):
     return picture(index, index.ranked, PictureRequest("scene", kind, text, camera=posed), query)
 
 def masks(posed, encoding):
-    (answer,) = index.ranked.answer(query, lambda: index.things)
+    (answer,) = index.ask(["mug"])
     assert view_mask(index, answer, "", 0, posed, encoding).area > 0.1 * posed.camera.width**2
 
 rows = {}
@@ -108,8 +108,9 @@ def test_what_one_request_may_not_hold_is_refused_by_name(settings: Settings, mo
             assert "FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES" in error.limit and "MiB" in error.limit
         assert (picture.value.field, masks.value.field) == ("camera", "cameras")
         assert service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg"))
-        assert service.answers._memory.reserved == 0
-        assert service.in_project("another").answers._memory is service.answers._memory
+        assert service._context.memory.reserved == 0
+        other = service.in_project("another")
+        assert other is service.in_project("another") and other._context.memory is service._context.memory
 
 
 def test_limits_that_are_not_set_follow_from_the_machine(service: SceneService) -> None:
@@ -195,7 +196,7 @@ def test_edits_and_scenes_that_open_take_their_share_of_the_memory(
             service.answers.query(QueryRequest(info.id, ("mug",)))
         assert opened.value.field == "scene" and "ANSWER_MEMORY_BYTES" in opened.value.limit
     with open_service(settings.model_copy(update={"models": models_dir})) as service:
-        memory = service._scenes._memory
+        memory = service._context.memory
         with memory.opening(memory._all), run_by(object()):
             with pytest.raises(CallAgainError):  # without a thread
                 service.answers.query(QueryRequest(info.id, ("mug",)))

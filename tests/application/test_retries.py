@@ -74,7 +74,7 @@ def _claimed(service: SceneService, operation: Operation) -> tuple[Job, Any]:
     assert claim is not None
     claimed = ClaimedJob(store, claim, CallSettings())
     folder = claimed.upload()
-    settings = service._settings
+    settings = service._context.settings
     job = Job("job", 1, folder, claimed.folder, claimed.options, settings, exclude=claim.operation.excluded)
     return read_job(job.to_line(""))[0], claim
 

@@ -63,7 +63,7 @@ def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encod
             encoded.clear()
             again = service.in_project(project, scene_id).answers.query(QueryRequest(scene_id, ("elephant",))).answers
             assert encoded == [] and again[0] == answers[project][0]  # a link to the scene is of its project
-        (cache,) = service._scenes._caches.values()
+        (cache,) = service._context.scenes._caches.values()
         assert len(cache.texts._recent) <= settings.query.cached_texts
     first, second = (replace(answers[project][0], scene_id="") for project in ("a", "b"))
     assert first == second

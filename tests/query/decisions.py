@@ -8,6 +8,7 @@ from typing import Any
 
 from fastsplat.service.query.language.words.judgement import Ranked
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.messages.queries import Answer
 
@@ -30,4 +31,4 @@ def alike(ask: Callable[[Sequence[str]], Sequence[Answer]]) -> Iterator[tuple[An
 
 def decided(index: SceneIndex, *texts: str, **choices: Any) -> Sequence[Ranked]:
     """What comes before the answers of `index.ask`."""
-    return index.ranked.decided(check_query(texts, index.settings, **choices), lambda: index.things)
+    return RankedQuery(index.ranked, check_query(texts, index.settings, **choices)).decided(lambda: index.things)

@@ -45,7 +45,7 @@ def make(archive: Path) -> None:
             service.admin.keys.ensure_first(folder / "key")
             service.admin.projects.create(_OTHER)
             service.admin.keys.create("robot", "reader", project=_OTHER)
-            scene = add_scene(service, service._settings, "edited")
+            scene = add_scene(service, service._context.settings, "edited")
             for edits in ([Edit("name", thing_ids=(2,), name="beaker")], [Edit("remove", thing_ids=(3,))]):
                 service.versions.edit(scene, edits)
             service.versions.undo(scene)

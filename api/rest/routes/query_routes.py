@@ -70,9 +70,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         question = from_plain(QueryRequest, {member: sent[name] for member, name in _IN_ADDRESS.items()})
         return await answered(request, question)
 
-    async def answered(request: Request, question: QueryRequest) -> Response:
+    def answered(request: Request, question: QueryRequest) -> Awaitable[Response]:
         run = partial(threads.answer, background="mask2d" in question.outputs)
-        return await json_of_call(request, run, lambda: service.answers.query(question))
+        return json_of_call(request, run, partial(service.answers.query, question))
 
     parameters = query_parameters(QueryRequest, _IN_ADDRESS, scene="")
     router.add_api_route("/query", with_parameters(query, parameters), methods=["GET"], response_model=QueryOut)

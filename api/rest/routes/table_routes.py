@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
+from functools import partial
 from inspect import Parameter, Signature
 from types import GenericAlias, NoneType
 from typing import Any, get_args, get_type_hints
@@ -56,18 +57,12 @@ def _endpoint(
         if body is not None:
             named |= vars(sent if sent is not None else body())
         asked = call.request(**named) if call.request is not NoneType else None
-
-        def function() -> Any:
-            return handler.ask(service, asked)
-
-        def run(work: Callable[[], Any]) -> Awaitable[Any]:
-            return handler.run(threads, work)
-
+        ask = partial(handler.ask, service, asked)
         if call.status == 200:
-            return await json_of_call(request, run, function)
+            return await json_of_call(request, partial(handler.run, threads), ask)
         if call.status == 202:
-            return accepted(await while_connected(request, run(function)), root_path)
-        result = await run(function)
+            return accepted(await while_connected(request, handler.run(threads, ask)), root_path)
+        result = await handler.run(threads, ask)
         if call.status == 201:
             return json_response(to_json(result), 201, {"Cache-Control": "no-store"})
         return Response(status_code=204)

@@ -26,10 +26,10 @@ _DAY_S = 86_400.0
 class ProjectKeys:
     """Keys of one project; keys of a higher role are hidden from the caller."""
 
-    def __init__(self, store: Store, settings: Settings, project: str) -> None:
+    def __init__(self, store: Store, settings: Settings) -> None:
         self._store = store
         self._settings = settings
-        self._project = project
+        self._project = store.project
         self._keys = Keys(store.keys, store.projects)
 
     def create(self, caller_role: Role, request: KeyIn) -> NewKey:

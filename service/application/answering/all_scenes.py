@@ -8,14 +8,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d
-from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import mask3d_bytes
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery
+from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.settings import CallSettings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
     ArtefactError,
     InvalidInputError,
@@ -41,20 +40,8 @@ AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
 class AllScenes:
     """Queries to all scenes of one project."""
 
-    def __init__(
-        self,
-        store: Store,
-        calls: CallSettings,
-        scenes: OpenScenes,
-        memory: MemoryBudget,
-        known_names: KnownNames,
-        ask_one: AskOne,
-    ) -> None:
-        self._store = store
-        self._calls = calls
-        self._scenes = scenes
-        self._memory = memory
-        self._known_names = known_names
+    def __init__(self, context: ProjectContext, ask_one: AskOne) -> None:
+        self._context = context
         self._ask_one = ask_one
 
     def query(self, query: TextQuery, request: QueryRequest) -> QueryOut:
@@ -67,8 +54,8 @@ class AllScenes:
             LimitExceededError, CancelledError: as `Answers.query`.
         """
         _check_everywhere(request)
-        scene_ids = self._store.scenes.ready_scene_ids()
-        limit = self._calls.max_queried_scenes
+        scene_ids = self._context.store.scenes.ready_scene_ids()
+        limit = self._context.settings.calls.max_queried_scenes
         answers: list[Answer] = []
         skipped: list[SkippedScene] = []
         for scene_id in scene_ids[:limit]:
@@ -86,21 +73,24 @@ class AllScenes:
 
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         """Answers of one scene; masks and objects need its Gaussians unless all are "absent"."""
-        version, ranked = self._scenes.ranked(request.scene_id)
-        answers = self._known_names.suggesting(request.scene_id, ranked).answer(
-            query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
+        version, ranked = self._context.scenes.ranked(request.scene_id)
+        answers = RankedQuery(self._context.known_names.suggesting(request.scene_id, ranked), query).answer(
+            lambda: self._context.scenes.open(request.scene_id, version)[0].things
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):
             return self._ask_one(query, dataclasses.replace(request, version=version))
         mask3d = None
         if "mask3d" in request.outputs:
-            with self._memory.reserve(mask3d_bytes(request.mask3d_encoding, len(answers), ranked.blank), "texts"):
+            with self._context.memory.reserve(
+                mask3d_bytes(request.mask3d_encoding, len(answers), ranked.blank), "texts"
+            ):
                 nothing = np.zeros(len(ranked.blank), dtype=np.bool_)
                 mask3d = encode_mask3d(nothing, request.mask3d_encoding, ranked.blank)
         objects = () if "objects" in request.outputs else None
         return tuple(
-            completed(answer, request, version, self._calls, mask3d=mask3d, objects=objects) for answer in answers
+            completed(answer, request, version, self._context.settings.calls, mask3d=mask3d, objects=objects)
+            for answer in answers
         )
 
 

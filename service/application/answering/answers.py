@@ -5,22 +5,21 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, view_mask
-from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
+from fastsplat.service.application.answering.open_scenes import asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
-from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
+from fastsplat.service.query.ranked_scene import RankedQuery, StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.artefact.drafts import provisional_of
-from fastsplat.service.settings import Settings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
@@ -36,20 +35,15 @@ _Camera = tuple[str, int, PosedCamera]
 class Answers:
     """Queries to finished scenes. Thread-safe."""
 
-    def __init__(
-        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._scenes = scenes
-        self._memory = memory
-        self._known_names = known_names
-        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
+        self._all_scenes = AllScenes(context, self._of_scene)
 
-    def query(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest, standing: StandingQuery | None = None) -> QueryOut:
         """Answers one scene, by text, or without a scene id every READY scene, newest first.
 
-        Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped.
+        Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped. Further calls
+        with the same `standing` and another pose rank only what has changed.
 
         Raises:
             NotFoundError: unknown scene, version or view.
@@ -61,24 +55,21 @@ class Answers:
         """
         query = self._check(request)
         if request.scene_id:
-            return QueryOut(self._of_scene(query, request))
+            return QueryOut(self._of_scene(query, request, standing))
         return self._all_scenes.query(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
         """A view of a scene as a picture or array file; raises as `query`."""
         question = question_of(request)
-        query = check_query((question,), self._settings.query) if question else None
+        query = check_query((question,), self._context.settings.query) if question else None
         check_texts(dataclasses.replace(request, scene_id=""))
-
-        def read(index: SceneIndex, _: str) -> bytes:
-            posed = request.camera or index.view(request.view or "")
-            index.check_view(posed)
-            gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
-            with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
-                ranked = self._known_names.suggesting(request.scene_id, index.ranked)
-                return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+        index, _ = self._context.scenes.open(request.scene_id, request.version)
+        posed = request.camera or index.view(request.view or "")
+        index.check_view(posed)
+        gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
+        with self._context.memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
+            ranked = self._context.known_names.suggesting(request.scene_id, index.ranked)
+            return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
 
     def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
         """Path of the scene's 3DGS PLY file, immutable until deletion, and its version.
@@ -87,11 +78,11 @@ class Answers:
             NotFoundError, NotReadyError: as `query`.
             SceneFileError: the file's digest is wrong.
         """
-        version = self._scenes.version(scene_id, version)
-        folder = self._scenes.folder(scene_id, version)
+        version = self._context.scenes.version(scene_id, version)
+        folder = self._context.scenes.folder(scene_id, version)
         path = folder / "scene.ply"
         try:
-            self._store.blobs.check_version(folder, path.name)
+            self._context.store.blobs.check_version(folder, path.name)
         except SceneFileError:
             if folder.is_dir():
                 raise
@@ -103,16 +94,11 @@ class Answers:
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
     ) -> ThingList:
         """Every thing of a scene by id, paged as `SceneService.list_scenes`; `parts` includes parts."""
-        size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> ThingList:
-            listed = index.things.listed_with_parts if parts else index.things.listed
-            page, token = page_of(
-                listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
-            )
-            return ThingList(self._known_names.suggest(scene_id, index.ranked, page), token, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
+        size = check_page_size(page_size, self._context.settings.store)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        listed = index.things.listed_with_parts if parts else index.things.listed
+        page, token = page_of(listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}")
+        return ThingList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
     def pick(self, request: PickRequest) -> PickedThing:
         """Picks the thing, part and group at a pixel, box or point.
@@ -128,33 +114,30 @@ class Answers:
         """
         check_pick(request)
         check_texts(dataclasses.replace(request, scene_id=""))
-
-        def read(index: SceneIndex, read_version: str) -> PickedThing:
-            posed = index.view(request.view) if request.view is not None else request.camera
-            if posed is not None:
-                check_pixels((posed,), 1)
-            things = index.things
-            if request.point is not None:
-                levels = pick_point(things, request.point)
+        index, read_version = self._context.scenes.open(request.scene_id, request.version)
+        posed = index.view(request.view) if request.view is not None else request.camera
+        if posed is not None:
+            check_pixels((posed,), 1)
+        things = index.things
+        if request.point is not None:
+            levels = pick_point(things, request.point)
+        else:
+            assert posed is not None
+            if request.pixel is not None:
+                levels = pick_pixel(things, posed, request.pixel)
             else:
-                assert posed is not None
-                if request.pixel is not None:
-                    levels = pick_pixel(things, posed, request.pixel)
-                else:
-                    assert request.box is not None
-                    levels = pick_box(things, posed, request.box)
-            chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
-            mask = None
-            if posed is not None:
-                inside = things.mask(posed, (chosen.id,))
-                mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-            mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
-            part = things.get(ids["part"]) if "part" in ids else None
-            (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
-            provisional = provisional_of(index.scene.quality)
-            return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+                assert request.box is not None
+                levels = pick_box(things, posed, request.box)
+        chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
+        mask = None
+        if posed is not None:
+            inside = things.mask(posed, (chosen.id,))
+            mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
+        mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
+        part = things.get(ids["part"]) if "part" in ids else None
+        (thing,) = self._context.known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
+        provisional = provisional_of(index.scene.quality)
+        return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
 
     def measure(self, request: MeasureRequest) -> Measurement:
         """Measures the distance of two places, or the size or position of one.
@@ -164,51 +147,49 @@ class Answers:
             NotReadyError: as `query`.
             InvalidInputError: not one or two places, or an invalid one.
         """
+        from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
+
         check_texts(dataclasses.replace(request, scene_id=""))
+        index, version = self._context.scenes.open(request.scene_id, request.version)
+        return measure(index, request.places, version)
 
-        def read(index: SceneIndex, read_version: str) -> Measurement:
-            from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
-
-            return measure(index, request.places, read_version)
-
-        return self._scenes.reading(request.scene_id, request.version, read)
-
-    def _of_scene(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        def read(index: SceneIndex, version: str) -> tuple[Answer, ...]:
-            cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
-            cameras += [(name, 0, index.view(name)) for name in request.views]
-            if "mask2d" in request.outputs:
-                views = [posed for _, _, posed in cameras]
-                check_pixels(views, len(request.texts))
-                for posed in views:
-                    index.check_view(posed)
-            asker = asker_of(index, request)
-            ranked = self._known_names.suggesting(request.scene_id, index.ranked)
-            size, field = _bytes_to_hold(index, cameras, request)
-            with self._memory.reserve(size, field):
-                return tuple(
-                    completed(
-                        answer,
-                        request,
-                        version,
-                        self._settings.calls,
-                        masks=_masks(index, answer, cameras, request),
-                        mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
-                        if "mask3d" in request.outputs
-                        else None,
-                        objects=self._known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
-                        if "objects" in request.outputs
-                        else None,
-                    )
-                    for answer in ranked.answer(query, lambda: index.things, asker)
+    def _of_scene(
+        self, query: TextQuery, request: QueryRequest, standing: StandingQuery | None = None
+    ) -> tuple[Answer, ...]:
+        index, version = self._context.scenes.open(request.scene_id, request.version)
+        cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+        cameras += [(name, 0, index.view(name)) for name in request.views]
+        if "mask2d" in request.outputs:
+            views = [posed for _, _, posed in cameras]
+            check_pixels(views, len(request.texts))
+            for posed in views:
+                index.check_view(posed)
+        asker = asker_of(index, request)
+        ranked = self._context.known_names.suggesting(request.scene_id, index.ranked)
+        size, field = _bytes_to_hold(index, cameras, request)
+        with self._context.memory.reserve(size, field):
+            asked = RankedQuery(ranked, query) if standing is None else standing.ranked(ranked, query)
+            return tuple(
+                completed(
+                    answer,
+                    request,
+                    version,
+                    self._context.settings.calls,
+                    masks=_masks(index, answer, cameras, request),
+                    mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
+                    if "mask3d" in request.outputs
+                    else None,
+                    objects=self._context.known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
+                    if "objects" in request.outputs
+                    else None,
                 )
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+                for answer in asked.answer(lambda: index.things, asker)
+            )
 
     def _check(self, request: QueryRequest) -> TextQuery:
         query = check_query(
             request.texts,
-            self._settings.query,
+            self._context.settings.query,
             negatives=request.negatives or None,
             templates=request.templates or None,
             coverage=request.coverage,
@@ -232,7 +213,7 @@ class Answers:
             raise InvalidInputError(
                 f"{request.max_matches} matches", field="max_matches", hint="-1 means all, 0 the server's default."
             )
-        limits = self._settings.query
+        limits = self._context.settings.query
         count = len(request.cameras) + len(request.views)
         if count > limits.max_poses:
             raise LimitExceededError(

@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from fastsplat.service.application.admin.project_names import KnownNames
-from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.detections import DetectionList
 
 
 class Detections:
     """Full records of things. Thread-safe."""
 
-    def __init__(self, settings: Settings, scenes: OpenScenes, known_names: KnownNames) -> None:
-        self._settings = settings
-        self._scenes = scenes
-        self._known_names = known_names
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
         """Every thing of a scene by id, without parts, paged as `SceneService.list_scenes`."""
         from fastsplat.service.query.measures.thing_detections import detections_of  # scipy loads with the first call
 
         check_texts(version, "version")
-        size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> DetectionList:
-            page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
-            named = self._known_names.suggest(scene_id, index.ranked, page)
-            return detections_of(index, named, read_version, token)
-
-        return self._scenes.reading(scene_id, version, read)
+        size = check_page_size(page_size, self._context.settings.store)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
+        named = self._context.known_names.suggest(scene_id, index.ranked, page)
+        return detections_of(index, named, read_version, token)

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastsplat.service.application.answering.landmark_cache import LandmarkCache
-from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import picture_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
@@ -36,18 +35,15 @@ _WORK_BYTES = 192 << 20
 class Localizing:
     """Localization of photos in finished scenes. Thread-safe."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
-        self._store = store
-        self._settings = settings
-        self._scenes = scenes
-        self._memory = memory
-        self._landmarks = LandmarkCache(settings.localization, memory)
-        self._decoder = SparePhotoDecoder(settings.capture)
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
+        self._landmarks = LandmarkCache(context.settings.localization, context.memory)
+        self._decoder = SparePhotoDecoder(context.settings.capture)
 
-    def over(self, store: Store, scenes: OpenScenes) -> Localizing:
+    def over(self, context: ProjectContext) -> Localizing:
         """Same caches for another view of the store."""
         other = copy.copy(self)
-        other._store, other._scenes = store, scenes
+        other._context = context
         return other
 
     def close(self) -> None:
@@ -76,27 +72,25 @@ class Localizing:
         """As `localize`, with the scene's index and the photos' pixels."""
         from fastsplat.service.application.answering.localized_photos import localized_photos
 
-        check_photos(request, self._settings)
-        side = self._settings.localization.max_side
+        check_photos(request, self._context.settings)
+        side = self._context.settings.localization.max_side
         square = Camera(side, side, float(side), float(side), side / 2, side / 2)
 
-        def read(index: SceneIndex, version: str) -> Located:
+        try:
+            index, version = self._context.scenes.open(request.scene_id, request.version)
             gaussians = len(index.scene.gaussians)
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
-            with self._memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
-                folder = self._scenes.folder(request.scene_id, version)
-                landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
+            with self._context.memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
+                folder = self._context.scenes.folder(request.scene_id, version)
+                landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._context.store.blobs)
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
                 return index, localized_photos(index, landmarks, sent, _focals(request), rough, version)
-
-        try:
-            return self._scenes.reading(request.scene_id, request.version, read)
         finally:
             self._prepare()
 
     def _prepare(self) -> None:
-        if self._decoder.prepare() and not self._memory.keep(DECODER_BYTES, self._decoder.drop):
+        if self._decoder.prepare() and not self._context.memory.keep(DECODER_BYTES, self._decoder.drop):
             self._decoder.drop()
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
@@ -27,7 +26,6 @@ if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the ser
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.results import TextEncoder
 
-T = TypeVar("T")
 _TRIES = 3
 _COPIES = 2
 """Mapped pages, and the renderer's activated arrays; open scenes also keep maps."""
@@ -71,8 +69,8 @@ class OpenScenes:
         self._open.drop(lambda key: key[0] == scene_id)
         self._ranked.drop(lambda key: key[0] == scene_id)
 
-    def reading(self, scene_id: str, version: str, use: Callable[[SceneIndex, str], T]) -> T:
-        """Calls `use` with an open version ("": the current one) and its name.
+    def open(self, scene_id: str, version: str) -> tuple[SceneIndex, str]:
+        """Index of a version ("": the current one), and its name.
 
         Raises:
             NotFoundError: no such scene or version.
@@ -82,11 +80,10 @@ class OpenScenes:
         """
         name = self.version(scene_id, version)
         folder = self.folder(scene_id, name)
-        index = self._open.get((scene_id, name), lambda: _weigh_open(folder), lambda: self._load(scene_id, name))
-        return use(index, name)
+        return self._open.get((scene_id, name), lambda: _weigh_open(folder), lambda: self._load(scene_id, name)), name
 
     def ranked(self, scene_id: str) -> tuple[str, RankedScene]:
-        """Current version and its answers without Gaussians; raises as `reading`.
+        """Current version and its answers without Gaussians; raises as `open`.
 
         These answers have a memory budget of their own: the version opens with the first query, and may be evicted
         earlier.
@@ -95,7 +92,7 @@ class OpenScenes:
         made: list[RankedScene] = []
 
         def weigh() -> int:
-            made.append(self.reading(scene_id, name, lambda index, _: index.ranked))
+            made.append(self.open(scene_id, name)[0].ranked)
             return made[0].nbytes
 
         return name, self._ranked.get((scene_id, name), weigh, lambda: made[0])
@@ -106,7 +103,7 @@ class OpenScenes:
         self._open.get((scene_id, version), lambda: _weigh_open(folder), lambda: index)
 
     def version(self, scene_id: str, version: str) -> str:
-        """Name of a readable version ("": the current one); raises as `reading`."""
+        """Name of a readable version ("": the current one); raises as `open`."""
         state, current, operation_id = self._store.scenes.current_version(scene_id)
         if not current:
             raise _not_ready(scene_id, state, operation_id)

@@ -8,20 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.costs import check_encodings
 from fastsplat.service.application.answering.mask_encodings import encoded_mask
-from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
-from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.settings import Settings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.messages.requests import MAX_VIEWS
@@ -38,18 +35,12 @@ _MAX_NAMED = 20
 class Photos:
     """Photos of scenes. Thread-safe."""
 
-    def __init__(
-        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._scenes = scenes
-        self._memory = memory
-        self._known_names = known_names
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """Photos kept with a scene, in camera order, paged as `SceneService.list_scenes`."""
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         version, names, folder = self._cameras(scene_id, version)
         page, token = page_of(tuple(enumerate(names)), size, page_token, f"photos {scene_id} {version}")
         sizes = ((name, size_of(photo_path(folder, number))) for number, name in page)
@@ -77,7 +68,7 @@ class Photos:
             path = observed_photo_path(folder, observed[1], int(observed[2]))
         if path.is_file():
             try:
-                self._store.blobs.check_version(folder, path.relative_to(folder).as_posix())
+                self._context.store.blobs.check_version(folder, path.relative_to(folder).as_posix())
             except SceneFileError:
                 if folder.is_dir():
                     raise
@@ -100,7 +91,8 @@ class Photos:
         from fastsplat.service.query.measures.next_viewpoints import next_photos  # scipy loads with the first call
 
         check_texts(version, "version")
-        return self._scenes.reading(scene_id, version, lambda index, name: NextPhotoList(next_photos(index), name))
+        index, name = self._context.scenes.open(scene_id, version)
+        return NextPhotoList(next_photos(index), name)
 
     def best_views(
         self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
@@ -133,49 +125,46 @@ class Photos:
             raise LimitExceededError(
                 f"{max_views} views", field="max_views", limit=f"{MAX_VIEWS} views", hint="Ask for fewer."
             )
-        query = check_query((text,), self._settings.query) if text else None
+        query = check_query((text,), self._context.settings.query) if text else None
         if query is not None:
             check_encodings(query)
         version, names, folder = self._cameras(scene_id, version)
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
-
-        def read(index: SceneIndex, read_version: str) -> BestViewList:
-            thing_ids = (
-                index.things.with_members(things)
-                if query is None
-                else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
-            )
-            if not thing_ids or not index.scene.cameras:
-                return BestViewList((), read_version)
-            size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
-            with self._memory.reserve(size, "things"):
-                best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
-            return BestViewList(
-                tuple(
-                    BestView(
-                        view.name,
-                        view.share,
-                        view.cut_off,
-                        view.name in has_photo,
-                        encoded_mask(view.mask, view.name, 0, "rle"),
-                    )
-                    for view in best
-                ),
-                read_version,
-            )
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        thing_ids = (
+            index.things.with_members(things)
+            if query is None
+            else _answering(index, self._context.known_names.suggesting(scene_id, index.ranked), query)
+        )
+        if not thing_ids or not index.scene.cameras:
+            return BestViewList((), read_version)
+        size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+        with self._context.memory.reserve(size, "things"):
+            best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
+        return BestViewList(
+            tuple(
+                BestView(
+                    view.name,
+                    view.share,
+                    view.cut_off,
+                    view.name in has_photo,
+                    encoded_mask(view.mask, view.name, 0, "rle"),
+                )
+                for view in best
+            ),
+            read_version,
+        )
 
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
         """Resolved version, camera names in order, and the version's folder."""
-        version = self._scenes.version(scene_id, version)
-        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).cameras)
-        return version, names, self._scenes.folder(scene_id, version)
+        version = self._context.scenes.version(scene_id, version)
+        names = tuple(row["name"] for row in self._context.store.scenes.scene(scene_id).cameras)
+        return version, names, self._context.scenes.folder(scene_id, version)
 
 
 def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
     """Ids of the things that answer a text."""
-    (answer,) = ranked.answer(query, lambda: index.things)
+    (answer,) = RankedQuery(ranked, query).answer(lambda: index.things)
     if answer.is_absent:
         return ()
     return answer.thing_ids or tuple(thing.id for thing in index.objects_of(answer))

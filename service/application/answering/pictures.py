@@ -11,7 +11,7 @@ from PIL import Image, PngImagePlugin
 
 from fastsplat.service.query.drawing import pictures
 from fastsplat.service.query.language.words.query_text import TextQuery
-from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat_contract.errors import InvalidInputError
@@ -107,7 +107,8 @@ def _image(
     if request.kind == "depth_picture":
         return _depth_picture(index.depth(posed))
     assert query is not None
-    (answer,) = ranked.answer(query, lambda: index.things, posed.world_from_camera)  # "left of" is as in this picture
+    pose = posed.world_from_camera  # "left of" is as in this picture
+    (answer,) = RankedQuery(ranked, query).answer(lambda: index.things, pose)
     mask2d = index.mask2d(answer, posed)
     if request.kind == "mask":
         return np.asarray(mask2d.mask.astype(np.uint8) * 255)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.localizing import Localizing
-from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_request_id, check_texts
 from fastsplat.service.application.editing.version_files import new_version_name
@@ -25,8 +25,6 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.sentences.change_sentences import changes_sentence, in_words
 from fastsplat.service.scene.artefact.frames import frame_of
 from fastsplat.service.scene.artefact.observations import in_frame
-from fastsplat.service.settings import Settings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.messages.scenes import Edit
@@ -55,19 +53,8 @@ _AHEAD = timedelta(days=1)
 class Observations:
     """Observations of scenes. Thread-safe."""
 
-    def __init__(
-        self,
-        store: Store,
-        settings: Settings,
-        scenes: OpenScenes,
-        memory: MemoryBudget,
-        localizing: Localizing,
-        versions: Versions,
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._scenes = scenes
-        self._memory = memory
+    def __init__(self, context: ProjectContext, localizing: Localizing, versions: Versions) -> None:
+        self._context = context
         self._localizing = localizing
         self._versions = versions
 
@@ -86,8 +73,8 @@ class Observations:
         _check_time(request.seen_at, now)
         digest = _digest(request)
         for remaining in reversed(range(_TRIES)):
-            current = self._scenes.finished(request.scene_id)
-            earlier = self._store.versions.made_by(request.scene_id, request.request_id, digest)
+            current = self._context.scenes.finished(request.scene_id)
+            earlier = self._context.store.versions.made_by(request.scene_id, request.request_id, digest)
             if earlier is not None:
                 return self.get(request.scene_id, self._versions.in_force(earlier).version)
             asked = LocalizeRequest(
@@ -111,20 +98,17 @@ class Observations:
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ObservationList:
         """Observations of a version, latest first, paged as `SceneService.list_scenes`."""
-        size = check_page_size(page_size, self._settings.store)
+        size = check_page_size(page_size, self._context.settings.store)
         check_texts(version, "version")
-
-        def read(index: SceneIndex, name: str) -> ObservationList:
-            newest = _told(index, scene_id)[::-1]
-            page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
-            return ObservationList(tuple(page), token, name)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, name = self._context.scenes.open(scene_id, version)
+        newest = _told(index, scene_id)[::-1]
+        page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
+        return ObservationList(tuple(page), token, name)
 
     def get(self, scene_id: str, observation_id: str, version: str = "") -> Observation:
         """One observation of a version; raises `NotFoundError` if it is unknown or was undone."""
         check_texts((version, observation_id), "observation_id")
-        observations = self._scenes.reading(scene_id, version, lambda index, _: _told(index, scene_id))
+        observations = _told(self._context.scenes.open(scene_id, version)[0], scene_id)
         for each in observations:
             if each.id == observation_id:
                 return each
@@ -140,7 +124,7 @@ class Observations:
         False where the scene keeps none, or had people redacted, for whom these photos were not searched.
         """
         withheld = index.scene.quality.get("withheld") or {}
-        return self._settings.photos.keep == "on" and withheld.get("privacy") is None
+        return self._context.settings.photos.keep == "on" and withheld.get("privacy") is None
 
     def _publish(
         self,
@@ -165,9 +149,9 @@ class Observations:
         order = VersionOrder(request.scene_id, (edit,), rows, digest, request.request_id, "", author)
 
         def add_photos(folder: Path) -> None:
-            write_observed_photos(pictures, folder, observation.id, self._settings.photos)
+            write_observed_photos(pictures, folder, observation.id, self._context.settings.photos)
 
-        with self._memory.reserve(edit_bytes(index.scene, ()), "photos"):
+        with self._context.memory.reserve(edit_bytes(index.scene, ()), "photos"):
             after = index.after(replace(index.scene, observations=(*index.scene.observations, stored)))
             self._versions.publish(order, parent, index, after, observation.id, add_photos)
 

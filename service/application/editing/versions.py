@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
+from fastsplat.service.application.answering.project_context import ProjectContext
+from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.version_files import new_version_name, write_version
@@ -20,9 +20,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.jobs.new_versions import content_of, new_version
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Things
-from fastsplat.service.settings import Settings
 from fastsplat.service.store.repositories.version_repository import VersionRecord
-from fastsplat.service.store.store import Store
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import (
     ConflictError,
@@ -56,13 +54,8 @@ class VersionOrder:
 class Versions:
     """Versions of scenes. Thread-safe."""
 
-    def __init__(
-        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, prompted: PromptedEdits
-    ) -> None:
-        self._store = store
-        self._settings = settings
-        self._scenes = scenes
-        self._memory = memory
+    def __init__(self, context: ProjectContext, prompted: PromptedEdits) -> None:
+        self._context = context
         self._prompted = prompted
 
     def edit(
@@ -96,13 +89,13 @@ class Versions:
         check_texts(looked_at, "version")
         self._prompted.check(edits)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
-        self._scenes.version(scene_id, "")
-        with self._store.blobs.exclusive(scene_id):  # serialized per machine to avoid conflicts
+        self._context.scenes.version(scene_id, "")
+        with self._context.store.blobs.exclusive(scene_id):  # serialized per machine to avoid conflicts
             for remaining in reversed(range(_TRIES)):
-                earlier = self._store.versions.made_by(scene_id, request_id, digest)
+                earlier = self._context.store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
                     return self.in_force(earlier)
-                current = self._scenes.version(scene_id, "")
+                current = self._context.scenes.version(scene_id, "")
                 try:
                     return self._make(
                         VersionOrder(scene_id, edits, rows, digest, request_id, looked_at, author), current
@@ -114,29 +107,26 @@ class Versions:
 
     def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
         """Gaussians that edits would remove, by the code that removes them; raises as `edit`."""
+        from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
+
         check_edits(edits)
         check_texts(version, "version")
-
-        def read(index: SceneIndex, read_version: str) -> EditPreview:
-            from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
-
-            with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
-                return preview_of(index, read_version, edits)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        with self._context.memory.reserve(edit_bytes(index.scene, ()), "edits"):
+            return preview_of(index, read_version, edits)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
         """Makes the current version's parent current; `ConflictError` unless `version` ("": any) is current."""
-        self._scenes.version(scene_id, "")
-        return version_of(self._store.versions.step_back(scene_id, version))
+        self._context.scenes.version(scene_id, "")
+        return version_of(self._context.store.versions.step_back(scene_id, version))
 
     def redo(self, scene_id: str, version: str = "") -> SceneVersion:
         """Makes the last current child of the current version current; raises as `undo`.
 
         Undone versions survive an edit and can be restored.
         """
-        self._scenes.version(scene_id, "")
-        return version_of(self._store.versions.step_forward(scene_id, version))
+        self._context.scenes.version(scene_id, "")
+        return version_of(self._context.store.versions.step_forward(scene_id, version))
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
         """Makes any version current in place of `expected` ("": any); all others stay.
@@ -145,23 +135,25 @@ class Versions:
             InvalidInputError: no version is named.
             ConflictError: another version than the expected one is current.
         """
-        self._scenes.version(scene_id, "")
+        self._context.scenes.version(scene_id, "")
         check_texts((version, expected), "version")
         if not version:
             raise InvalidInputError("no version", field="version", hint="Name one of the scene's versions.")
-        return version_of(self._store.versions.restore(scene_id, version, expected))
+        return version_of(self._context.store.versions.restore(scene_id, version, expected))
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version of a scene, oldest first; authors are hidden from single-scene keys."""
-        self._scenes.version(scene_id, "")
-        scene = self._store.scenes.scene(scene_id)
-        versions = tuple(version_of(record) for record in self._store.versions.of(scene))
+        self._context.scenes.version(scene_id, "")
+        scene = self._context.store.scenes.scene(scene_id)
+        versions = tuple(version_of(record) for record in self._context.store.versions.of(scene))
         # Users of a link to one scene must not see who made it.
-        return tuple(replace(version, author="") for version in versions) if self._store.only_scene else versions
+        return (
+            tuple(replace(version, author="") for version in versions) if self._context.store.only_scene else versions
+        )
 
     def resolve(self, scene_id: str, version: str = "") -> str:
         """Name of a readable version ("": the current one); raises as `Answers.query`."""
-        return self._scenes.version(scene_id, version)
+        return self._context.scenes.version(scene_id, version)
 
     def in_force(self, earlier: VersionRecord) -> SceneVersion:
         """Version made by a request id; raises `ConflictError` if it was undone."""
@@ -180,12 +172,12 @@ class Versions:
     def _make(self, order: VersionOrder, parent: str) -> SceneVersion:
         seen: Things | None = None
         if order.looked_at:
-            seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
-        before = self._scenes.reading(order.scene_id, parent, lambda index, _: index)
+            seen = self._context.scenes.open(order.scene_id, order.looked_at)[0].things.table
+        before = self._context.scenes.open(order.scene_id, parent)[0]
         sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
-        with self._prompted.running(order.edits), self._memory.reserve(size, "edits"):
+        with self._prompted.running(order.edits), self._context.memory.reserve(size, "edits"):
             index, made = self._apply(before, order.edits, seen, sources)
             rows = [
                 {
@@ -222,15 +214,21 @@ class Versions:
         version = version or new_version_name()
         same = edited.gaussians is before.scene.gaussians
         write_version(
-            edited, self._store.blobs, scene_id, version, self._scenes.folder(scene_id, parent), same, add_files
+            edited,
+            self._context.store.blobs,
+            scene_id,
+            version,
+            self._context.scenes.folder(scene_id, parent),
+            same,
+            add_files,
         )
-        key = self._store.keys.find(order.author) if order.author else None
+        key = self._context.store.keys.find(order.author) if order.author else None
         try:
-            published, removed = self._store.versions.publish(
+            published, removed = self._context.store.versions.publish(
                 new_version(
                     before.scene.things,
                     edited,
-                    self._settings.calls,
+                    self._context.settings.calls,
                     index.ranked.sizes,
                     scene_id=scene_id,
                     version=version,
@@ -246,13 +244,13 @@ class Versions:
             # The transaction may have committed though its answer was lost: then the folder is needed. If the database
             # still does not answer, a worker's cleanup decides.
             with suppress(DatabaseError):
-                if not self._store.versions.is_published(scene_id, version):
-                    self._store.blobs.drop_version(scene_id, version)
+                if not self._context.store.versions.is_published(scene_id, version):
+                    self._context.store.blobs.drop_version(scene_id, version)
             raise
         with suppress(ObjectStoreError):  # leftovers are removed by a worker's cleanup
             for old in removed:
-                self._store.blobs.drop_version(scene_id, old)
-        self._scenes.keep(scene_id, version, index)
+                self._context.store.blobs.drop_version(scene_id, old)
+        self._context.scenes.keep(scene_id, version, index)
         return version_of(published)
 
     def _apply(
@@ -272,11 +270,11 @@ class Versions:
                     seen,
                     before,
                     sources.get(number),
-                    max_gaussians=self._settings.store.max_gaussians,
+                    max_gaussians=self._context.settings.store.max_gaussians,
                     piece=None if piece is None else piece.rows,
                 )
                 self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
-                self._memory.check(edit_bytes(scene, ()), "things")
+                self._context.memory.check(edit_bytes(scene, ()), "things")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = index.after(scene)
@@ -299,12 +297,12 @@ class Versions:
 
     def _source(self, source: InsertSource) -> SceneIndex:
         try:
-            return self._scenes.reading(source.scene_id, source.version, lambda index, _: index)
+            return self._context.scenes.open(source.scene_id, source.version)[0]
         except (NotFoundError, NotReadyError) as error:
             raise error.within("source") from error
 
     def _check_growth(self, before: int, after: int) -> None:
-        limit = self._settings.store.max_gaussians
+        limit = self._context.settings.store.max_gaussians
         if after > max(before, limit):
             raise LimitExceededError(
                 f"{after} Gaussians",

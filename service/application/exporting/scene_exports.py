@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from fastsplat.service.application.answering.mask_encodings import mask_ply
-from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import size_of
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
-from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
+from fastsplat.service.application.base.memory import export_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.application.exporting.camera_files import camera_list, colmap, transforms
 from fastsplat.service.application.exporting.geometry_files import (
@@ -35,7 +35,6 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.sog_writing import sog_bytes
 from fastsplat.service.scene.formats.spz_writing import spz_bytes
 from fastsplat.service.scene.gaussians.scene_rows import gaussians_of_rows
-from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.messages.exports import FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.messages.goals import Goal
@@ -53,18 +52,15 @@ class Exports:
     Gaussians. So are surface views, the source of points, mesh and cameras.
     """
 
-    def __init__(self, store: Store, scenes: OpenScenes, memory: MemoryBudget) -> None:
-        self._store = store
-        self._scenes = scenes
-        self._memory = memory
+    def __init__(self, context: ProjectContext) -> None:
+        self._context = context
         self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
-        self._surfaces = SurfaceCache(memory)
+        self._surfaces = SurfaceCache(context.memory)
 
-    def over(self, store: Store, scenes: OpenScenes) -> Exports:
+    def over(self, context: ProjectContext) -> Exports:
         """Same caches for another view of the store."""
         other = copy.copy(self)
-        other._store = store
-        other._scenes = scenes
+        other._context = context
         return other
 
     def forget(self, scene_id: str) -> None:
@@ -87,12 +83,9 @@ class Exports:
         check_texts(replace(request, scene_id=""))
         _check(request)
         write = _WRITERS[request.format]
-
-        def read(index: SceneIndex, version: str) -> bytes:
-            things = index.things.with_members(request.thing_ids) if request.thing_ids else ()
-            return write(self, index, version, replace(request, thing_ids=things))
-
-        return self._scenes.reading(request.scene_id, request.version, read)
+        index, version = self._context.scenes.open(request.scene_id, request.version)
+        things = index.things.with_members(request.thing_ids) if request.thing_ids else ()
+        return write(self, index, version, replace(request, thing_ids=things))
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
         """Nearest free place from which a robot sees a thing or part, see `goal_near`.
@@ -108,23 +101,20 @@ class Exports:
         from fastsplat.service.query.surfaces.goals import goal_near  # scipy loads with the first call
 
         check_texts(version, "version")
-
-        def read(index: SceneIndex, read_version: str) -> Goal:
-            needed = map_bytes(index)  # refuses a scene without a map
-            try:
-                thing = index.things.get(thing_id)
-            except NotFoundError as error:
-                raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
-            with self._memory.reserve(needed, "scene_id"):
-                known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
-            return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        needed = map_bytes(index)  # refuses a scene without a map
+        try:
+            thing = index.things.get(thing_id)
+        except NotFoundError as error:
+            raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
+        with self._context.memory.reserve(needed, "scene_id"):
+            known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
+        return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:
             gaussians = index.coarse.scene.gaussians if request.coarse else _of_things(index, request.thing_ids)
-            with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+            with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
                 return spz_bytes(gaussians)
 
         if request.thing_ids or request.coarse:
@@ -134,43 +124,41 @@ class Exports:
 
     def _spz4(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         gaussians = _of_things(index, request.thing_ids)
-        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+        with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             return spz_bytes(gaussians, 4)
 
     def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         gaussians = _of_things(index, request.thing_ids)
-        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+        with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             return sog_bytes(gaussians)
 
     def _ply(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         gaussians = index.scene.gaussians
-        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+        with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             every = np.ones(len(gaussians), np.bool_)
             return mask_ply(gaussians, index.things.rows(request.thing_ids) if request.thing_ids else every)
 
     def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         name = self._name(request)
         spz = self._spz(index, version, request)
-        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
+        with self._context.memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
             return scene_page(index, name, spz)
 
     def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+        with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return points_file(
                 index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
             )
 
     def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+        with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return cameras_file(
                 index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
             )
 
     def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
-            return mesh_file(
-                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
-            )
+        with self._context.memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
+            return mesh_file(index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version))
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with needed(MCAP, 'the format "mcap"'):
@@ -179,7 +167,7 @@ class Exports:
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras))
         floor, floor_missing = self._floor(index, version, request)
         created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
-        with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
+        with self._context.memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
             name, views = self._name(request), self._views_of(request, version)
             points = points_file(index, name, request.thing_ids, request.cell, views)
             photos = self._photo_contents(request.scene_id, version, files)
@@ -196,7 +184,7 @@ class Exports:
             needed_bytes = map_bytes(index)
         except InvalidInputError as error:
             return None, error.message
-        with self._memory.reserve(needed_bytes, "scene_id"):
+        with self._context.memory.reserve(needed_bytes, "scene_id"):
             try:
                 return map_of(index, 0.0, self._views_of(request, version)), ""
             except (InvalidInputError, LimitExceededError) as error:
@@ -204,19 +192,19 @@ class Exports:
 
     def _photo_files(self, scene_id: str, version: str, cameras: int) -> tuple[dict[int, int], int]:
         """Bytes of photos to include, by camera number, and the number left out."""
-        folder = self._scenes.folder(scene_id, version)
+        folder = self._context.scenes.folder(scene_id, version)
         sizes = {number: size for number in range(cameras) if (size := size_of(photo_path(folder, number)))}
         photos = {number: sizes[number] for number in bounded_photos(sizes)}
         return photos, len(sizes) - len(photos)
 
     def _photo_contents(self, scene_id: str, version: str, numbers: Iterable[int]) -> dict[int, bytes]:
         """Verified JPEG files by camera number."""
-        folder = self._scenes.folder(scene_id, version)
+        folder = self._context.scenes.folder(scene_id, version)
         paths = {number: photo_path(folder, number) for number in numbers}
         try:
             if paths:
                 names = [path.relative_to(folder).as_posix() for path in paths.values()]
-                self._store.blobs.check_version(folder, *names)
+                self._context.store.blobs.check_version(folder, *names)
             return {number: path.read_bytes() for number, path in paths.items()}
         except (FileNotFoundError, SceneFileError) as error:
             if folder.is_dir():
@@ -225,20 +213,20 @@ class Exports:
 
     def _created_at(self, scene_id: str, version: str) -> float:
         """Creation time of the version, seconds since 1970."""
-        for made in self._store.versions.of(self._store.scenes.scene(scene_id)):
+        for made in self._context.store.versions.of(self._context.store.scenes.scene(scene_id)):
             if made.version == version:
                 return made.created_at
         raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
 
     def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(map_bytes(index), "scene_id"):
+        with self._context.memory.reserve(map_bytes(index), "scene_id"):
             return map_file(index, request.cell, self._views_of(request, version))
 
     def _views_of(self, request: ExportRequest, version: str) -> ViewsOf:
         return lambda index: self._surfaces.views(request.scene_id, version, index)
 
     def _name(self, request: ExportRequest) -> str:
-        return self._store.scenes.scene(request.scene_id).name
+        return self._context.store.scenes.scene(request.scene_id).name
 
 
 _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.admin.server_capabilities import namer_status
-from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.validate import check_request_id
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.common.settings import environment_variable
-from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.settings import NamerSettings
 from fastsplat.service.store.queue.ordered_jobs import order_job
-from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from fastsplat_contract.jobs.name_suggestions import NamerStatus
 from fastsplat_contract.jobs.operations import Operation
@@ -22,11 +19,8 @@ from fastsplat_contract.jobs.operations import Operation
 class OwnNamer:
     """The server's namer for one project. Thread-safe."""
 
-    def __init__(
-        self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, jobs: RunningJobs, project: str
-    ) -> None:
-        self._store, self._settings, self._scenes = store, settings, scenes
-        self._quotas, self._jobs, self._project = quotas, jobs, project
+    def __init__(self, context: ProjectContext, jobs: RunningJobs) -> None:
+        self._context, self._jobs = context, jobs
 
     def agree(self, host: str) -> NamerStatus:
         """Records the project's consent to the namer's host; "" withdraws it.
@@ -40,7 +34,7 @@ class OwnNamer:
             raise InvalidInputError(
                 f"the server's namer is not at {host[:200]!r}", field="host", limit=f"{status.host}, or empty"
             )
-        self._store.projects.agree(self._project, host)
+        self._context.store.projects.agree(self._context.project, host)
         return replace(status, agreed=bool(host))
 
     def order(self, scene_id: str, request_id: str = "") -> Operation:
@@ -52,10 +46,10 @@ class OwnNamer:
             NotFoundError, NotReadyError: no such scene, or it is not ready.
             ModelUnavailableError: the server has no namer.
             PermissionDeniedError: the project did not agree to the host.
-            ConflictError, QuotaError: as `place_order`.
+            ConflictError, QuotaError: as `RunningJobs.order`.
         """
         check_request_id(request_id)
-        self._scenes.finished(scene_id)
+        self._context.scenes.finished(scene_id)
         status = self._status()
         if not status.agreed:
             raise PermissionDeniedError(
@@ -63,11 +57,11 @@ class OwnNamer:
                 field="namer",
                 hint="An admin of the project agrees once, on the page or by AgreeToNamer.",
             )
-        job = order_job("ask_namer", scene_id, request_id, {}, self._project)
-        return self._jobs.operation(place_order(job, self._store, self._quotas))
+        job = order_job("ask_namer", scene_id, request_id, {}, self._context.project)
+        return self._jobs.order(job)
 
     def _status(self) -> NamerStatus:
-        status = namer_status(self._store, self._settings, self._project)
+        status = namer_status(self._context.store, self._context.settings, self._context.project)
         if status is None:
             raise ModelUnavailableError(
                 "this server has no namer", field="namer", hint=f"Set {environment_variable(NamerSettings, 'url')}."

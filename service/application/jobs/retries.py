@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.uploads.photo_exclusion import photo_paths, without_photos
 from fastsplat.service.store.repositories.scene_repository import no_upload
@@ -15,14 +15,10 @@ from fastsplat_contract.errors import InvalidInputError, NotReadyError
 from fastsplat_contract.jobs.operations import FINAL_STATES
 
 
-def retry(
-    operation_id: str, exclude: Sequence[str], store: Store, quotas: Quotas, project: str, retention_s: float
-) -> OperationRecord:
+def retry(operation_id: str, exclude: Sequence[str], context: ProjectContext) -> OperationRecord:
     """Queues a failed or cancelled job again; other jobs are returned unchanged.
 
-    Args:
-        exclude: photos to leave out, in addition to earlier retries.
-        retention_s: seconds for which uploads of failed and cancelled jobs are kept.
+    `exclude` are photos to leave out, in addition to those of earlier retries.
 
     Raises:
         NotFoundError: no such job, or its scene or upload was deleted.
@@ -30,11 +26,12 @@ def retry(
         NotReadyError: new exclusions for a job that neither failed nor was cancelled.
         QuotaError: too many active jobs in the project.
     """
+    store = context.store
     record = store.scenes.operation(operation_id)
     if record.state in ("FAILED", "CANCELLED"):
         if record.makes_scene and record.upload_id not in store.blobs.ids("uploads"):
             raise no_upload(operation_id)
-        quotas.check_retry(project)
+        context.quotas.check_retry(context.project)
     paths = _checked(record, exclude, store) if exclude else ()
     if not set(paths) <= set(record.excluded) and record.state not in ("FAILED", "CANCELLED"):
         raise NotReadyError(
@@ -44,7 +41,7 @@ def retry(
             if record.state in FINAL_STATES
             else "Cancel it first, then retry it without them.",
         )
-    return store.jobs.retry(operation_id, time.time() - retention_s, paths)
+    return store.jobs.retry(operation_id, time.time() - context.settings.uploads.failed_retention_s, paths)
 
 
 def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:

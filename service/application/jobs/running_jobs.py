@@ -1,4 +1,4 @@
-"""Running jobs for waiting callers: worker state, previews, log, and early finish."""
+"""Jobs for waiting callers: orders, worker state, previews, log, and early finish."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.jobs.estimates import QueueTimes
 from fastsplat.service.application.jobs.stored import operation_of
-from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.damaged_rows import each_readable
-from fastsplat.service.store.rows.records import OperationRecord
-from fastsplat.service.store.store import Store
+from fastsplat.service.store.rows.records import NewJob, OperationRecord
 from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
@@ -22,10 +21,24 @@ _MAX_LOG = 1 << 20
 
 
 class RunningJobs:
-    """Running jobs of one project. Raises `DatabaseError` if the database is unavailable."""
+    """Jobs of one project. Raises `DatabaseError` if the database is unavailable."""
 
-    def __init__(self, store: Store, settings: Settings, queue: QueueTimes) -> None:
-        self._store, self._settings, self._queue = store, settings, queue
+    def __init__(self, context: ProjectContext, queue: QueueTimes) -> None:
+        self._context, self._queue = context, queue
+
+    def order(self, job: NewJob) -> Operation:
+        """Queues a job, or returns the operation of the same earlier request. Durable on return.
+
+        Raises:
+            ConflictError: the request id was used for another request.
+            QuotaError: too many active jobs in the project.
+        """
+        scenes = self._context.store.scenes
+        record = scenes.find_request(job.request_id, job.request_digest, job.project)
+        if record is None:
+            self._context.quotas.check_retry(job.project)
+            record = scenes.add_job(job)
+        return self.operation(record)
 
     def operation(self, record: OperationRecord) -> Operation:
         """Converts an operation row for callers."""
@@ -42,7 +55,7 @@ class RunningJobs:
         Idempotent; a cancellation takes precedence. Raises `NotReadyError` before the first step, after the last, and
         without training.
         """
-        return self.operation(self._store.reserve.lend(lambda: self._store.scenes.finish(operation_id)))
+        return self.operation(self._context.store.reserve.lend(lambda: self._context.store.scenes.finish(operation_id)))
 
     def preview(self, operation_id: str) -> Preview:
         """Latest preview of a scene in training; raises `NotFoundError` without one, or `ObjectStoreError`."""
@@ -57,7 +70,7 @@ class RunningJobs:
 
     def log(self, operation_id: str) -> JobLog:
         """Last MiB of a job's training log; raises `NotFoundError` without one on this machine."""
-        path = self._store.blobs.log(self._store.scenes.operation(operation_id).id)
+        path = self._context.store.blobs.log(self._context.store.scenes.operation(operation_id).id)
         try:
             with path.open("rb") as file:
                 file.seek(max(0, path.stat().st_size - _MAX_LOG))
@@ -72,7 +85,7 @@ class RunningJobs:
     def _file(self, operation_id: str, kind: str) -> tuple[Mapping[str, Any], bytes]:
         before = None
         while True:
-            record = self._store.scenes.operation(operation_id)
+            record = self._context.store.scenes.operation(operation_id)
             entry = (record.progress_files or {}).get(kind)
             if entry is None or entry == before or record.state in FINAL_STATES:
                 raise NotFoundError(
@@ -80,7 +93,7 @@ class RunningJobs:
                     field="operation",
                     hint="Look at preview and placed of the operation; a job that is done shows its scene instead.",
                 )
-            content = self._store.blobs.read_progress_file(record.run_id, entry["file"])
+            content = self._context.store.blobs.read_progress_file(record.run_id, entry["file"])
             if content is not None:
                 return entry["info"], content
             before = entry  # replaced since the row was read: read again
@@ -88,9 +101,9 @@ class RunningJobs:
     def _worker_of(self, record: OperationRecord) -> WorkerState | None:
         if record.state in FINAL_STATES:
             return None
-        timeout_s = self._settings.jobs.stalled_worker_timeout_s
+        timeout_s = self._context.settings.jobs.stalled_worker_timeout_s
         if record.state == "RUNNING" and time.time() - record.updated_at <= timeout_s:
             return "working"
-        if not self._store.workers.alive(timeout_s):
+        if not self._context.store.workers.alive(timeout_s):
             return "none"
         return "silent" if record.state == "RUNNING" else "waiting"

@@ -7,18 +7,18 @@ import uuid
 from contextlib import closing
 from dataclasses import replace
 
-from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.uploading.uploads import disk_error
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat.service.store.care.sample_scene import unpack_sample
-from fastsplat.service.store.store import Store, open_store
+from fastsplat.service.store.store import open_store
 
 _NAME = "A table (sample)"
 _REQUEST = "fastsplat.sample"
 """Request id and digest of the copy: a project has one at a time."""
 
 
-def copy_sample(store: Store, quotas: Quotas, project: str) -> str:
+def copy_sample(context: ProjectContext) -> str:
     """Copies the sample scene into a project unless present; durable on return.
 
     Returns:
@@ -30,22 +30,23 @@ def copy_sample(store: Store, quotas: Quotas, project: str) -> str:
         InvalidInputError: the installed sample is damaged.
         ConflictError: the sample's request id is used by another scene.
     """
-    earlier = store.scenes.find_request(_REQUEST, _REQUEST, project)
+    store = context.store
+    earlier = store.scenes.find_request(_REQUEST, _REQUEST, context.project)
     if earlier is not None:
         return earlier.scene_id
-    quotas.check_room(project, 0)
+    context.quotas.check_room(context.project, 0)
     scene_id = uuid.uuid4().hex
     scratch = store.blobs.upload(scene_id)  # on the scenes' disk; after a crash removed as an upload
     try:
         unpack_sample(scratch)
-        return _add(store, quotas, project, scene_id)
+        return _add(context, scene_id)
     finally:
         remove(scratch)
 
 
-def _add(store: Store, quotas: Quotas, project: str, scene_id: str) -> str:
+def _add(context: ProjectContext, scene_id: str) -> str:
     """Adds the sample unpacked into the upload of this id."""
-    now = time.time()
+    now, store, project = time.time(), context.store, context.project
     with closing(open_store(store.blobs.upload(scene_id))) as unpacked:
         (sample_id,) = unpacked.scenes.ready_scene_ids()
         sample = unpacked.scenes.scene(sample_id)
@@ -65,7 +66,7 @@ def _add(store: Store, quotas: Quotas, project: str, scene_id: str) -> str:
         raise disk_error(error, "sample") from error
     try:
         made = store.scenes.add_ready(
-            scene, operation, _REQUEST, photos, lambda connection: quotas.reserve(connection, project, scene_id, size)
+            scene, operation, _REQUEST, photos, lambda one: context.quotas.reserve(one, project, scene_id, size)
         )
     except BaseException:
         store.blobs.drop_scene(scene_id)

@@ -14,7 +14,7 @@ from fastsplat.service.query.language.words.judgement import Ranked, Remarks, Ve
 from fastsplat.service.query.language.words.name_matching import NameIndex
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, split_modifiers
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
-from fastsplat.service.query.phrases.phrases import Named, ParsedQuestion, Phrase, Possession, Relation, Says
+from fastsplat.service.query.phrases.phrases import Named, ParsedQuestion, Phrase, Says
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.thing_looks import ThingLooks
 from fastsplat.service.query.phrases.written_words import WrittenWords
@@ -253,12 +253,8 @@ def _taking_part(phrase: PhraseAnswer) -> set[int]:
 
 def _names_in(phrase: Phrase) -> set[str]:
     """Noun groups of a phrase, nested ones included; "" for anything."""
-    inner = [] if phrase.rank is None else [*phrase.rank.anchors]
-    for condition in phrase.conditions:
-        inner += [condition.phrase] if isinstance(condition, Possession) else []
-        inner += condition.anchors if isinstance(condition, Relation) else ()
     names = {phrase.head, phrase.group} if phrase.head else {""}
-    return names.union(*map(_names_in, inner))
+    return names.union(*map(_names_in, phrase.inner))
 
 
 def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:

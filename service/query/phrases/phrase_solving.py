@@ -195,7 +195,7 @@ class PhraseSolver:
         kind, part = relation.kind, relation.text
         if kind in NEED_VERTICAL and self.measures.up is None:
             raise _UndecidableError("vertical_unknown", part)
-        if (kind in SEEN_FROM or not relation.anchors) and self.asker is None:
+        if relation.is_of_pose and self.asker is None:
             raise _UndecidableError("pose_needed", part)
         if not relation.anchors:
             self._each(state, part, lambda thing_id: (self._by_asker(thing_id, relation), ()))

@@ -48,6 +48,11 @@ class Relation:
     negated: bool  # whether the phrase denies it
     text: str  # as asked
 
+    @property
+    def is_of_pose(self) -> bool:
+        """True if it depends on where the asker stands."""
+        return self.kind in SEEN_FROM or not self.anchors
+
 
 @dataclass(frozen=True)
 class Possession:
@@ -95,6 +100,25 @@ class Phrase:
     rank: Rank | None = None  # which one of them; None for all
 
     @property
+    def inner(self) -> tuple[Phrase, ...]:
+        """Phrases in its conditions and its order."""
+        phrases = [*self.rank.anchors] if self.rank is not None else []
+        for condition in self.conditions:
+            phrases += [condition.phrase] if isinstance(condition, Possession) else []
+            phrases += condition.anchors if isinstance(condition, Relation) else ()
+        return tuple(phrases)
+
+    @property
+    def is_of_pose(self) -> bool:
+        """True if what it names may depend on where the asker stands."""
+        relations = [condition for condition in self.conditions if isinstance(condition, Relation)]
+        return (
+            any(relation.is_of_pose for relation in relations)
+            or (self.rank is not None and self.rank.by in ("from_left", "distance"))
+            or any(phrase.is_of_pose for phrase in self.inner)
+        )
+
+    @property
     def is_plain(self) -> bool:
         """True if it is only a name or a description."""
         return not (self.colors or self.sizes or self.conditions or self.rank)
@@ -114,6 +138,11 @@ class ParsedQuestion:
     asks: Asks  # whether it asks which things, or how many
     readings: tuple[Phrase, ...]  # with one head; "the mug on the table next to the lamp" has two
     not_understood: str  # the words that were left over; "" without
+
+    @property
+    def is_of_pose(self) -> bool:
+        """True if what it names may depend on where the asker stands."""
+        return any(reading.is_of_pose for reading in self.readings)
 
     @property
     def of_writing(self) -> bool:

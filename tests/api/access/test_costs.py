@@ -39,7 +39,7 @@ def test_too_many_sentences_or_pixels_are_refused_before_any_work(
     faces: Faces, service: SceneService, scene_id: str, protocol: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[Any] = []
-    monkeypatch.setattr(service._scenes, "reading", lambda *arguments: opened.append(arguments))
+    monkeypatch.setattr(service._context.scenes, "open", lambda *arguments: opened.append(arguments))
     templates = tuple(f"{{}} number {number}" for number in range(64))
     texts = tuple(f"thing {number}" for number in range(64))
     encodings = _refused(faces, QueryRequest(scene_id, texts, templates=templates), protocol)
@@ -137,13 +137,13 @@ def test_what_renders_runs_where_it_holds_up_no_question(
     faces: Faces, service: SceneService, scene_id: str, protocol: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     threads: list[str] = []
-    real = service.answers._scenes.reading
+    real = service._context.scenes.open
 
     def noting(*arguments: Any) -> Any:
         threads.append(threading.current_thread().name.rpartition("_")[0])
         return real(*arguments)
 
-    monkeypatch.setattr(service.answers._scenes, "reading", noting)
+    monkeypatch.setattr(service._context.scenes, "open", noting)
     asked = QueryRequest(scene_id, ("mug",))
     masked = QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=frozenset({"mask2d"}))
     picture = PictureRequest(scene_id, "rgb", camera=turned(0.0))

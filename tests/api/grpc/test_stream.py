@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import grpc
@@ -13,11 +14,15 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.ranking import Ranker
+from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.messages.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
@@ -63,26 +68,30 @@ class _Robot:
         return rpc_refusal(caught.value).reason
 
 
-def test_poses_are_answered_as_a_query_would(faces: Faces, service: SceneService, scene_id: str) -> None:
-    request = _question(scene_id, "mug", "moon", mask2d_encoding="png")
-    sent = iter(_ANGLES)
-    answered = threading.Semaphore(1)
-
-    def poses() -> Iterator[Any]:
-        for angle in sent:
-            answered.acquire()  # a robot that waits for each answer misses none
-            yield turned(angle)
-
+@pytest.mark.parametrize(
+    ("texts", "rankings"), [(("mug", "moon"), 1), (("mug left of the ball", "how many things are red"), 2)]
+)
+def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
+    faces: Faces, service: SceneService, own: str, texts: tuple[str], rankings: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranked, rank = list[TextQuery](), Ranker.rank
+    monkeypatch.setattr(Ranker, "rank", lambda ranker, query: ranked.append(query) or rank(ranker, query))
+    request, version = _question(own, *texts, mask2d_encoding="png"), service.versions.resolve(own)
+    answered, cameras = threading.Semaphore(1), [turned(angle) for angle in 2 * _ANGLES]
+    poses = (camera for camera in cameras if answered.acquire())  # a robot that waits for each answer misses none
     with client_of(faces) as client:
-        for number, found in enumerate(client.stream_query(StandingQuestion(request), poses()), start=1):
-            (mug, moon) = found.answers
-            expected = service.answers.query(
-                _question(scene_id, "mug", "moon", mask2d_encoding="png", cameras=(turned(_ANGLES[number - 1]),))
-            ).answers
-            assert_same((mug, moon), expected)
+        stream = client.stream_query(StandingQuestion(request), poses)
+        for number, (camera, found) in enumerate(zip(cameras, stream, strict=True), start=1):
+            assert len(ranked) == rankings
+            alone = replace(request, cameras=(camera,), asker=pose_of(camera.world_from_camera))
+            assert_same(found.answers, service.answers.query(alone).answers)
+            del ranked[rankings:]
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
+            assert {answer.version for answer in found.answers} == {version}
+            if number == len(_ANGLES):
+                version = service.versions.edit(own, [Edit("name", thing_ids=(1,), name="violin")]).version
+                ranked.clear()
             answered.release()
-    assert number == len(_ANGLES)
 
 
 def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> None:
@@ -110,7 +119,7 @@ class _Held(OwnQuestions):
         self.go = threading.Event()
         self.asked: list[float] = []
 
-    def query(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest, standing: Any = None) -> QueryOut:
         if request.cameras:
             self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()
@@ -120,7 +129,7 @@ class _Held(OwnQuestions):
             except BaseException:
                 self.stopped.set()
                 raise
-        return self._service.answers.query(request)
+        return self._service.answers.query(request, standing)
 
 
 @pytest.fixture
@@ -242,38 +251,26 @@ def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
 
 
 @pytest.mark.parametrize(
-    ("case", "field"),
+    ("send", "field"),
     [
-        ("pose first", "question"),
-        ("no scene", "question.query"),
-        ("cameras in the question", "question.query"),
-        ("no such scene", "scene"),
-        ("empty text", "text"),
-        ("numbers that do not grow", "pose.sequence"),
-        ("heartbeat too fast", "question.heartbeat_s"),
-        ("nothing", "part"),
+        (lambda robot, scene_id: robot.move(1), "question"),
+        (lambda robot, scene_id: robot.ask(_question("", "mug")), "question.query"),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, "mug", cameras=(turned(0.0),))), "question.query"),
+        (lambda robot, scene_id: robot.ask(_question("none", "mug")), "scene"),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, " ")), "text"),
+        (
+            lambda robot, scene_id: [robot.ask(_question(scene_id, "mug")), robot.move(2), robot.move(2)],
+            "pose.sequence",
+        ),
+        (lambda robot, scene_id: robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001), "question.heartbeat_s"),
+        (lambda robot, scene_id: robot._requests.put(pb.StreamQueryRequest()), "part"),
     ],
 )
-def test_what_makes_no_sense_ends_the_stream_and_is_named(faces: Faces, scene_id: str, case: str, field: str) -> None:
+def test_what_makes_no_sense_ends_the_stream_and_is_named(
+    faces: Faces, scene_id: str, send: Callable[[_Robot, str], Any], field: str
+) -> None:
     robot = _Robot(faces)
-    if case == "pose first":
-        robot.move(1)
-    elif case == "no scene":
-        robot.ask(_question("", "mug"))
-    elif case == "cameras in the question":
-        robot.ask(_question(scene_id, "mug", cameras=(turned(0.0),)))
-    elif case == "no such scene":
-        robot.ask(_question("none", "mug"))
-    elif case == "empty text":
-        robot.ask(_question(scene_id, " "))
-    elif case == "heartbeat too fast":
-        robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001)
-    elif case == "nothing":
-        robot._requests.put(pb.StreamQueryRequest())
-    else:
-        robot.ask(_question(scene_id, "mug"))
-        robot.move(2)
-        robot.move(2)
+    send(robot, scene_id)
     with pytest.raises(grpc.RpcError) as caught:
         list(robot.replies)
     assert rpc_refusal(caught.value).details["field"] == field

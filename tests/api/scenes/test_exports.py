@@ -34,7 +34,7 @@ from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -> bytes:
     request = pb.ExportSceneRequest(
-        scene_id=scene_id, format=pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}"), things=things
+        scene_id=scene_id, format=pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}"), thing_ids=things
     )
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
 

@@ -38,14 +38,12 @@ _ADD = Edit("add", prompt=_prompt(_BALL))
 
 
 def _owner(service: SceneService, scene_id: str) -> np.ndarray:
-    return service.versions._scenes.reading(scene_id, "", lambda index, _: index.things.owner)
+    return service._context.scenes.open(scene_id, "")[0].things.owner
 
 
 def _maps(service: SceneService, scene_id: str) -> list[np.ndarray]:
-    def drawn(index: Any, _: str) -> list[np.ndarray]:
-        return [index.things.map(posed) for posed in index.scene.cameras]
-
-    return service.versions._scenes.reading(scene_id, "", drawn)
+    index, _ = service._context.scenes.open(scene_id, "")
+    return [index.things.map(posed) for posed in index.scene.cameras]
 
 
 def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
@@ -199,7 +197,7 @@ def test_a_segmenter_that_is_not_installed_says_how_to_get_it(
         with pytest.raises(ModelUnavailableError) as raised:
             without.versions.edit(own, [_MERGE, _SPLIT])
         assert "models pull mobile_sam" in raised.value.hint
-        assert without.versions.edit(own, [_MERGE]).current and without.versions._memory.kept == 0
+        assert without.versions.edit(own, [_MERGE]).current and without.versions._context.memory.kept == 0
 
 
 def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Settings, own: str) -> None:
@@ -207,7 +205,7 @@ def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Set
     with open_service(api_settings.model_copy(update={"calls": calls})) as service:
         service.versions.edit(own, [_MERGE, _SPLIT])
         warm = service.versions._prompted._segmenter
-        first, memory = warm._open, service.versions._memory
+        first, memory = warm._open, service._context.memory
         assert first is not None and memory.kept == warm.bytes and memory.reserved == 0
         service.versions.edit(own, [Edit("merge", thing_ids=(1, 4)), _SPLIT])
         assert warm._open is first and memory.kept == warm.bytes

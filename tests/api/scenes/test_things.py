@@ -90,7 +90,7 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
     assert (client.label_map(own, "front.png") == 4).sum() == mug.mask.area
 
     # Another service on the same data reads what was written.
-    service.versions._scenes.forget(own)
+    service._context.scenes.forget(own)
     assert client.query(own, "elephant")[0].thing_ids == (mug.thing.id,)
     client.undo_edit(own, made.version)
     assert replace(client.scene(own), cameras=()) == replace(before, cameras=())

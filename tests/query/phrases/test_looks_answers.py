@@ -13,7 +13,6 @@ from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.probability import Logistic
-from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -62,8 +61,7 @@ def _index(scene: Scene, encoder: Any, model: LooksModel | None) -> SceneIndex:
 
 
 def _answer(index: SceneIndex, text: str) -> Answer:
-    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things)
-    return answer
+    return index.ask([text])[0]
 
 
 @pytest.mark.parametrize(("text", "thing"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
-from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -52,8 +51,7 @@ def index(scene: Scene) -> SceneIndex:
 
 
 def _answer(index: SceneIndex, text: str) -> Answer:
-    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things)
-    return answer
+    return index.ask([text])[0]
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.ranked_scene import StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.names_by_looks import KnownThing
@@ -188,7 +189,10 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     known = [KnownThing("s", "samovar", looks), KnownThing("own", "jar", looks)]
     ranked = index.ranked.suggesting(known, "own")
     query = check_query(("my samovar", "jar", "vase"), index.settings)
-    samovar, jar, vase = ranked.answer(query, lambda: index.things)
+    standing = StandingQuery()
+    alone, again, more = (standing.ranked(one, query) for one in (index.ranked, index.ranked, ranked))
+    assert again is alone and more is not alone
+    samovar, jar, vase = more.answer(lambda: index.things)
     (told,) = ranked.elsewhere.values()
     assert (samovar.outcome, samovar.probability, samovar.thing_ids) == ("probably_here", told.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")

@@ -26,7 +26,7 @@ def _picture(page: Page) -> NDArray[np.float64]:
 
 
 def _gaussians(place: Place, scene_id: str, version: str = "") -> Gaussians:
-    return place.service.versions._scenes.reading(scene_id, version, lambda index, _: index.scene.gaussians)
+    return place.service._context.scenes.open(scene_id, version)[0].scene.gaussians
 
 
 def _menu(visit: Visit, thing: str = "ball") -> Locator:

@@ -17,7 +17,7 @@ _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 
 def _owner(place: Place, scene_id: str) -> np.ndarray:
-    return place.service.versions._scenes.reading(scene_id, "", lambda index, _: index.things.owner)
+    return place.service._context.scenes.open(scene_id, "")[0].things.owner
 
 
 def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser) -> None:
