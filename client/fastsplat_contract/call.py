@@ -12,7 +12,7 @@ Answered = TypeVar("Answered")
 Tag = Literal["server", "scenes", "operations", "queries", "keys", "known names"]
 _ROLES: tuple[Role, ...] = get_args(Role)
 APART: tuple[Role, ...] = ("uploader", "suggester")
-"""They do one thing, and nothing else but to ask what they are."""
+"""They do one task, and nothing else but to ask what they are."""
 
 
 class Rule(NamedTuple):
@@ -23,7 +23,7 @@ class Rule(NamedTuple):
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it brings files, for as long as its sender takes.
         shared: a key of one scene may make it; that scene is then all that there is.
-        also: of the roles that do one thing and nothing else, "uploader" and "suggester", those that will do, too.
+        also: of the roles that do one task and nothing else, "uploader" and "suggester", those that will do, too.
     """
 
     role: Role | None

@@ -232,7 +232,7 @@ class Answer(Response):
         PhraseAnswer | None,
         Field(
             description="what else the text says beside a name, and which things that means; absent for a plain name. "
-            "Things, objects and masks are of these things alone; where it was not decided, of those that may be meant"
+            "Things and masks are of these things alone; where it was not decided, of those that may be meant"
         ),
     ] = None
     outcome: Annotated[

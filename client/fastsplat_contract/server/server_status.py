@@ -114,7 +114,7 @@ class ServerStatus(Response):
     ]
     namer: Annotated[
         NamerStatus | None,
-        Field(description="absent where the settings name none, for readers, and for keys that do one thing"),
+        Field(description="absent where the settings name none, for readers, and for keys that do one task"),
     ]
     health: Annotated[
         ServerHealth | None, Field(description="absent for everybody but operators: it tells of all projects")

@@ -74,7 +74,7 @@ class PromptedEdits:
         """Segments the Gaussians of a `split` or `add` prompt; None without a prompt.
 
         Raises:
-            NotFoundError: no such view; for split, no such thing, label or object.
+            NotFoundError: no such view; for split, no such thing or label.
             InvalidInputError: a pixel outside the picture or, for split, off the thing; a box outside or without area.
             ModelUnavailableError: the segmenter is missing.
         """

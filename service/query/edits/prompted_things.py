@@ -50,7 +50,7 @@ def make_prompted_thing(
         before: the things before the request that the edit is part of.
 
     Raises:
-        NotFoundError: no such thing, label or object here.
+        NotFoundError: no such thing or label here.
         InvalidInputError: the piece is empty or the whole thing; the thing to add exists; an invalid name.
         LimitExceededError, ConflictError: see `edit_things` and `with_new_thing`.
     """

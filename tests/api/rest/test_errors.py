@@ -1,4 +1,4 @@
-"""Every typed error, and one that is not ours, says the same thing over both protocols."""
+"""Every typed error, and one that is not ours, says the same over both protocols."""
 
 from __future__ import annotations
 
