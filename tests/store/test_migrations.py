@@ -29,7 +29,7 @@ from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.migrations import migrate
 from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.errors import ConflictError, ResourceError
+from fastsplat_contract.errors import ArtefactError, ConflictError, ResourceError
 from tests.postgres import PostgresServer
 from tests.scenes import queued_job
 
@@ -238,6 +238,49 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
     made = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
     assert (saved / "backup.json").stat().st_mtime_ns == made, "what needs no upgrade is not saved again"
+
+
+def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_path: Path, database_url: str) -> None:
+    scripts, engine = tmp_path / "first", create_engine(resolve_url(tmp_path, database_url))
+    shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*"))
+    migrate(engine, scripts)
+    labels, order, result = {"labels": ["mug"]}, {"texts": ["cup"]}, {"texts": ["cup"], "regions": 1}
+    again = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}
+    jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
+        "new": ("QUEUED", 0, labels, ("create_scene", {}, None, "new", [], None)),
+        "retried": ("QUEUED", 3, labels | again, ("create_scene", {}, None, "retried.2", ["a.jpg"], "failed")),
+        "runs": ("RUNNING", 2, labels | again, ("create_scene", {}, None, "runs.2", ["a.jpg"], "failed")),
+        "given back": ("RUNNING", 1, labels | {"released": True}, ("create_scene", {}, None, "given back", [], None)),
+        "done": ("SUCCEEDED", 2, labels | {"look_again": order, "result": result, "again_after": "worker_died"},
+                 ("look_again", order, result, "done", [], "worker_died")),
+        "namer": ("CANCELLED", 0, labels | {"ask_namer": {}}, ("ask_namer", {}, None, "namer", [], None)),
+        "damaged": ("QUEUED", 0, labels | {"retries": "x"}, ()),
+    }  # fmt: skip
+    with engine.begin() as connection:
+        for name, (state, attempt, options, _) in jobs.items():
+            values = {"id": name, "state": state, "attempt": attempt, "options": json.dumps(options)}
+            connection.execute(
+                text(
+                    "INSERT INTO operations (id, scene_id, state, request_digest, upload_id, options, stages, "
+                    "created_at, updated_at, attempt, starts, worker, cancel_requested, finish_requested, priority, "
+                    "project) VALUES (:id, 's', :state, 'd', 'u', :options, '[]', 1.0, 2.0, :attempt, 0, '', "
+                    "false, false, 0, 'default')"
+                ),
+                values,
+            )
+    engine.dispose()
+    with closing(open_store(tmp_path, database_url)) as store:
+        jobs.pop("damaged")
+        read = {job.id: job for job in store.scenes.list_operations(10)}
+        assert {
+            name: (job.kind, job.order, job.result, job.run_id, job.excluded, job.again_after)
+            for name, job in read.items()
+        } == {name: expected for name, (*_, expected) in jobs.items()}
+        assert all(job.options == labels for job in read.values())
+        after = {name: claim.operation.again_after for name in jobs if (claim := store.jobs.claim(name))}
+        assert after == {"new": None, "retried": "failed", "runs": "worker_died", "given back": "worker_stopped"}
+        with pytest.raises(ArtefactError, match="kind"):
+            store.scenes.operation("damaged")
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(
