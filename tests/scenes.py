@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,6 @@ from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.things.labeled_things import things_of
-from fastsplat.service.scene.artefact.drafts import draft_of
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply
@@ -106,7 +106,7 @@ def finish_job(
     """
     claim = store.jobs.claim(operation_id)
     assert claim is not None
-    scene = scene if draft is None else draft_of(scene, draft)
+    scene = scene if draft is None else replace(scene, facts=replace(scene.facts, draft=draft))
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
     write_version(scene, folder)
     if stages:
@@ -125,7 +125,7 @@ def finish_job(
         for label_id, entry in enumerate(scene.dictionary.entries, start=1)
     ]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
-    quality = dict(scene.quality)
+    quality = scene.facts.joined(scene.quality)
     things = thing_count(things_of(scene))
     summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, things)
     if draft is None:

@@ -47,9 +47,9 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
     figures["peak_mb"] = peak_megabytes()
     # The libraries of these are not training's, and not in its peak.
     from benchmarks.trade.score import localization, maps_iou, score
-    from fastsplat.service.jobs.pipeline import assemble_scene
+    from fastsplat.service.jobs.pipeline import Provenance, assemble_scene
 
-    scene = assemble_scene(trained, labelling, data.capture, settings, trained.quality)
+    scene = assemble_scene(trained, labelling, data.capture, settings, Provenance())
     with tempfile.TemporaryDirectory() as folder:
         write_scene(scene, Path(folder) / "scene")
         figures["bytes"] = sum(path.stat().st_size for path in (Path(folder) / "scene").rglob("*") if path.is_file())

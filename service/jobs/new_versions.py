@@ -13,10 +13,9 @@ from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_meters
 from fastsplat.service.query.things.names.names_by_looks import described
 from fastsplat.service.scene.artefact.alignment import alignment_to_json
-from fastsplat.service.scene.artefact.changes import changed_views
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.scene.artefact.scaling import scaling_to_json
 from fastsplat.service.scene.artefact.scene import Scene, Things
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.scene.objects.things import thing_count
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.name_repository import names_between
@@ -35,14 +34,13 @@ def new_version(
         row: remaining fields of `NewVersion`: author, parent, edits, `content_of`.
     """
     appearances = described(scene.things, sizes_in_meters(scene) if sizes is None else sizes)
-    changed = list(changed_views(scene.quality))
     return NewVersion(
         names=names_between(before, scene.things, appearances, limits.max_known_names),
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
-        quality={"changed_by": changed} if changed else {},
+        quality=SceneFacts(changed_by=scene.facts.changed_by).joined({}),
         # All versions of a draft are kept, to be reapplied to the scene that replaces it.
-        max_versions=None if provisional_of(scene.quality) else limits.max_versions,
+        max_versions=None if scene.facts.draft else limits.max_versions,
         **row,
     )
 

@@ -18,7 +18,6 @@ from fastsplat.service.jobs.pipeline import (
     assemble_scene,
     build_views,
     label_views,
-    scene_quality,
     train_scene,
 )
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
@@ -131,10 +130,10 @@ def _assemble(job: Job, folder: Path, progress: Progress) -> None:
     seconds = {stage: stage_seconds(job, stage) for stage in ("capture", "perception", "training")}
     asked_s = job.options.time_budget_s
     tradeoffs = (*_tradeoffs(job), *clock_tradeoff(job.settings.training, asked_s, trained.quality))
-    quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, tradeoffs, seconds, asked_s))
+    provenance = Provenance(job.options.preset, tradeoffs, seconds, asked_s)
     settings = job.settings.model_copy(update={"training": stored_plan(job).settings})
     progress = with_time_left(progress, "export", job_time(job, capture, len(labelling.dictionary)))
-    scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
+    scene = assemble_scene(trained, labelling, capture, settings, provenance, progress)
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_made(scene, folder)
     views = len(capture.views)

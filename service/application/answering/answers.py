@@ -18,7 +18,6 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
@@ -151,7 +150,7 @@ class Answers:
             mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
             part = things.get(ids["part"]) if "part" in ids else None
             (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
-            provisional = provisional_of(index.scene.quality)
+            provisional = index.scene.facts.draft
             return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
 
         return self._scenes.reading(request.scene_id, request.version, read)

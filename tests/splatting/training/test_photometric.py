@@ -282,8 +282,8 @@ def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world
     save_trained(trained, tmp_path)
     loaded = load_trained(tmp_path)
     assert _same(loaded, trained) and loaded.photometric
-    quality = scene_quality(loaded, world[1], world[0], Provenance())
+    quality = scene_quality(loaded, world[0], Provenance())
     assert quality["photometric"].keys() == trained.photometric.keys()
     assert quality["psnr_cc"] == trained.quality["psnr_cc"]
-    off = scene_quality(train(*world, quick(photometric="off"), silent), world[1], world[0], Provenance())
+    off = scene_quality(train(*world, quick(photometric="off"), silent), world[0], Provenance())
     assert "photometric" not in off
