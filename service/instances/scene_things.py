@@ -17,8 +17,7 @@ from fastsplat.service.instances.discovery.lifting import lift_regions_of
 from fastsplat.service.instances.naming.naming import NameVotes, count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.artefact.scene import Gaussians, Things
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Gaussians, SceneFacts, Things
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions

@@ -30,8 +30,7 @@ from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.query.edits.thing_edits import with_label
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
 from fastsplat.service.splatting.labels.blending import thing_map

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
-from fastsplat.service.scene.artefact.scene_facts import LabelSource, SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
@@ -49,21 +48,6 @@ class LabelledViews:
 
     labelling: Labelling
     tradeoffs: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Origin of a scene, beside training metrics.
-
-    Attributes:
-        tradeoffs: reductions due to the time budget, in words.
-        time_asked_s: requested seconds for everything after the capture stage, if any.
-    """
-
-    preset: PresetName | None = None
-    tradeoffs: tuple[str, ...] = ()
-    stage_seconds: Mapping[str, float] = field(default_factory=dict)
-    time_asked_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -210,8 +194,8 @@ def build_scene(
     seconds["training"] = time.monotonic() - begun
     begun = time.monotonic()
     tradeoffs += clock_tradeoff(settings.training, time_budget_s, trained.quality)
-    provenance = Provenance(preset, tradeoffs, dict(seconds), time_budget_s)
-    scene = assemble_scene(trained, labelled.labelling, capture, used, provenance, progress)
+    plan_facts = SceneFacts(preset=preset, tradeoffs=tradeoffs, time_asked_s=time_budget_s)
+    scene = assemble_scene(trained, labelled.labelling, capture, used, plan_facts, seconds, progress)
     seconds["export"] = time.monotonic() - begun
     return BuiltScene(scene, labelled.labelling, seconds)
 
@@ -221,7 +205,8 @@ def assemble_scene(
     labelling: Labelling,
     capture: Capture,
     settings: Settings,
-    provenance: Provenance,
+    plan_facts: SceneFacts,
+    stage_seconds: Mapping[str, float],
     progress: Progress = silent,
     *,
     described: bool = True,
@@ -231,6 +216,7 @@ def assemble_scene(
     Args:
         labelling: used in training; its dictionary becomes the scene's.
         settings: `settings.training` was used for the training, and is recorded.
+        plan_facts: preset, tradeoffs and time_asked_s.
         described: as for `find_things`.
 
     Raises:
@@ -251,8 +237,8 @@ def assemble_scene(
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
         training=settings.training.model_dump(mode="json") if capture.splat is None else {},
-        quality=scene_quality(trained, capture, provenance),
-        facts=scene_facts(trained, labelling, capture, settings, provenance),
+        quality=scene_quality(trained, capture, stage_seconds),
+        facts=scene_facts(trained, labelling, capture, settings, plan_facts),
         label_templates=templates,
         evidence=trained.evidence,
         things=things,
@@ -260,19 +246,18 @@ def assemble_scene(
 
 
 def scene_facts(
-    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, provenance: Provenance
+    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, plan_facts: SceneFacts
 ) -> SceneFacts:
     """Collects origin and state of a scene; photo times only where photos are kept and nobody is redacted."""
     report, scale, vertical = capture.report, capture.report.scale, capture.report.vertical
     private = is_private(capture, settings)
     times = {} if private else {v.posed.name: v.taken_at for v in capture.views if v.taken_at is not None}
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
-    return SceneFacts(
+    return replace(
+        plan_facts,
         source=report.source,
         splat=report.splat,
-        preset=provenance.preset,
-        time_asked_s=provenance.time_asked_s,
-        tradeoffs=provenance.tradeoffs,
+        tradeoffs=plan_facts.tradeoffs or (),
         stopped_early="stopped_at_share" in trained.quality,
         warnings=(*report.warnings, *trained.warnings),
         unregistered=report.unregistered,
@@ -280,7 +265,7 @@ def scene_facts(
         withheld=report.withheld,
         taken_at=times or None,
         held_out_views=tuple(trained.held_out),
-        label_source=_label_source(labelling),
+        label_source="none" if not len(labelling.dictionary) else "given" if labelling.exact else "detected",
         searched_names=None if names is None else len(names),
         searched_for=None if names is None else tuple(names),
         scale_source=None if scale is None else scale.source,
@@ -290,30 +275,19 @@ def scene_facts(
     )
 
 
-def scene_quality(trained: TrainedSplats, capture: Capture, provenance: Provenance) -> dict[str, Any]:
+def scene_quality(trained: TrainedSplats, capture: Capture, stage_seconds: Mapping[str, float]) -> dict[str, Any]:
     """Measurements of a scene, ready for JSON.
 
     Training metrics, and: gaussians, images, registered, mean_reprojection_error_px, stage_seconds. If applicable:
     photometric (see `TrainedSplats`).
     """
+    corrections = {name: [round(value, 4) for value in row] for name, row in trained.photometric.items()}
     return {
         **trained.quality,
-        **_photometric(trained),
+        **({"photometric": corrections} if corrections else {}),
         "gaussians": len(trained.gaussians),
         "images": capture.report.images,
         "registered": len(capture.views),
         "mean_reprojection_error_px": capture.report.mean_reprojection_error_px,
-        "stage_seconds": dict(provenance.stage_seconds),
+        "stage_seconds": dict(stage_seconds),
     }
-
-
-def _photometric(trained: TrainedSplats) -> dict[str, Any]:
-    """Photometric corrections in the manifest's form."""
-    rows = trained.photometric
-    return {"photometric": {name: [round(value, 4) for value in row] for name, row in rows.items()}} if rows else {}
-
-
-def _label_source(labelling: Labelling) -> LabelSource:
-    if not len(labelling.dictionary):
-        return "none"
-    return "given" if labelling.exact else "detected"

@@ -19,8 +19,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Thing
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Parts, Scene, SceneFacts, SemanticHead, Thing
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, posterior
 from fastsplat.service.settings import Settings

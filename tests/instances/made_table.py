@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.scene.artefact.scene import SH_C0, Scene, Thing, Things
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene

@@ -19,7 +19,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, create_engine, inspect, text
+from sqlalchemy import Engine, MetaData, Table, create_engine, insert, inspect, text
 
 from fastsplat.service.store.care.backup import restore
 from fastsplat.service.store.care.checkup import check_database
@@ -244,40 +244,33 @@ def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_
     scripts, engine = tmp_path / "first", create_engine(resolve_url(tmp_path, database_url))
     shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*"))
     migrate(engine, scripts)
-    labels, order, result = {"labels": ["mug"]}, {"texts": ["cup"]}, {"texts": ["cup"], "regions": 1}
-    again = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}
+    order, result = {"texts": ["cup"]}, {"texts": ["cup"], "regions": 1}
+    again, made = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
     jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
-        "new": ("QUEUED", 0, labels, ("create_scene", {}, None, "new", [], None)),
-        "retried": ("QUEUED", 3, labels | again, ("create_scene", {}, None, "retried.2", ["a.jpg"], "failed")),
-        "runs": ("RUNNING", 2, labels | again, ("create_scene", {}, None, "runs.2", ["a.jpg"], "failed")),
-        "given back": ("RUNNING", 1, labels | {"released": True}, ("create_scene", {}, None, "given back", [], None)),
-        "done": ("SUCCEEDED", 2, labels | {"look_again": order, "result": result, "again_after": "worker_died"},
+        "new": ("QUEUED", 0, {}, (*made, "new", [], None)),
+        "retried": ("QUEUED", 3, again, (*made, "retried.2", ["a.jpg"], "failed")),
+        "runs": ("RUNNING", 2, again, (*made, "runs.2", ["a.jpg"], "failed")),
+        "given back": ("RUNNING", 1, {"released": True}, (*made, "given back", [], None)),
+        "done": ("SUCCEEDED", 2, {"look_again": order, "result": result, "again_after": "worker_died"},
                  ("look_again", order, result, "done", [], "worker_died")),
-        "namer": ("CANCELLED", 0, labels | {"ask_namer": {}}, ("ask_namer", {}, None, "namer", [], None)),
-        "damaged": ("QUEUED", 0, labels | {"retries": "x"}, ()),
+        "namer": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_namer", {}, None, "namer", [], None)),
+        "damaged": ("QUEUED", 0, {"retries": "x"}, ()),
     }  # fmt: skip
+    numbers = dict.fromkeys(("created_at", "updated_at", "starts", "priority"), 1)
+    more = {"scene_id": "s", "request_digest": "", "upload_id": "", "stages": [], "worker": "", "project": "default"}
+    row = {**numbers, **more, "cancel_requested": False, "finish_requested": False}
     with engine.begin() as connection:
+        table = Table("operations", MetaData(), autoload_with=connection)
         for name, (state, attempt, options, _) in jobs.items():
-            values = {"id": name, "state": state, "attempt": attempt, "options": json.dumps(options)}
-            connection.execute(
-                text(
-                    "INSERT INTO operations (id, scene_id, state, request_digest, upload_id, options, stages, "
-                    "created_at, updated_at, attempt, starts, worker, cancel_requested, finish_requested, priority, "
-                    "project) VALUES (:id, 's', :state, 'd', 'u', :options, '[]', 1.0, 2.0, :attempt, 0, '', "
-                    "false, false, 0, 'default')"
-                ),
-                values,
-            )
+            stored = {"id": name, "state": state, "attempt": attempt, "options": {"labels": ["mug"], **options}}
+            connection.execute(insert(table).values({**row, **stored}))
     engine.dispose()
     with closing(open_store(tmp_path, database_url)) as store:
-        jobs.pop("damaged")
-        read = {job.id: job for job in store.scenes.list_operations(10)}
-        assert {
-            name: (job.kind, job.order, job.result, job.run_id, job.excluded, job.again_after)
-            for name, job in read.items()
-        } == {name: expected for name, (*_, expected) in jobs.items()}
-        assert all(job.options == labels for job in read.values())
-        after = {name: claim.operation.again_after for name in jobs if (claim := store.jobs.claim(name))}
+        read = store.scenes.list_operations(10)
+        columns = {j.id: (j.kind, j.order, j.result, j.run_id, j.excluded, j.again_after) for j in read}
+        assert columns == {name: expected for name, (*_, expected) in jobs.items() if expected}
+        assert all(job.options == {"labels": ["mug"]} for job in read)
+        after = {name: claim.operation.again_after for name in columns if (claim := store.jobs.claim(name))}
         assert after == {"new": None, "retried": "failed", "runs": "worker_died", "given back": "worker_stopped"}
         with pytest.raises(ArtefactError, match="kind"):
             store.scenes.operation("damaged")

@@ -23,8 +23,7 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene.artefact.scene import Scene
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import checkpoint_folder

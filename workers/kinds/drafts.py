@@ -40,13 +40,11 @@ from fastsplat_contract.errors import CancelledError, ConflictError, FastSplatEr
 from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.messages.scenes import Edit
 
+TRAINING_DRAFTS = (0.25,)
+"""Training progress, 0..1, at which drafts are due."""
+
 _OF_EDIT = {field.name for field in fields(Edit)}
 """Fields of an edit; version rows also hold results of prompts."""
-
-
-def training_drafts() -> tuple[float, ...]:
-    """Training progress, 0..1, at which drafts are due."""
-    return (0.25,)
 
 
 def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
@@ -87,9 +85,7 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
             {
                 "version": name,
                 "edits": [to_plain(edit) for edit in each.edits],
-                "author": before.author,
-                "request_id": before.request_id,
-                "request_digest": before.request_digest,
+                **{name: getattr(before, name) for name in ("author", "request_id", "request_digest")},
                 **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
             }
         )

@@ -16,7 +16,7 @@ from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
 from fastsplat.service.scene.artefact.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.artefact.assessment import assess
 from fastsplat.service.scene.artefact.scaling import capture_scale_source, capture_scaling, scaling_from_json
-from fastsplat.service.scene.artefact.scene_facts import split_quality
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.upright import vertical_of
 from fastsplat.service.store.rows.codec import camera_from_json
 from fastsplat.service.store.rows.damaged_rows import decodes, each_readable
@@ -122,15 +122,14 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         cameras=cameras,
         quality=record.quality,
         assessment=assess(measured, facts, cameras) if record.state == "READY" else None,
-        scaling=_scaling_of(record),
+        scaling=_scaling_of(record, facts),
         vertical=vertical_of(facts, alignment, cameras),
         alignment=_alignment_of(record),
         provisional=facts.draft,
     )
 
 
-def _scaling_of(record: SceneRecord) -> SceneScaling | None:
-    facts, _ = split_quality(record.quality)
+def _scaling_of(record: SceneRecord, facts: SceneFacts) -> SceneScaling | None:
     measured, scaling = capture_scaling(facts), scaling_from_json(record.scaling)
     if scaling is None:
         measured_by = capture_scale_source(facts)

@@ -14,7 +14,7 @@ from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.artefact.alignment import Alignment
 from fastsplat.service.scene.artefact.scaling import Scaling
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts as SceneFacts
 from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of

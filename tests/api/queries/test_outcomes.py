@@ -14,8 +14,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
 from fastsplat.service.query.things.unseen_space import surface_kind
-from fastsplat.service.scene.artefact.scene import SemanticHead
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat_client import Client
 from fastsplat_client.assistant.tools import find

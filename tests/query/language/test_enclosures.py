@@ -10,8 +10,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.language.sentences.enclosures import is_kept_shut, width_needed
 from fastsplat.service.query.measures.next_viewpoints import next_photos
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.query.conftest import PLAIN, DrawnEncoder

@@ -14,8 +14,7 @@ from fastsplat.service.query.language.sentences.history_answers import _MOST_TOL
 from fastsplat.service.query.language.sentences.time_questions import time_question
 from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.scene.artefact.scene import Thing
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import SceneFacts, Thing
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.photos.localization import ChangeKind, SceneChange

@@ -14,8 +14,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat_contract.geometry.camera import PosedCamera

@@ -25,8 +25,7 @@ from fastsplat.service.query.surfaces.occupancy import (
 )
 from fastsplat.service.query.surfaces.surface_views import SurfaceView
 from fastsplat.service.scene.artefact.alignment import Alignment
-from fastsplat.service.scene.artefact.scene import Scene
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.conftest import DrawnEncoder

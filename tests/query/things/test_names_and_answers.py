@@ -22,8 +22,7 @@ from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.names_by_looks import KnownThing
-from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.messages.queries import Answer

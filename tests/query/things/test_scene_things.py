@@ -13,8 +13,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
-from fastsplat.service.scene.artefact.scene_facts import SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of

@@ -49,7 +49,7 @@ def _attempts(row: sa.RowMapping, again_after: str | None, *, released: bool) ->
     """The newest attempt and why the one before ended; their times were not stored, so these are bounds."""
     state, began, ended = row["state"], row["created_at"], row["updated_at"]
     newest = {"number": row["attempt"], "worker": row["worker"], "began_at": began, "ended_at": ended, "why": None}
-    before = {**newest, "number": max(0, row["attempt"] - 1), "worker": "", "why": again_after}
+    before = {**newest, "number": max(0, row["attempt"] - (state != "QUEUED")), "worker": "", "why": again_after}
     if state == "RUNNING":
         newest |= {"why": "worker_stopped"} if released else {"ended_at": None}
     elif state in ("FAILED", "CANCELLED"):
