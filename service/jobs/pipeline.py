@@ -44,10 +44,8 @@ from fastsplat_contract.jobs.operations import Movers, Privacy, UpAxis
 
 @dataclass(frozen=True)
 class LabelledViews:
-    """Perception result; `tradeoffs`: reductions due to the time budget, in words."""
-
     labelling: Labelling
-    tradeoffs: tuple[str, ...] = ()
+    tradeoffs: tuple[str, ...] = ()  # reductions due to the time budget, in words
 
 
 @dataclass(frozen=True)
@@ -276,11 +274,7 @@ def scene_facts(
 
 
 def scene_quality(trained: TrainedSplats, capture: Capture, stage_seconds: Mapping[str, float]) -> dict[str, Any]:
-    """Measurements of a scene, ready for JSON.
-
-    Training metrics, and: gaussians, images, registered, mean_reprojection_error_px, stage_seconds. If applicable:
-    photometric (see `TrainedSplats`).
-    """
+    """Measurements of a scene, ready for JSON: training metrics, counts, seconds, photometric corrections if any."""
     corrections = {name: [round(value, 4) for value in row] for name, row in trained.photometric.items()}
     return {
         **trained.quality,
