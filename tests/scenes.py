@@ -114,7 +114,7 @@ def finish_job(
     content = content_of(scene, counts.tolist())
     rows = [{**label, **row} for label in content["dictionary"]]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
-    quality = scene.facts.joined(scene.quality)
+    quality = scene.facts.with_quality(scene.quality)
     summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, content["things"])
     if draft is None:
         store.jobs.succeed(claim, summary)

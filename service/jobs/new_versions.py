@@ -53,7 +53,7 @@ def new_version(
         author=author,
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
-        quality=SceneFacts(changed_by=scene.facts.changed_by).joined({}),
+        quality=SceneFacts(changed_by=scene.facts.changed_by).with_quality({}),
         # All versions of a draft are kept, to be reapplied to the scene that replaces it.
         max_versions=None if scene.facts.draft else limits.max_versions,
     )

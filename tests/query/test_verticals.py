@@ -134,7 +134,7 @@ def test_a_guess_of_the_vertical_is_shown_and_not_used() -> None:
 def test_a_record_that_says_nothing_is_none(damaged: dict[str, object]) -> None:
     stored = _RECORDED | damaged | {"left_out": ["quality.psnr"], "draft": 7, "psnr": 30.0}
     facts, rest = split_quality(stored)
-    assert sorted(map(str, facts.joined(rest).items())) == sorted(map(str, stored.items()))
+    assert sorted(map(str, facts.with_quality(rest).items())) == sorted(map(str, stored.items()))
     assert (facts.left_out, facts.draft, rest["left_out"], rest["draft"]) == (None, None, ["quality.psnr"], 7)
     vertical = vertical_of(facts, None, orbit())
     assert vertical is not None and vertical.source == "horizon"

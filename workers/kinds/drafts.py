@@ -168,5 +168,5 @@ def _summary(scene: Scene) -> dict[str, Any]:
         **content_of(scene),
         "scale": scene.scale,
         "cameras": [camera_to_json(posed) for posed in scene.cameras],
-        "quality": scene.facts.joined(scene.quality),
+        "quality": scene.facts.with_quality(scene.quality),
     }

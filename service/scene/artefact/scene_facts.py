@@ -52,7 +52,7 @@ class SceneFacts:
         """Capture time of the newest photo; None if unknown."""
         return datetime.fromtimestamp(max(self.taken_at.values()), UTC) if self.taken_at else None
 
-    def joined(self, quality: Mapping[str, Any]) -> dict[str, Any]:
+    def with_quality(self, quality: Mapping[str, Any]) -> dict[str, Any]:
         """Returns facts and measured quality as they are stored and shown; inverts `split_quality`."""
         facts = _adapter(SceneFacts).dump_python(self, mode="json", exclude_defaults=True)
         if self.draft is not None:

@@ -74,7 +74,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
     """
     left_out: list[str] = []
     training = _finite(manifest.training, "training", left_out)
-    quality = _finite(manifest.facts.joined(manifest.quality), "quality", left_out)
+    quality = _finite(manifest.facts.with_quality(manifest.quality), "quality", left_out)
     if left_out:
         quality["left_out"] = sorted(left_out)
     body: dict[str, Any] = {

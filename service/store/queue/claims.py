@@ -48,7 +48,7 @@ def uncancelled(claim: Claim) -> Update:
     return fenced(claim).where(operations.c.cancel_requested.is_(False))
 
 
-def ended(job: OperationRecord, why: AgainAfter | None) -> Sequence[Attempt]:
+def end_attempt(job: OperationRecord, why: AgainAfter | None) -> Sequence[Attempt]:
     """Returns a job's attempts, of which the newest ends now unless it has."""
     *earlier, newest = job.attempts or (None,)
     if newest is None or newest["ended_at"] is not None:
@@ -148,11 +148,11 @@ class JobQueue:
 
 def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:
     """Begins an attempt; `after` is what ended the previous one, unless that is known."""
-    here, now = operations.c.id == before.id, time.time()
-    begun = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
+    earlier, here, now = end_attempt(before, after), operations.c.id == before.id, time.time()
+    newest = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
     values = {
-        "state": "RUNNING", "attempt": begun["number"], "starts": operations.c.starts + 1, "worker": worker,
-        "attempts": [*ended(before, after), begun], "updated_at": now,
+        "state": "RUNNING", "attempt": newest["number"], "starts": operations.c.starts + 1, "worker": worker,
+        "attempts": [*earlier, newest], "updated_at": now,
     }  # fmt: skip
     connection.execute(update(operations).where(here).values(values))
     record = as_operation(connection.execute(select(operations).where(here)).mappings().one())

@@ -13,7 +13,7 @@ from fastsplat.service.store.queue.claims import (
     FencedError,
     JobQueue,
     JobRequest,
-    ended,
+    end_attempt,
     execute_fenced,
     fenced,
     uncancelled,
@@ -42,7 +42,7 @@ class JobRepository(JobQueue):
     def release(self, claim: Claim) -> None:
         """Gives an unfinished job back without counting its start; does nothing if fenced."""
         with self._writing() as connection:
-            attempts, starts = ended(claim.operation, "worker_stopped"), operations.c.starts - 1
+            attempts, starts = end_attempt(claim.operation, "worker_stopped"), operations.c.starts - 1
             values = {"starts": starts, "attempts": attempts, "worker": "", "updated_at": time.time()}
             connection.execute(fenced(claim).values(values))
 
@@ -260,7 +260,7 @@ class JobRepository(JobQueue):
 
     def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
-            attempts, state = ended(claim.operation, why), why.upper()
+            attempts, state = end_attempt(claim.operation, why), why.upper()
             values = {"state": state, "error": error, "attempts": attempts, "updated_at": time.time()}
             execute_fenced(connection, claim, fenced(claim).values(values))
             unmade = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
@@ -269,7 +269,7 @@ class JobRepository(JobQueue):
 
 def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]:
     result = None if result is None else dict(result)
-    return {"state": "SUCCEEDED", "result": result, "attempts": ended(claim.operation, None)}
+    return {"state": "SUCCEEDED", "result": result, "attempts": end_attempt(claim.operation, None)}
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:

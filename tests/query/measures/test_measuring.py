@@ -102,9 +102,8 @@ def test_known_lengths_make_a_scene_metric(index: SceneIndex) -> None:
 
 
 def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index: SceneIndex) -> None:
-    tagged = index.after(
-        replace(index.scene, scale="METRIC", facts=SceneFacts(scale_source="tags", scale_error_95=0.02))
-    )
+    facts = SceneFacts(scale_source="tags", scale_error_95=0.02)
+    tagged = index.after(replace(index.scene, scale="METRIC", facts=facts))
     for side, plain in zip(
         _measured(tagged, Place(thing=1)).sides, _measured(index, Place(thing=1)).sides, strict=True
     ):

@@ -126,7 +126,7 @@ def test_what_a_scene_records_of_its_making(preset: PresetName | None) -> None:
     capture = Capture((View(camera, Path("b.jpg")),), points, points.astype(np.uint8), "METRIC", report)
     plan_facts = SceneFacts(preset=preset, tradeoffs=("fewer views",))
     facts = scene_facts(trained, Labelling(dictionary_of(["mug"]), ()), capture, Settings(), plan_facts)
-    quality = facts.joined(scene_quality(trained, capture, {"training": 2.0}))
+    quality = facts.with_quality(scene_quality(trained, capture, {"training": 2.0}))
     assert (quality["preset"], quality["tradeoffs"], quality["psnr"]) == (preset, ["fewer views"], 20.0)
     assert (quality["images"], quality["registered"], quality["unregistered"]) == (4, 1, ["c.jpg"])
     assert quality["label_source"] == "detected" and quality["held_out_views"] == ["a.jpg"]
