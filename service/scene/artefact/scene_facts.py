@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cache
@@ -57,20 +58,16 @@ class SceneFacts:
         facts = _adapter(SceneFacts).dump_python(self, mode="json", exclude_defaults=True)
         if self.draft is not None:
             facts["draft"] = self.draft._asdict()
-        if self.source is not None:
-            facts.setdefault("preset", None)
-        return {**facts, **quality}
+        return {**({} if self.source is None else {"preset": None}), **facts, **quality}
 
 
 def split_quality(stored: Mapping[str, Any]) -> tuple[SceneFacts, dict[str, Any]]:
     """Splits a stored quality into facts and the rest, which keeps values that are not of their field's type."""
     facts, rest = {}, dict(stored)
     for name, kind in _types().items():
-        try:
+        with suppress(KeyError, ValidationError):
             facts[name] = _adapter(kind).validate_python(rest[name])
-        except (KeyError, ValidationError):
-            continue
-        del rest[name]
+            del rest[name]
     return SceneFacts(**facts), rest
 
 
