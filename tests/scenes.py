@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,13 @@ from PIL import Image
 
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.jobs.new_versions import content_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.query.things.labeled_things import things_of
-from fastsplat.service.scene.artefact.drafts import draft_of
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.objects.things import thing_count
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
@@ -106,28 +105,17 @@ def finish_job(
     """
     claim = store.jobs.claim(operation_id)
     assert claim is not None
-    scene = scene if draft is None else draft_of(scene, draft)
+    scene = scene if draft is None else replace(scene, facts=replace(scene.facts, draft=draft))
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
     write_version(scene, folder)
     if stages:
         store.jobs.report(claim, [dict(stage) for stage in stages])
     counts = np.bincount(scene.gaussians.codes.argmax(axis=1), minlength=len(scene.dictionary) + 1)
-    rows = [
-        {
-            "label_id": label_id,
-            "label": entry.label,
-            "aliases": list(entry.aliases),
-            "pixels": entry.pixels,
-            "views": entry.views,
-            "gaussian_count": int(counts[label_id]),
-            **row,
-        }
-        for label_id, entry in enumerate(scene.dictionary.entries, start=1)
-    ]
+    content = content_of(scene, counts.tolist())
+    rows = [{**label, **row} for label in content["dictionary"]]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
-    quality = dict(scene.quality)
-    things = thing_count(things_of(scene))
-    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, things)
+    quality = scene.facts.with_quality(scene.quality)
+    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, content["things"])
     if draft is None:
         store.jobs.succeed(claim, summary)
     else:

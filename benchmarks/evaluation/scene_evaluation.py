@@ -85,7 +85,7 @@ def check_unseen(scene: Scene, dataset: Dataset) -> None:
     Raises:
         InvalidInputError: the scene saw a test view, or an image of the same name has another pose in it.
     """
-    held_out = set(scene.quality.get("held_out_views", ()))
+    held_out = set(scene.facts.held_out_views or ())
     trained = [posed for posed in scene.cameras if posed.name not in held_out]
     names = {posed.name for posed in trained}
     stated = {posed.name: posed.world_from_camera for posed in scene.cameras}

@@ -19,6 +19,7 @@ from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -49,7 +50,7 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
     from benchmarks.trade.score import localization, maps_iou, score
     from fastsplat.service.jobs.pipeline import assemble_scene
 
-    scene = assemble_scene(trained, labelling, data.capture, settings, trained.quality)
+    scene = assemble_scene(trained, labelling, data.capture, settings, SceneFacts(), {})
     with tempfile.TemporaryDirectory() as folder:
         write_scene(scene, Path(folder) / "scene")
         figures["bytes"] = sum(path.stat().st_size for path in (Path(folder) / "scene").rglob("*") if path.is_file())

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.radial_lens import RadialLens
+from fastsplat.service.common.withheld import WithheldReport as WithheldReport
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from fastsplat_contract.jobs.operations import Privacy
 from fastsplat_contract.messages.scenes import Scale, VerticalSource
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 
@@ -71,15 +71,6 @@ class ScaleEstimate:
     source: str  # "tags", "arkit", "sensor_depth" or "gps"; several, the surest first, joined by "+"
     meters_per_unit: float  # of the world before scaling to meters
     relative_error_95: float  # half of the 95 % interval as a share: a length l is l ± l·relative_error_95
-
-
-@dataclass(frozen=True)
-class WithheldReport:
-    """Withheld pixels of a capture."""
-
-    privacy: Privacy | None  # promised
-    photos: int  # with withheld pixels
-    share: float  # of all pixels, each photo counted alike, 0..1
 
 
 @dataclass(frozen=True)

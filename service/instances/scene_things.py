@@ -17,8 +17,8 @@ from fastsplat.service.instances.discovery.lifting import lift_regions_of
 from fastsplat.service.instances.naming.naming import NameVotes, count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.artefact.scene import Gaussians, Things
-from fastsplat.service.scene.artefact.upright import up_of, vertical_figures, vertical_of
+from fastsplat.service.scene.artefact.scene import Gaussians, SceneFacts, Things
+from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions
 from fastsplat.service.splatting.raster.checks import device_of
@@ -53,8 +53,10 @@ def find_scene_things(
         training: for backend, seed and `code_size`.
     """
     recorded = capture.report.vertical
-    figures = {} if recorded is None else vertical_figures(recorded.source, recorded.deviation_deg)
-    up = up_of(vertical_of(figures, None, [view.posed for view in capture.views]))
+    facts = SceneFacts()
+    if recorded is not None:
+        facts = SceneFacts(vertical_source=recorded.source, vertical_deviation_deg=recorded.deviation_deg)
+    up = up_of(vertical_of(facts, None, [view.posed for view in capture.views]))
     backend = training.backend
     things = discover_things(gaussians, capture.views, masks, up, settings, on_view, backend=backend).things
     seen = [masked_view(view, own, settings) for view, own in zip(capture.views, masks, strict=True) if own is not None]

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import Provenance, assemble_scene, scene_quality
+from fastsplat.service.jobs.pipeline import assemble_scene
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.scene.artefact.drafts import draft_of
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.train import train
@@ -54,6 +53,5 @@ def training_draft(
     )
     early = settings.model_copy(update={"discovery": discovery})
     labelled = replace(labelling, masks=known)
-    quality = scene_quality(splats, labelled, capture, Provenance())
-    scene = assemble_scene(splats, labelled, capture, early, quality, described=False)
-    return draft_of(scene, provisional)
+    scene = assemble_scene(splats, labelled, capture, early, SceneFacts(), {}, described=False)
+    return replace(scene, facts=replace(scene.facts, draft=provisional))

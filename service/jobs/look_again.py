@@ -30,7 +30,7 @@ from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.query.edits.thing_edits import with_label
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
 from fastsplat.service.splatting.labels.blending import thing_map
@@ -220,20 +220,19 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
         regions=sightings.regions,
         unmatched=sightings.unmatched,
     )
-    quality = {**scene.quality, **_searched(before, sightings.texts)}
+    facts = _searched(scene.facts, sightings.texts)
     if not (added.named or added.suggested):
-        return replace(index.scene, quality=quality), result
+        return replace(index.scene, facts=facts), result
     things = replace(added.things, table=tuple(table))
-    return replace(scene, things=things, quality=quality), result
+    return replace(scene, things=things, facts=facts), result
 
 
-def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:
-    """Updated list and number of searched names."""
-    names = scene.quality.get("searched_for")
-    listed = [str(name) for name in names] if isinstance(names, (list, tuple)) else []
+def _searched(facts: SceneFacts, texts: Sequence[str]) -> SceneFacts:
+    """Adds texts to the names that were searched for."""
+    listed = facts.searched_for or ()
     known = {label_key(name) for name in listed}
-    listed += [text for text in texts if label_key(text) not in known]
-    return {"searched_names": len(listed), "searched_for": listed}
+    listed += tuple(text for text in texts if label_key(text) not in known)
+    return replace(facts, searched_names=len(listed), searched_for=listed)
 
 
 def _candidates(scene: Scene) -> list[PosedCamera]:

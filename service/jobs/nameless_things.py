@@ -14,7 +14,6 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.drawing.thing_sheets import MOST_THINGS, cell_side, thing_cell, thing_sheet
 from fastsplat.service.query.measures.thing_views import best_view_of_each, small_view
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.changes import changed_views
 from fastsplat.service.settings import NamerSettings
 from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from fastsplat_contract.messages.things import SceneThing
@@ -96,7 +95,7 @@ def written_on(things: Sequence[SceneThing]) -> tuple[str, ...]:
 
 def kept_photos(index: SceneIndex, folder: Path, views: set[str]) -> Mapping[str, Path]:
     """Kept photos by view name, from the version's folder; none once edits changed views."""
-    if changed_views(index.scene.quality):
+    if index.scene.facts.changed_by:
         return {}
     numbered = ((posed.name, photo_path(folder, n)) for n, posed in enumerate(index.scene.cameras))
     return {name: path for name, path in numbered if name in views and path.is_file()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,10 +13,8 @@ from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_meters
 from fastsplat.service.query.things.names.names_by_looks import described
 from fastsplat.service.scene.artefact.alignment import alignment_to_json
-from fastsplat.service.scene.artefact.changes import changed_views
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.scene.artefact.scaling import scaling_to_json
-from fastsplat.service.scene.artefact.scene import Scene, Things
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Things
 from fastsplat.service.scene.objects.things import thing_count
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.name_repository import names_between
@@ -24,26 +22,40 @@ from fastsplat.service.store.repositories.version_repository import NewVersion
 
 
 def new_version(
-    before: Things | None, scene: Scene, limits: CallSettings, sizes: Sizes | None = None, **row: Any
+    scene_id: str,
+    version: str,
+    parent: str,
+    edits: Sequence[Mapping[str, Any]],
+    before: Things | None,
+    scene: Scene,
+    content: Mapping[str, Any],
+    limits: CallSettings,
+    *,
+    sizes: Sizes | None = None,
+    author: str = "",
+    request: tuple[str, str] = ("", ""),
 ) -> NewVersion:
     """Builds the row of a version, with all values derived from its scene.
 
     Args:
         before: things of the parent version.
+        content: has the entries of `content_of`.
         limits: maximum numbers of versions and of names given by people.
         sizes: see `sizes_in_meters`; None: computed here.
-        row: remaining fields of `NewVersion`: author, parent, edits, `content_of`.
+        author: name of the access key; "" for none.
+        request: id and digest of the request; "" for none.
     """
     appearances = described(scene.things, sizes_in_meters(scene) if sizes is None else sizes)
-    changed = list(changed_views(scene.quality))
+    gaussians, dictionary, things = (content[name] for name in ("gaussians", "dictionary", "things"))
     return NewVersion(
+        *(scene_id, version, parent, *request, gaussians, dictionary, edits, things),
         names=names_between(before, scene.things, appearances, limits.max_known_names),
+        author=author,
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
-        quality={"changed_by": changed} if changed else {},
+        quality=SceneFacts(changed_by=scene.facts.changed_by).with_quality({}),
         # All versions of a draft are kept, to be reapplied to the scene that replaces it.
-        max_versions=None if provisional_of(scene.quality) else limits.max_versions,
-        **row,
+        max_versions=None if scene.facts.draft else limits.max_versions,
     )
 
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.captures import Capture
@@ -31,8 +31,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.scene.artefact.scene import TAKEN_AT, Scene, SemanticHead
-from fastsplat.service.scene.artefact.upright import vertical_figures
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
@@ -42,31 +41,11 @@ from fastsplat.service.splatting.training.previews import UNWATCHED, TrainingWat
 from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.jobs.operations import Movers, Privacy, UpAxis
 
-LabelSource = Literal["none", "given", "detected"]
-"""Origin of a scene's labels: none, the capture's label maps, or detection."""
-
 
 @dataclass(frozen=True)
 class LabelledViews:
-    """Perception result; `tradeoffs`: reductions due to the time budget, in words."""
-
     labelling: Labelling
-    tradeoffs: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Origin of a scene, beside training metrics.
-
-    Attributes:
-        tradeoffs: reductions due to the time budget, in words.
-        time_asked_s: requested seconds for everything after the capture stage, if any.
-    """
-
-    preset: PresetName | None = None
-    tradeoffs: tuple[str, ...] = ()
-    stage_seconds: Mapping[str, float] = field(default_factory=dict)
-    time_asked_s: float | None = None
+    tradeoffs: tuple[str, ...] = ()  # reductions due to the time budget, in words
 
 
 @dataclass(frozen=True)
@@ -213,9 +192,8 @@ def build_scene(
     seconds["training"] = time.monotonic() - begun
     begun = time.monotonic()
     tradeoffs += clock_tradeoff(settings.training, time_budget_s, trained.quality)
-    provenance = Provenance(preset, tradeoffs, dict(seconds), time_budget_s)
-    quality = scene_quality(trained, labelled.labelling, capture, provenance)
-    scene = assemble_scene(trained, labelled.labelling, capture, used, quality, progress)
+    plan_facts = SceneFacts(preset=preset, tradeoffs=tradeoffs, time_asked_s=time_budget_s)
+    scene = assemble_scene(trained, labelled.labelling, capture, used, plan_facts, seconds, progress)
     seconds["export"] = time.monotonic() - begun
     return BuiltScene(scene, labelled.labelling, seconds)
 
@@ -225,7 +203,8 @@ def assemble_scene(
     labelling: Labelling,
     capture: Capture,
     settings: Settings,
-    quality: Mapping[str, Any],
+    plan_facts: SceneFacts,
+    stage_seconds: Mapping[str, float],
     progress: Progress = silent,
     *,
     described: bool = True,
@@ -235,8 +214,7 @@ def assemble_scene(
     Args:
         labelling: used in training; its dictionary becomes the scene's.
         settings: `settings.training` was used for the training, and is recorded.
-        quality: see `scene_quality`. Added if known: `searched_for` (names that were looked for), `searched_names`
-            (their number), `taken_at` (photo times by name, seconds since 1970).
+        plan_facts: preset, tradeoffs and time_asked_s.
         described: as for `find_things`.
 
     Raises:
@@ -257,74 +235,53 @@ def assemble_scene(
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
         training=settings.training.model_dump(mode="json") if capture.splat is None else {},
-        quality={**quality, **_searched(labelling), **_photo_times(capture, settings)},
+        quality=scene_quality(trained, capture, stage_seconds),
+        facts=scene_facts(trained, labelling, capture, settings, plan_facts),
         label_templates=templates,
         evidence=trained.evidence,
         things=things,
     )
 
 
-def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
-    """Photo times by name; empty where photos are not kept or people are redacted."""
-    if is_private(capture, settings):
-        return {}
-    times = {view.posed.name: view.taken_at for view in capture.views if view.taken_at is not None}
-    return {TAKEN_AT: times} if times else {}
-
-
-def _searched(labelling: Labelling) -> dict[str, Any]:
+def scene_facts(
+    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, plan_facts: SceneFacts
+) -> SceneFacts:
+    """Collects origin and state of a scene; photo times only where photos are kept and nobody is redacted."""
+    report, scale, vertical = capture.report, capture.report.scale, capture.report.vertical
+    private = is_private(capture, settings)
+    times = {} if private else {v.posed.name: v.taken_at for v in capture.views if v.taken_at is not None}
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
-    return {} if names is None else {"searched_names": len(names), "searched_for": list(names)}
+    return replace(
+        plan_facts,
+        source=report.source,
+        splat=report.splat,
+        tradeoffs=plan_facts.tradeoffs or (),
+        stopped_early="stopped_at_share" in trained.quality,
+        warnings=(*report.warnings, *trained.warnings),
+        unregistered=report.unregistered,
+        left_out=report.left_out,
+        withheld=report.withheld,
+        taken_at=times or None,
+        held_out_views=tuple(trained.held_out),
+        label_source="none" if not len(labelling.dictionary) else "given" if labelling.exact else "detected",
+        searched_names=None if names is None else len(names),
+        searched_for=None if names is None else tuple(names),
+        scale_source=None if scale is None else scale.source,
+        scale_error_95=None if scale is None else scale.relative_error_95,
+        vertical_source=None if vertical is None else vertical.source,
+        vertical_deviation_deg=None if vertical is None else vertical.deviation_deg,
+    )
 
 
-def scene_quality(
-    trained: TrainedSplats, labelling: Labelling, capture: Capture, provenance: Provenance
-) -> dict[str, Any]:
-    """Quality entries of a scene's manifest, ready for JSON.
-
-    Training metrics, and: stopped_early (training was ended by request), preset, tradeoffs, label_source, gaussians,
-    held_out_views, images, registered, unregistered, left_out (reason by file), source, splat, warnings,
-    mean_reprojection_error_px, stage_seconds. If applicable: scale_source, scale_error_95 (half the 95 % interval of a
-    length, relative), withheld (`WithheldReport`), vertical_source, vertical_deviation_deg, photometric (see
-    `TrainedSplats`), time_asked_s.
-    """
-    report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
-    held_back = {} if withheld is None else {"withheld": asdict(withheld)}
-    measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
-    if (vertical := report.vertical) is not None:
-        measured |= vertical_figures(vertical.source, vertical.deviation_deg)
-    asked = {} if provenance.time_asked_s is None else {"time_asked_s": provenance.time_asked_s}
+def scene_quality(trained: TrainedSplats, capture: Capture, stage_seconds: Mapping[str, float]) -> dict[str, Any]:
+    """Measurements of a scene, ready for JSON: training metrics, counts, seconds, photometric corrections if any."""
+    corrections = {name: [round(value, 4) for value in row] for name, row in trained.photometric.items()}
     return {
         **trained.quality,
-        **asked,
-        **measured,
-        **held_back,
-        **_photometric(trained),
-        "stopped_early": "stopped_at_share" in trained.quality,
-        "preset": provenance.preset,
-        "tradeoffs": list(provenance.tradeoffs),
-        "label_source": _label_source(labelling),
+        **({"photometric": corrections} if corrections else {}),
         "gaussians": len(trained.gaussians),
-        "held_out_views": list(trained.held_out),
-        "images": report.images,
+        "images": capture.report.images,
         "registered": len(capture.views),
-        "unregistered": list(report.unregistered),
-        "left_out": dict(report.left_out),
-        "source": report.source,
-        "splat": report.splat,
-        "warnings": [*report.warnings, *trained.warnings],
-        "mean_reprojection_error_px": report.mean_reprojection_error_px,
-        "stage_seconds": dict(provenance.stage_seconds),
+        "mean_reprojection_error_px": capture.report.mean_reprojection_error_px,
+        "stage_seconds": dict(stage_seconds),
     }
-
-
-def _photometric(trained: TrainedSplats) -> dict[str, Any]:
-    """Photometric corrections in the manifest's form."""
-    rows = trained.photometric
-    return {"photometric": {name: [round(value, 4) for value in row] for name, row in rows.items()}} if rows else {}
-
-
-def _label_source(labelling: Labelling) -> LabelSource:
-    if not len(labelling.dictionary):
-        return "none"
-    return "given" if labelling.exact else "detected"

@@ -31,7 +31,6 @@ from fastsplat.service.query.things.names.names_by_looks import KnownThing, Name
 from fastsplat.service.query.things.names.names_by_tags import names_by_tags
 from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_history import SceneHistory
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.messages.queries import Answer
 
@@ -76,7 +75,7 @@ class RankedScene:
         self.looks = ThingLooks(names.present, looks)
         self.unseen = unseen
         self.history = history
-        self.provisional = provisional_of(scene.quality)
+        self.provisional = scene.facts.draft
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
         self.sizes: Sizes = {} if sizes is None else sizes

@@ -19,7 +19,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Thing
+from fastsplat.service.scene.artefact.scene import Parts, Scene, SceneFacts, SemanticHead, Thing
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, posterior
 from fastsplat.service.settings import Settings
@@ -69,7 +69,7 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
         label_embeddings=embed_labels(made.dictionary, encoder),
         text_encoder=(encoder.name, encoder.sha256),
         label_templates=QuerySettings().templates,
-        quality={"searched_names": 80, "searched_for": ["banana", "submarine"]},
+        facts=SceneFacts(searched_names=80, searched_for=("banana", "submarine")),
     )
     assert made.things is not None
     first, *others = made.things.table

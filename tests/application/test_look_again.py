@@ -72,7 +72,7 @@ def test_texts_that_cannot_be_looked_for_are_refused(
 
 def test_texts_of_other_scripts_are_looked_for() -> None:
     job = look_again_job("s", LookAgainIn(("  茶碗", "größe XL", "🏆")), "default", Settings(perception=_DETECTOR))
-    assert job.options["look_again"]["texts"] == ["茶碗", "größe XL", "🏆"]
+    assert job.order["texts"] == ["茶碗", "größe XL", "🏆"]
 
 
 def test_without_an_open_set_detector_the_error_says_how(open_at: Callable[..., tuple[SceneService, str]]) -> None:

@@ -102,7 +102,7 @@ def test_what_an_unfinished_job_or_an_older_database_explains_stays(place: tuple
         os.link(store.blobs.version(scene_id, made) / "scene.ply", source / "scene.ply")
         store.blobs.publish(source, scene_id, name)
 
-    store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {"labels": [], "look_again": {}}))
+    store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {}, "look_again"))
     assert store.jobs.claim("running")
     add_folder("running")
     trash_lost_versions(store, time.time() + 30 * _DAY_S)

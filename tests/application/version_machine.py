@@ -183,8 +183,7 @@ class VersionMachine(RuleBasedStateMachine):
         if not isinstance(call, JobCall):
             return None
         store, name = self.place.stores[number], uuid.uuid4().hex
-        options = {"labels": [], "look_again": {"texts": ["mug"]}}
-        store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", options))
+        store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", {}, "look_again", {"texts": ["mug"]}))
         claim = store.jobs.claim(name)
         assert claim is not None
         job = ClaimedJob(store, claim, CallSettings(max_versions=LIMIT))

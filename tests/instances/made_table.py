@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.scene.artefact.scene import SH_C0, Scene, Thing, Things
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
@@ -58,6 +58,6 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
         encoder=encoder,
         cameras=cameras,
         things=Things(tuple(Thing(number) for number in sorted(things)), membership),
-        quality={"searched_names": 80, "searched_for": [f"name {number}" for number in range(80)]},
+        facts=SceneFacts(searched_names=80, searched_for=tuple(f"name {number}" for number in range(80))),
     )
     return scene, things

@@ -15,7 +15,6 @@ from fastsplat.service.jobs.draft_scenes import first_draft
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.results import Labelling, Regions
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.labels.blending import thing_map
 from fastsplat_contract.jobs.job_watching import Provisional
@@ -46,7 +45,7 @@ def test_things_are_found_on_few_points_and_neither_described_nor_read(
     monkeypatch.setattr(things_of_photos, "find_reader", fail)
     settings = Settings(data_dir=tmp_path, models=models_dir, discovery=DiscoverySettings(min_weight_px=5))
     scene = first_draft(capture, labelling, range(len(views)), settings)
-    assert provisional_of(scene.quality) == Provisional("points", 0.0)
+    assert scene.facts.draft == Provisional("points", 0.0)
     assert scene.things is not None
     owners = []
     for ball in (2, 3, 4):

@@ -16,7 +16,6 @@ from fastsplat.service.jobs.look_again import Sightings, look_for, name_sighting
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.absence import searched_names
 from fastsplat.service.scene.objects.things import discard_thing
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
@@ -100,9 +99,9 @@ def test_the_names_that_were_searched_for_grow(settings: Settings, table: Table,
     """By those that are new; the absence of anything else is said of all of them."""
     index, _ = table
     scene, _ = name_sightings(index, looked[0], settings)
-    assert searched_names(scene) == 80 + 14
+    assert scene.facts.searched_names == 80 + 14
     again, _ = name_sightings(index.after(scene), replace(looked[0], texts=("Mugs", "trophy"), found={}), settings)
-    assert searched_names(again) == 80 + 15
+    assert again.facts.searched_names == 80 + 15
     (answer,) = index.after(again).ask(["trophy"])
     assert answer.is_absent and answer.searched.names == 95
 

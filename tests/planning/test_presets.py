@@ -11,6 +11,7 @@ from fastsplat.service.planning.cost_model import SceneSize, fit_training
 from fastsplat.service.planning.presets import PERCEPTION_PRESETS, PRESETS, PresetName, apply_preset, override_training
 from fastsplat.service.planning.time_budget import clock_tradeoff
 from fastsplat.service.scene.artefact.assessment import assess
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
@@ -29,16 +30,16 @@ def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> N
 @pytest.mark.parametrize("name", [None, "balanced", "best"])
 def test_the_clock_ends_no_run_before_it_has_the_steps_of_a_good_scene(name: PresetName | None) -> None:
     fewest = apply_preset(Settings(), name).training.min_iterations
-    assert assess({"images": 40, "iterations": fewest}, ()) == Assessment("good", ())
+    assert assess({"images": 40, "iterations": fewest}, SceneFacts(), ()) == Assessment("good", ())
     late = {"images": 40, "iterations": fewest, "time_budget_s": 120.0, "train_seconds": 900.0}
-    assert assess(late, ()) == Assessment("good", ())  # nobody asked for a time
-    assert [finding.reason for finding in assess({**late, "time_asked_s": 130.0}, ()).findings] == ["TOOK_LONGER"]
+    assert assess(late, SceneFacts(), ()) == Assessment("good", ())  # nobody asked for a time
+    assert [finding.reason for finding in assess(late, SceneFacts(time_asked_s=130.0), ()).findings] == ["TOOK_LONGER"]
 
 
 def test_a_draft_has_a_floor_of_its_own_and_says_that_it_is_one() -> None:
     fewest = apply_preset(Settings(), "draft").training.min_iterations
     assert FEWEST_STEPS < fewest < TrainingSettings().min_iterations
-    assert assess({"images": 40, "iterations": fewest}, ()).grade == "fair"
+    assert assess({"images": 40, "iterations": fewest}, SceneFacts(), ()).grade == "fair"
 
 
 @pytest.mark.parametrize("name", PRESETS)

@@ -21,6 +21,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
 from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -50,7 +51,7 @@ _CAMERAS = {"two cameras": orbit(2), "tilted cameras": _moved(orbit(8), _TILTED)
 
 
 def _scene(cameras: Sequence[PosedCamera], **quality: object) -> Scene:
-    return replace(scene_of([_MUG, _TRAY], cameras), quality=_RECORDED | quality)
+    return replace(scene_of([_MUG, _TRAY], cameras), facts=split_quality(_RECORDED | quality)[0])
 
 
 def _as_trained(scene: Scene) -> Scene:
@@ -111,18 +112,18 @@ def test_all_that_ask_get_the_recorded_vertical(cameras: str, edit: str) -> None
 
 def test_without_a_record_level_cameras_tell_and_say_how_sure_they_are() -> None:
     for motion in (np.eye(4), any_motion(3)):
-        vertical = vertical_of({}, None, _moved(orbit(), motion))
+        vertical = vertical_of(SceneFacts(), None, _moved(orbit(), motion))
         assert vertical is not None and (vertical.source, vertical.deviation_deg) == ("horizon", 0.2)
         np.testing.assert_allclose(vertical.up, motion[:3, 2], atol=1e-9)
-    assert vertical_of({}, None, orbit(2)) is None and vertical_of({}, None, ()) is None
+    assert vertical_of(SceneFacts(), None, orbit(2)) is None and vertical_of(SceneFacts(), None, ()) is None
     beside = [look((x, -1, 0), (x, 0, 0), "") for x in (0, 1, 2, 3)]
-    assert vertical_of({}, None, beside) is None  # any tilt fits
+    assert vertical_of(SceneFacts(), None, beside) is None  # any tilt fits
 
 
 def test_a_guess_of_the_vertical_is_shown_and_not_used() -> None:
     guess = SceneVertical("cameras", 15.0, Vector3(0.0, 0.0, 1.0))
     figures = {"vertical_source": "cameras", "vertical_deviation_deg": 15.0}
-    assert vertical_of(figures, None, orbit(2)) == guess
+    assert vertical_of(split_quality(figures)[0], None, orbit(2)) == guess
     assert up_of(guess) is None and up_of(None) is None
     assert _index(_scene(orbit(2), **figures)).things.measures.up is None
 
@@ -131,5 +132,9 @@ def test_a_guess_of_the_vertical_is_shown_and_not_used() -> None:
     "damaged", [{"vertical_source": "sonar"}, {"vertical_deviation_deg": "half"}, {"vertical_deviation_deg": np.nan}]
 )
 def test_a_record_that_says_nothing_is_none(damaged: dict[str, object]) -> None:
-    vertical = vertical_of(_RECORDED | damaged, None, orbit())
+    stored = _RECORDED | damaged | {"left_out": ["quality.psnr"], "draft": 7, "psnr": 30.0}
+    facts, rest = split_quality(stored)
+    assert sorted(map(str, facts.with_quality(rest).items())) == sorted(map(str, stored.items()))
+    assert (facts.left_out, facts.draft, rest["left_out"], rest["draft"]) == (None, None, ["quality.psnr"], 7)
+    vertical = vertical_of(facts, None, orbit())
     assert vertical is not None and vertical.source == "horizon"

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.scene.artefact.assessment import assess, viewing_spread_deg
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _CAMERA = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
@@ -43,7 +44,7 @@ def _looking_in(angle: float, *, outward: bool = False) -> PosedCamera:
 
 
 def test_a_well_made_scene_is_good_and_has_nothing_to_mend() -> None:
-    assessment = assess(_WELL, _around(180))
+    assessment = assess(_WELL, SceneFacts(), _around(180))
     assert assessment is not None
     assert (assessment.grade, assessment.findings) == ("good", ())
 
@@ -58,7 +59,7 @@ def test_a_well_made_scene_is_good_and_has_nothing_to_mend() -> None:
     ],
 )
 def test_what_makes_a_scene_useless_makes_it_poor_with_the_reason_first(worse: Mapping[str, Any], reason: str) -> None:
-    assessment = assess({**_WELL, **worse}, _around(180))
+    assessment = assess({**_WELL, **worse}, SceneFacts(), _around(180))
     assert assessment is not None
     assert (assessment.grade, assessment.findings[0].reason) == ("poor", reason)
     assert all(finding.message and finding.advice for finding in assessment.findings)
@@ -77,8 +78,8 @@ def test_what_makes_a_scene_useless_makes_it_poor_with_the_reason_first(worse: M
     st.sampled_from(["registered", "iterations", "psnr"]),
 )
 def test_the_grade_is_the_worst_findings_and_more_never_makes_it_worse(measured: Mapping[str, Any], name: str) -> None:
-    before = assess({**_WELL, **measured}, _around(180))
-    after = assess({**_WELL, **measured, name: _WELL[name]}, _around(180))
+    before = assess({**_WELL, **measured}, SceneFacts(), _around(180))
+    after = assess({**_WELL, **measured, name: _WELL[name]}, SceneFacts(), _around(180))
     assert before is not None and after is not None
     assert _RANK[after.grade] >= _RANK[before.grade]
     grades = [_RANK[finding.grade] for finding in before.findings]
@@ -86,13 +87,13 @@ def test_the_grade_is_the_worst_findings_and_more_never_makes_it_worse(measured:
 
 
 def test_the_psnr_of_views_that_were_trained_on_proves_nothing() -> None:
-    assessment = assess({**_WELL, "psnr": 10.0, "held_out": 0.0}, _around(180))
+    assessment = assess({**_WELL, "psnr": 10.0, "held_out": 0.0}, SceneFacts(), _around(180))
     assert assessment is not None and assessment.grade == "good"
 
 
 def test_a_splat_without_photos_and_a_scene_without_figures_are_not_judged() -> None:
-    assert assess({**_WELL, "source": "splat"}, _around(180)) is None
-    assert assess({}, _around(180)) is None
+    assert assess(_WELL, SceneFacts(source="splat"), _around(180)) is None
+    assert assess({}, SceneFacts(), _around(180)) is None
 
 
 @pytest.mark.parametrize("degrees", [4.0, 20.0, 90.0, 170.0])
@@ -107,12 +108,12 @@ def test_cameras_that_look_outward_or_stand_still_have_no_spread() -> None:
 
 
 def test_photos_from_one_side_are_said_to_be() -> None:
-    assessment = assess(_WELL, _around(5))
+    assessment = assess(_WELL, SceneFacts(), _around(5))
     assert assessment is not None
     assert [finding.reason for finding in assessment.findings] == ["ONE_SIDE_ONLY"]
 
 
 def test_where_photos_differ_in_exposure_colors_are_aligned_before_they_are_judged() -> None:
     photos = {**_WELL, "psnr": 17.0, "psnr_cc": 29.0}
-    assert any(finding.grade == "poor" for finding in assess(photos, ()).findings)
-    assert not assess({**photos, "photometric": {"a.jpg": [0.4, 0.0, 0.0]}}, ()).findings
+    assert any(finding.grade == "poor" for finding in assess(photos, SceneFacts(), ()).findings)
+    assert not assess({**photos, "photometric": {"a.jpg": [0.4, 0.0, 0.0]}}, SceneFacts(), ()).findings

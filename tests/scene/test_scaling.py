@@ -18,6 +18,7 @@ from fastsplat.service.scene.artefact.scaling import (
     scaling_from_json,
     scaling_to_json,
 )
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 
@@ -91,6 +92,6 @@ def test_a_scaling_is_read_back_as_it_was_written(tmp_path: Path) -> None:
 
 
 def test_the_source_of_a_captures_meters_is_the_surest() -> None:
-    assert capture_scale_source({"scale_source": "sensor_depth"}) == "sensor_depth"
-    assert capture_scale_source({"scale_source": "tags+arkit"}) == "tags"
-    assert capture_scale_source({}) == "tags"
+    assert capture_scale_source(SceneFacts(scale_source="sensor_depth")) == "sensor_depth"
+    assert capture_scale_source(SceneFacts(scale_source="tags+arkit")) == "tags"
+    assert capture_scale_source(SceneFacts()) == "tags"

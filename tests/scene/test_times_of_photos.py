@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.jobs.pipeline import build_scene, capture_folder
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.scene.artefact.scene import TAKEN_AT
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from tests.api.made_scene import ENCODER, write_words
@@ -50,7 +48,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
     return capture_folder(folder, folder.parent / "capture", Settings().capture)
 
 
-def _quality(capture: Capture, tmp_path: Path, photos: PhotoSettings) -> Mapping[str, Any]:
+def _times(capture: Capture, tmp_path: Path, photos: PhotoSettings) -> Mapping[str, float] | None:
     write_words(tmp_path / "models")
     settings = Settings(
         models=tmp_path / "models",
@@ -59,18 +57,19 @@ def _quality(capture: Capture, tmp_path: Path, photos: PhotoSettings) -> Mapping
         photos=photos,
     )
     maps = tuple(np.ones((view.posed.camera.height, view.posed.camera.width), np.uint16) for view in capture.views)
-    return build_scene(capture, settings, labelling=Labelling(dictionary_of(["mug"]), maps, exact=True)).scene.quality
+    labelling = Labelling(dictionary_of(["mug"]), maps, exact=True)
+    return build_scene(capture, settings, labelling=labelling).scene.facts.taken_at
 
 
 def test_times_with_their_zone_stay_with_the_scene(capture: Capture, tmp_path: Path) -> None:
     times = {view.posed.name: view.taken_at for view in capture.views if view.taken_at is not None}
     assert times == {capture.views[1].posed.name: _TAKEN}
-    assert _quality(capture, tmp_path, PhotoSettings())[TAKEN_AT] == times
+    assert _times(capture, tmp_path, PhotoSettings()) == times
 
 
 def test_no_time_stays_where_photos_do_not_or_people_are_withheld(capture: Capture, tmp_path: Path) -> None:
-    assert TAKEN_AT not in _quality(capture, tmp_path / "off", PhotoSettings(keep="off"))
+    assert _times(capture, tmp_path / "off", PhotoSettings(keep="off")) is None
     private = replace(capture, report=replace(capture.report, withheld=WithheldReport("people", 0, 0.0)))
-    assert TAKEN_AT not in _quality(private, tmp_path / "private", PhotoSettings())
+    assert _times(private, tmp_path / "private", PhotoSettings()) is None
     movers = replace(capture, report=replace(capture.report, withheld=WithheldReport(None, 0, 0.0)))
-    assert TAKEN_AT in _quality(movers, tmp_path / "movers", PhotoSettings())
+    assert _times(movers, tmp_path / "movers", PhotoSettings())

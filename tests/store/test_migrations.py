@@ -19,7 +19,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, create_engine, inspect, text
+from sqlalchemy import Engine, MetaData, Table, create_engine, insert, inspect, text
 
 from fastsplat.service.store.care.backup import restore
 from fastsplat.service.store.care.checkup import check_database
@@ -29,7 +29,7 @@ from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.migrations import migrate
 from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.errors import ConflictError, ResourceError
+from fastsplat_contract.errors import ArtefactError, ConflictError, ResourceError
 from tests.postgres import PostgresServer
 from tests.scenes import queued_job
 
@@ -238,6 +238,42 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
     made = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
     assert (saved / "backup.json").stat().st_mtime_ns == made, "what needs no upgrade is not saved again"
+
+
+def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_path: Path, database_url: str) -> None:
+    scripts, engine = tmp_path / "first", create_engine(resolve_url(tmp_path, database_url))
+    shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*"))
+    migrate(engine, scripts)
+    order, result = {"texts": ["cup"]}, {"texts": ["cup"], "regions": 1}
+    again, made = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
+    jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
+        "new": ("QUEUED", 0, {}, (*made, "new", [], None)),
+        "retried": ("QUEUED", 3, again, (*made, "retried.2", ["a.jpg"], "failed")),
+        "runs": ("RUNNING", 2, again, (*made, "runs.2", ["a.jpg"], "failed")),
+        "given back": ("RUNNING", 1, {"released": True}, (*made, "given back", [], None)),
+        "done": ("SUCCEEDED", 2, {"look_again": order, "result": result, "again_after": "worker_died"},
+                 ("look_again", order, result, "done", [], "worker_died")),
+        "namer": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_namer", {}, None, "namer", [], None)),
+        "damaged": ("QUEUED", 0, {"retries": "x"}, ()),
+    }  # fmt: skip
+    numbers = dict.fromkeys(("created_at", "updated_at", "starts", "priority"), 1)
+    more = {"scene_id": "s", "request_digest": "", "upload_id": "", "stages": [], "worker": "", "project": "default"}
+    row = {**numbers, **more, "cancel_requested": False, "finish_requested": False}
+    with engine.begin() as connection:
+        table = Table("operations", MetaData(), autoload_with=connection)
+        for name, (state, attempt, options, _) in jobs.items():
+            stored = {"id": name, "state": state, "attempt": attempt, "options": {"labels": ["mug"], **options}}
+            connection.execute(insert(table).values({**row, **stored}))
+    engine.dispose()
+    with closing(open_store(tmp_path, database_url)) as store:
+        read = store.scenes.list_operations(10)
+        columns = {j.id: (j.kind, j.order, j.result, j.run_id, j.excluded, j.again_after) for j in read}
+        assert columns == {name: expected for name, (*_, expected) in jobs.items() if expected}
+        assert all(job.options == {"labels": ["mug"]} for job in read)
+        after = {name: claim.operation.again_after for name in columns if (claim := store.jobs.claim(name))}
+        assert after == {"new": None, "retried": "failed", "runs": "worker_died", "given back": "worker_stopped"}
+        with pytest.raises(ArtefactError, match="kind"):
+            store.scenes.operation("damaged")
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -132,7 +133,7 @@ def test_a_job_cancelled_in_the_queue_can_be_retried_and_one_that_waits_or_runs_
     store.scenes.create(job(1))
     assert store.scenes.cancel("op1").state == "CANCELLED" and store.scenes.scene("scene1").state == "CANCELLED"
     again = store.jobs.retry("op1", ended_since=0.0)
-    assert again.state == "QUEUED" and not again.cancel_requested
+    assert again.state == "QUEUED" and not again.cancel_requested and again.again_after == "cancelled"
     assert store.jobs.retry("op1", ended_since=0.0) == again
     claim = store.jobs.claim("op1")
     assert store.jobs.retry("op1", ended_since=0.0).attempt == claim.attempt
@@ -207,7 +208,14 @@ def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end
     assert store.jobs.claim_again(again).operation.again_after == "trainer_died"
     with pytest.raises(FencedError):
         store.jobs.claim_again(again)
-    assert store.jobs.claim("op1").operation.again_after == "worker_died"  # of a release no word is left
+    newest = store.jobs.claim("op1", "worker")
+    assert newest.operation.again_after == "worker_died"  # of a release no word is left
+    store.jobs.succeed(newest, SUMMARY)
+    attempts = store.scenes.operation("op1").attempts
+    told = [(attempt["number"], attempt["worker"], attempt["why"]) for attempt in attempts]
+    assert told == [(1, "", after), (2, "", "trainer_died"), (3, "", "worker_died"), (4, "worker", None)]
+    times = [moment for attempt in attempts for moment in (attempt["began_at"], attempt["ended_at"])]
+    assert times == sorted(times)
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
@@ -255,44 +263,25 @@ def test_database_urls(tmp_path):
     assert "secret" not in str(caught.value)
 
 
+_CLAIM = object()
 _CALLS = {
-    "scenes.list_scenes": lambda store, claim: store.scenes.list_scenes(1),
-    "scenes.create": lambda store, claim: store.scenes.create(job(2)),
-    "versions.known": lambda store, claim: store.versions.known("scene1", "v1"),
-    "keys.all": lambda store, claim: store.keys.all(),
-    "quota_usage.of": lambda store, claim: store.quota_usage.of("key"),
-    "job_metrics.jobs_by_state": lambda store, claim: store.job_metrics.jobs_by_state(),
-    "jobs.in_turn": lambda store, claim: store.jobs.in_turn(),
-    "jobs.claim_next": lambda store, claim: store.jobs.claim_next("worker"),
-    "jobs.claim": lambda store, claim: store.jobs.claim("op1"),
-    "jobs.claim_again": lambda store, claim: store.jobs.claim_again(claim),
-    "jobs.owners": lambda store, claim: store.jobs.owners(),
-    "jobs.take_back": lambda store, claim: store.jobs.take_back("worker"),
-    "jobs.release": lambda store, claim: store.jobs.release(claim),
-    "jobs.report": lambda store, claim: store.jobs.report(claim, []),
-    "jobs.check": lambda store, claim: store.jobs.check(claim),
-    "jobs.succeed": lambda store, claim: store.jobs.succeed(claim, SUMMARY),
-    "jobs.fail": lambda store, claim: store.jobs.fail(claim, {}),
-    "jobs.cancelled": lambda store, claim: store.jobs.cancelled(claim),
-    "jobs.over": lambda store, claim: store.jobs.over(["op1"]),
-    "jobs.delete_ended": lambda store, claim: store.jobs.delete_ended(0.0),
-    "jobs.uploads": lambda store, claim: store.jobs.uploads(0.0),
-    "jobs.retry": lambda store, claim: store.jobs.retry("op1", 0.0),
-    "jobs.unknown_scenes": lambda store, claim: store.jobs.unknown_scenes(["scene1"]),
-    "workers.update_heartbeat": lambda store, claim: store.workers.update_heartbeat("a", "host", 1),
-    "workers.list_workers": lambda store, claim: store.workers.list_workers(),
-    "workers.alive_on": lambda store, claim: store.workers.alive_on("host", 10.0),
-    "workers.mark_stopped": lambda store, claim: store.workers.mark_stopped("a"),
-    "workers.unregister": lambda store, claim: store.workers.unregister("a"),
-}
+    "scenes.list_scenes": (1,), "scenes.create": (job(2),), "versions.known": ("scene1", "v1"), "keys.all": (),
+    "quota_usage.of": ("key",), "job_metrics.jobs_by_state": (), "jobs.in_turn": (), "jobs.claim_next": ("worker",),
+    "jobs.claim": ("op1",), "jobs.claim_again": (_CLAIM,), "jobs.owners": (), "jobs.take_back": ("worker",),
+    "jobs.release": (_CLAIM,), "jobs.report": (_CLAIM, []), "jobs.check": (_CLAIM,),
+    "jobs.succeed": (_CLAIM, SUMMARY), "jobs.fail": (_CLAIM, {}), "jobs.cancelled": (_CLAIM,), "jobs.over": (["op1"],),
+    "jobs.delete_ended": (0.0,), "jobs.uploads": (0.0,), "jobs.retry": ("op1", 0.0),
+    "jobs.unknown_scenes": (["scene1"],), "workers.update_heartbeat": ("a", "host", 1), "workers.list_workers": (),
+    "workers.alive_on": ("host", 10.0), "workers.mark_stopped": ("a",), "workers.unregister": ("a",),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("call", _CALLS.values(), ids=_CALLS)
+@pytest.mark.parametrize("call", _CALLS)
 def test_a_database_that_does_not_answer_is_a_typed_error(store, call):
     store.scenes.create(job(1))
     claim = store.jobs.claim("op1")
     with store.engine.begin() as connection:
         metadata.drop_all(connection)
     with pytest.raises(DatabaseError) as caught:
-        call(store, claim)
+        attrgetter(call)(store)(*(claim if argument is _CLAIM else argument for argument in _CALLS[call]))
     assert caught.value.hint and "SELECT" not in caught.value.message

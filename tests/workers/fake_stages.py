@@ -23,7 +23,7 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import checkpoint_folder
@@ -113,18 +113,16 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
-    from fastsplat.service.scene.artefact.drafts import draft_of, provisional_of
     from fastsplat.workers.kinds.drafts import carry_into, write_made
 
     drafts = job.folder / "drafts"
     name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
     provisional = Provisional("points", 0.0) if stage == "perception" else Provisional("training", 0.5)
-    scene = draft_of(_scene(job, draft=True), provisional)
+    scene = replace(_scene(job, draft=True), facts=SceneFacts(draft=provisional))
     (drafts / f".{name}").mkdir(parents=True)
     write_made(scene, drafts / f".{name}")
     assert not carry_into(job, scene, drafts / f".{name}")
     (drafts / f".{name}").rename(drafts / name)
-    assert provisional_of(scene.quality) == provisional
     files = {"draft": {"file": name, "info": provisional._asdict()}}
     progress(ProgressEvent(stage, 0.5, "a draft", {}, files))
 

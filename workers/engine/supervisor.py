@@ -167,7 +167,7 @@ class Supervisor:
             self._kind.stages,
             job.claim.operation.order,
             version,
-            job.claim.operation.excluded,
+            tuple(job.claim.operation.excluded),
         )
         self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_namer=self._kind.asks_namer)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)

@@ -21,7 +21,6 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
-_OF_CARRIED = ("gaussians", "things", "dictionary", "edits", "author", "request_id", "request_digest", "version")
 _OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 
@@ -55,15 +54,8 @@ def edited_draft(records: Sequence[VersionRecord], find: Callable[[str], Path]) 
     while lineage and lineage[-1].parent in known:
         lineage.append(known[lineage[-1].parent])
     versions = tuple(
-        EditedVersion(
-            record.version,
-            str(find(record.version)),
-            record.edits,
-            record.author,
-            record.request_id or "",
-            record.request_digest,
-        )
-        for record in lineage[-2::-1]
+        EditedVersion(v.version, str(find(v.version)), v.edits, v.author, v.request_id or "", v.request_digest)
+        for v in lineage[-2::-1]
     )
     return EditedDraft(str(find(lineage[-1].version)), versions) if versions else None
 
@@ -113,9 +105,12 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").things if rows else None
     for row in rows:
-        scene = read_scene(find(row["version"]) / "artefact")
-        parent = carried[-1].version if carried else version
-        of_row = {name: row[name] for name in _OF_CARRIED}
-        carried.append(new_version(before, scene, calls, scene_id=scene_id, parent=parent, **of_row))
+        name, request = row["version"], (row["request_id"], row["request_digest"])
+        scene, parent = read_scene(find(name) / "artefact"), carried[-1].version if carried else version
+        carried.append(
+            new_version(
+                scene_id, name, parent, row["edits"], before, scene, row, calls, author=row["author"], request=request
+            )
+        )
         before = scene.things
     return MadeScene(summary, tuple(carried), values.get("edited", ""), tuple(values.get("lost", ())))

@@ -13,25 +13,18 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.jobs.pipeline import (
-    Provenance,
-    assemble_scene,
-    build_views,
-    label_views,
-    scene_quality,
-    train_scene,
-)
+from fastsplat.service.jobs.pipeline import assemble_scene, build_views, label_views, train_scene
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.planning.job_time import with_time_left
 from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SceneFacts, SemanticHead
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.previews import TrainingWatch
 from fastsplat.workers.job.protocol import Job, Stage
 from fastsplat.workers.job.results import PHOTOS, checkpoint_folder, intact, stage_seconds
 from fastsplat.workers.kinds.budget import job_time, make_plan, stored_plan
-from fastsplat.workers.kinds.drafts import Drafts, early_views, export_made, training_drafts, write_made
+from fastsplat.workers.kinds.drafts import TRAINING_DRAFTS, Drafts, early_views, export_made, write_made
 from fastsplat.workers.kinds.progress_files import ProgressFiles, finish_requested
 from fastsplat_contract.codec.json_codec import to_plain
 
@@ -117,7 +110,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     def draft(splats: TrainedSplats, share: float) -> None:
         drafts.of_training(splats, capture, labelling, views, settings, share)
 
-    watch = TrainingWatch(files.preview, finish_requested(job), draft, training_drafts())
+    watch = TrainingWatch(files.preview, finish_requested(job), draft, TRAINING_DRAFTS)
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
 
 
@@ -131,10 +124,10 @@ def _assemble(job: Job, folder: Path, progress: Progress) -> None:
     seconds = {stage: stage_seconds(job, stage) for stage in ("capture", "perception", "training")}
     asked_s = job.options.time_budget_s
     tradeoffs = (*_tradeoffs(job), *clock_tradeoff(job.settings.training, asked_s, trained.quality))
-    quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, tradeoffs, seconds, asked_s))
+    plan_facts = SceneFacts(preset=job.options.preset, tradeoffs=tradeoffs, time_asked_s=asked_s)
     settings = job.settings.model_copy(update={"training": stored_plan(job).settings})
     progress = with_time_left(progress, "export", job_time(job, capture, len(labelling.dictionary)))
-    scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
+    scene = assemble_scene(trained, labelling, capture, settings, plan_facts, seconds, progress)
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_made(scene, folder)
     views = len(capture.views)

@@ -24,8 +24,6 @@ from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, cove
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.drafts import DRAFTS as PLAN
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.formats.ply import write_ply
@@ -42,13 +40,11 @@ from fastsplat_contract.errors import CancelledError, ConflictError, FastSplatEr
 from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.messages.scenes import Edit
 
+TRAINING_DRAFTS = (0.25,)
+"""Training progress, 0..1, at which drafts are due."""
+
 _OF_EDIT = {field.name for field in fields(Edit)}
 """Fields of an edit; version rows also hold results of prompts."""
-
-
-def training_drafts() -> tuple[float, ...]:
-    """Training progress, 0..1, at which drafts are due."""
-    return tuple(draft.fraction for draft in PLAN if draft.stage == "training")
 
 
 def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
@@ -89,9 +85,7 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
             {
                 "version": name,
                 "edits": [to_plain(edit) for edit in each.edits],
-                "author": before.author,
-                "request_id": before.request_id,
-                "request_digest": before.request_digest,
+                **{name: getattr(before, name) for name in ("author", "request_id", "request_digest")},
                 **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
             }
         )
@@ -165,9 +159,8 @@ class Drafts:
             if not isinstance(error, (FastSplatError, OSError)):
                 traceback.print_exception(error)
             return
-        provisional = provisional_of(scene.quality)
-        assert provisional is not None
-        self._files.draft(name, provisional)
+        assert scene.facts.draft is not None
+        self._files.draft(name, scene.facts.draft)
 
 
 def _summary(scene: Scene) -> dict[str, Any]:
@@ -175,5 +168,5 @@ def _summary(scene: Scene) -> dict[str, Any]:
         **content_of(scene),
         "scale": scene.scale,
         "cameras": [camera_to_json(posed) for posed in scene.cameras],
-        "quality": dict(scene.quality),
+        "quality": scene.facts.with_quality(scene.quality),
     }

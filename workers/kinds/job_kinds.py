@@ -62,15 +62,14 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
     result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
     new = new_version(
+        job.scene_id,
+        job.run_id,
+        summary["parent"],
+        summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
         read_scene(job.current_version()[0] / "artefact").things,  # its parent, otherwise publication fails
         read_scene(folder / "artefact"),
+        summary,
         job.calls,
-        scene_id=job.scene_id,
-        version=job.run_id,
-        request_id="",
-        request_digest="",
-        edits=summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
-        **{name: summary[name] for name in ("parent", "gaussians", "things", "dictionary")},
     )
     job.succeed_with_version(new, result)
 

@@ -19,7 +19,6 @@ from fastsplat.service.query.language.words.query_text import TextQuery, check_q
 from fastsplat.service.query.ranked_scene import RankedQuery, StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
@@ -136,7 +135,7 @@ class Answers:
         mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
         part = things.get(ids["part"]) if "part" in ids else None
         (thing,) = self._context.known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
-        provisional = provisional_of(index.scene.quality)
+        provisional = index.scene.facts.draft
         return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
 
     def measure(self, request: MeasureRequest) -> Measurement:

@@ -123,8 +123,8 @@ class Observations:
 
         False where the scene keeps none, or had people redacted, for whom these photos were not searched.
         """
-        withheld = index.scene.quality.get("withheld") or {}
-        return self._context.settings.photos.keep == "on" and withheld.get("privacy") is None
+        withheld = index.scene.facts.withheld
+        return self._context.settings.photos.keep == "on" and (withheld is None or withheld.privacy is None)
 
     def _publish(
         self,

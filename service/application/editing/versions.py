@@ -226,18 +226,17 @@ class Versions:
         try:
             published, removed = self._context.store.versions.publish(
                 new_version(
+                    scene_id,
+                    version,
+                    parent,
+                    order.rows,
                     before.scene.things,
                     edited,
+                    content_of(edited, index.label_counts),
                     self._context.settings.calls,
-                    index.ranked.sizes,
-                    scene_id=scene_id,
-                    version=version,
-                    parent=parent,
-                    edits=order.rows,
+                    sizes=index.ranked.sizes,
                     author=key.name if key is not None else "",
-                    request_id=order.request_id,
-                    request_digest=order.digest,
-                    **content_of(edited, index.label_counts),
+                    request=(order.request_id, order.digest),
                 )
             )
         except BaseException:

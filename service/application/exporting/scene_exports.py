@@ -158,7 +158,9 @@ class Exports:
 
     def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
-            return mesh_file(index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version))
+            return mesh_file(
+                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
+            )
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with needed(MCAP, 'the format "mcap"'):

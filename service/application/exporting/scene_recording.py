@@ -56,7 +56,7 @@ def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> li
 
 def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
     """Metadata of a recording, with a warning where lengths are not meters."""
-    scaling, metric = scene.scaling or capture_scaling(scene.quality), scene.scale == "METRIC"
+    scaling, metric = scene.scaling or capture_scaling(scene.facts), scene.scale == "METRIC"
     up = scene.up()
     lines = {
         "scene_id": recording.scene_id,

@@ -15,9 +15,8 @@ from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
 from fastsplat.service.scene.artefact.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.artefact.assessment import assess
-from fastsplat.service.scene.artefact.capture_times import newest_photo_at
-from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.scene.artefact.scaling import capture_scale_source, capture_scaling, scaling_from_json
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.upright import vertical_of
 from fastsplat.service.store.rows.codec import camera_from_json
 from fastsplat.service.store.rows.damaged_rows import decodes, each_readable
@@ -99,7 +98,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         version=record.version,
         label_count=len(record.dictionary),
         thing_count=record.things if record.version else None,
-        captured_at=newest_photo_at(record.quality),
+        captured_at=split_quality(record.quality)[0].newest_photo_at,
     )
 
 
@@ -115,24 +114,25 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     alignment = alignment_from_json(record.alignment)
     frame = frame_similarity(unit, alignment)  # rows are in the trained version's frame
     cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
+    facts, measured = split_quality(record.quality)
     return Scene(
         **vars(summary_of(record)),
         camera_count=len(record.cameras),
         dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
         cameras=cameras,
         quality=record.quality,
-        assessment=assess(record.quality, cameras) if record.state == "READY" else None,
-        scaling=_scaling_of(record),
-        vertical=vertical_of(record.quality, alignment, cameras),
+        assessment=assess(measured, facts, cameras) if record.state == "READY" else None,
+        scaling=_scaling_of(record, facts),
+        vertical=vertical_of(facts, alignment, cameras),
         alignment=_alignment_of(record),
-        provisional=provisional_of(record.quality),
+        provisional=facts.draft,
     )
 
 
-def _scaling_of(record: SceneRecord) -> SceneScaling | None:
-    measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
+def _scaling_of(record: SceneRecord, facts: SceneFacts) -> SceneScaling | None:
+    measured, scaling = capture_scaling(facts), scaling_from_json(record.scaling)
     if scaling is None:
-        measured_by = capture_scale_source(record.quality)
+        measured_by = capture_scale_source(facts)
         return None if measured is None else SceneScaling(measured_by, 1.0, measured.low, measured.high, 0)
     alignment = alignment_from_json(record.alignment)
     by_pairs = alignment is not None and alignment.scaled

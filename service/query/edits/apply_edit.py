@@ -6,7 +6,7 @@ one often has the label of the other and would stay behind as a floater."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,6 @@ from fastsplat.service.query.edits.insertion import insert_things
 from fastsplat.service.query.edits.prompted_things import make_prompted_thing
 from fastsplat.service.query.edits.suggested_names import suggest_names
 from fastsplat.service.query.edits.thing_edits import edit_things
-from fastsplat.service.scene.artefact.changes import with_change
 from fastsplat.service.scene.artefact.scene import Scene, Things
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.geometry.camera import check_rigid
@@ -117,6 +116,11 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
             raise InvalidInputError(f"a color of {edit.color}", field="color", limit="RGB, 0 to 1 each")
 
 
+def _changed(scene: Scene, action: str) -> Scene:
+    """Records an action that makes the scene deviate from its photos."""
+    return replace(scene, facts=scene.facts.with_change(action))
+
+
 def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = False) -> Callable[[_Order], Scene]:
     """Makes a kind that changes the Gaussians it is about; `grows`: check their number."""
 
@@ -130,7 +134,7 @@ def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = Fals
                 limit=f"{order.max_gaussians} Gaussians of a scene",
                 hint="Duplicate smaller things, or remove some first.",
             )
-        return with_change(change(order.index.things.scene, rows, order.edit), order.edit.action)
+        return _changed(change(order.index.things.scene, rows, order.edit), order.edit.action)
 
     return make
 
@@ -146,7 +150,7 @@ def _remove(order: _Order) -> Scene:
             field=next(name for name, value in said.items() if value is not None),
             hint="PreviewEdit tells what an edit would remove.",
         )
-    return with_change(remove(order.index.things.scene, rows), edit.action)
+    return _changed(remove(order.index.things.scene, rows), edit.action)
 
 
 def _of_things(order: _Order) -> Scene:
@@ -160,7 +164,7 @@ def _prompted(order: _Order) -> Scene:
 
 def _insert(order: _Order) -> Scene:
     assert order.source is not None
-    return with_change(insert_things(order.index, order.source, order.edit), "insert")
+    return _changed(insert_things(order.index, order.source, order.edit), "insert")
 
 
 def _scale(order: _Order) -> Scene:

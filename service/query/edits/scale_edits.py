@@ -29,7 +29,7 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
     """
     if edit.label is not None or edit.thing_ids:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
-    earlier = index.scene.scaling or capture_scaling(index.scene.quality)
+    earlier = index.scene.scaling or capture_scaling(index.scene.facts)
     lengths = [] if earlier is None else [*earlier.lengths]
     known_count = len(edit.known_lengths) + len(edit.known_sizes)
     if not known_count or len(lengths) + known_count > _MAX_LENGTHS:

@@ -125,7 +125,7 @@ def apart(one: Located, other: Located) -> tuple[float, float]:
 
 def _length(index: SceneIndex, value: float, deviation: float) -> Length:
     """Length with the scale's uncertainty added."""
-    scaling = index.scene.scaling or capture_scaling(index.scene.quality)
+    scaling = index.scene.scaling or capture_scaling(index.scene.facts)
     if scaling is not None:
         deviation = float(np.hypot(deviation, value * scaling.deviation))
     spread = NORMAL_95 * deviation

@@ -19,7 +19,7 @@ from fastsplat.service.query.things.thing_measures import ThingShape
 from fastsplat.service.query.things.visibility import view_scores
 from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat.service.scene.artefact.scaling import capture_scaling
-from fastsplat.service.scene.artefact.scene import TAKEN_AT, Scene, Thing
+from fastsplat.service.scene.artefact.scene import Scene, Thing
 from fastsplat.service.scene.objects.boxes import BOX_TRIM, trimmed_ends
 from fastsplat_contract.geometry.poses import Box, rigid, vector3
 from fastsplat_contract.messages.detections import CovarianceTerm, Detection, DetectionList, Support, SupportRelation
@@ -172,7 +172,7 @@ def position_covariance(
             middles = [[sum(trimmed_ends(values, by)) / 2 for values in along.T] for by in (weights, sure)]
             variances = variances + (np.array(middles[1]) - np.array(middles[0])) ** 2
     covariance = axes @ np.diag(variances) @ axes.T
-    scaling = scene.scaling or capture_scaling(scene.quality)
+    scaling = scene.scaling or capture_scaling(scene.facts)
     if scene.scale == "METRIC" and scaling is not None:
         terms.append("scale")
         origin = np.zeros(3) if scene.alignment is None else np.array(scene.alignment.translation)
@@ -240,8 +240,8 @@ def _named(names: Sequence[str], numbers: Sequence[int]) -> tuple[str, ...]:
 
 def _seen_between(scene: Scene, views: Sequence[str]) -> tuple[datetime | None, datetime | None]:
     """Times of the first and last photo of these views, if known."""
-    taken = scene.quality.get(TAKEN_AT)
-    times = [float(taken[name]) for name in views if name in taken] if isinstance(taken, Mapping) else []
+    taken = scene.facts.taken_at or {}
+    times = [taken[name] for name in views if name in taken]
     if not times:
         return None, None
     return datetime.fromtimestamp(min(times), UTC), datetime.fromtimestamp(max(times), UTC)

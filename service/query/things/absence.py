@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.messages.queries import Searched
 
@@ -48,12 +47,6 @@ class UnseenSpace:
 
 
 ALL_SEEN = UnseenSpace(0.0, ())
-
-
-def searched_names(scene: Scene) -> int | None:
-    """Number of names that were searched for in the scene's photos; None if unknown."""
-    count = scene.quality.get("searched_names")
-    return count if isinstance(count, int) and not isinstance(count, bool) else None
 
 
 def unnamed_probability(searched: Searched) -> float:

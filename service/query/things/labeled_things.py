@@ -41,7 +41,7 @@ def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
     speck Gaussians join the nearest thing of their label within reach; other strays belong to none."""
     owner = np.zeros(len(scene.gaussians), np.int32)
     table = []
-    source: NameSource = "given" if scene.quality.get("label_source") == "given" else "detected"
+    source: NameSource = "given" if scene.facts.label_source == "given" else "detected"
     for thing_id, (label_id, rows) in enumerate(islice(_pieces(scene, labels), MAX_THING_ID), start=1):
         owner[rows] = thing_id
         entry = scene.dictionary.entries[label_id - 1]

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
 
-from fastsplat.service.scene.artefact.capture_times import newest_photo_at
 from fastsplat.service.scene.artefact.frames import frame_of
 from fastsplat.service.scene.artefact.observations import in_frame
 from fastsplat.service.scene.artefact.scene import Scene
@@ -68,7 +67,7 @@ def scene_history(scene: Scene) -> SceneHistory:
     frame = frame_of(scene)
     placed = [replace(in_frame(each, frame), meters=scene.scale == "METRIC") for each in scene.observations]
     observations = tuple(sorted(placed, key=lambda each: each.seen_at))
-    made_at = newest_photo_at(scene.quality)
+    made_at = scene.facts.newest_photo_at
     found: dict[int, list[Sighting]] = {}
     for each in observations:
         changed = {change.thing_id: change for change in each.changes if change.thing_id}

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fastsplat.service.query.things.absence import UnseenSpace, searched_names
+from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
@@ -144,9 +144,9 @@ class SceneThings:
             self.scene.dictionary,
             present,
             parts,
-            searched_names(self.scene),
+            self.scene.facts.searched_names,
             counts=counts,
-            searched_for=tuple(self.scene.quality.get("searched_for") or ()),
+            searched_for=self.scene.facts.searched_for or (),
             boxes={each: extent.box for each, extent in self.extents.items()},
             metric=self.scene.scale == "METRIC",
         )

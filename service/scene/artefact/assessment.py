@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.assessments import Assessment, Finding, Grade
 
@@ -27,19 +28,19 @@ _FACING = 0.8  # share of cameras that must face the common point
 _MOST_CAMERAS = 200
 
 
-def assess(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Assessment | None:
+def assess(quality: Mapping[str, Any], facts: SceneFacts, cameras: Sequence[PosedCamera]) -> Assessment | None:
     """Grades a scene and lists findings that lower its quality, worst first.
 
     Returns:
         None if nothing was measured, e.g. for an imported splat without photos.
     """
-    if quality.get("source") == "splat" or "images" not in quality:
+    if facts.source == "splat" or "images" not in quality:
         return None
-    findings = sorted(_findings(quality, cameras), key=lambda finding: _ORDER.index(finding.grade))
+    findings = sorted(_findings(quality, facts, cameras), key=lambda finding: _ORDER.index(finding.grade))
     return Assessment(findings[0].grade if findings else "good", tuple(findings))
 
 
-def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Iterator[Finding]:
+def _findings(quality: Mapping[str, Any], facts: SceneFacts, cameras: Sequence[PosedCamera]) -> Iterator[Finding]:
     images, registered = _number(quality, "images"), _number(quality, "registered")
     # The exposure of held-out photos is unknown where exposure varies: compare color-corrected PSNR.
     name = "psnr_cc" if "photometric" in quality else "psnr"
@@ -90,7 +91,7 @@ def _findings(quality: Mapping[str, Any], cameras: Sequence[PosedCamera]) -> Ite
             "Leave out blurred photos, and do not mix cameras or zoom.",
         )
     # A default time budget is no promise: training may exceed it to reach the minimum steps.
-    asked = _number(quality, "time_budget_s") if "time_asked_s" in quality else None
+    asked = _number(quality, "time_budget_s") if facts.time_asked_s is not None else None
     took = _number(quality, "train_seconds")
     if asked and took is not None and took > _OVERRUN * asked:
         yield Finding(

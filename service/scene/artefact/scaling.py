@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, get_args
 
 from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.messages.scenes import ScaleSource
 
 _LEAST_DEVIATION = 1e-3
@@ -54,24 +55,23 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
     return Scaling(scale, scale / spread, scale * spread, tuple(lengths))
 
 
-def capture_scaling(quality: Mapping[str, Any]) -> Scaling | None:
+def capture_scaling(facts: SceneFacts) -> Scaling | None:
     """Returns the uncertainty of meters measured by the capture itself; None without any.
 
     The trained version is already in meters: the scaling is 1, with one length, so that known lengths combine with it.
-    `scale_error_95` of the quality is half of the 95 % interval as a share.
     """
-    error = quality.get("scale_error_95")
-    if not isinstance(error, float) or not error > 0:
+    error = facts.scale_error_95
+    if error is None or not error > 0:
         return None
     return combined([ScaledLength(1.0, error / NORMAL_95, 1.0, 0.0)])
 
 
-def capture_scale_source(quality: Mapping[str, Any]) -> ScaleSource:
+def capture_scale_source(facts: SceneFacts) -> ScaleSource:
     """Returns the surest source of the capture's meters ("tags+arkit": tags).
 
     Scenes that record none used tags.
     """
-    stated = str(quality.get("scale_source", "tags")).partition("+")[0]
+    stated = (facts.scale_source or "tags").partition("+")[0]
     return next((source for source in get_args(ScaleSource) if source == stated), "tags")
 
 

@@ -14,6 +14,7 @@ from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.artefact.alignment import Alignment
 from fastsplat.service.scene.artefact.scaling import Scaling
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts as SceneFacts
 from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
@@ -251,10 +252,6 @@ LabelMode = Literal["codes", "evidence", "things"]
 """Source of a Gaussian's label: its code, label map evidence, or its thing's name."""
 
 
-TAKEN_AT = "taken_at"
-"""Key of `Scene.quality`: capture times by camera name, seconds since 1970."""
-
-
 @dataclass(frozen=True)
 class Scene:
     """A trained scene version.
@@ -274,7 +271,8 @@ class Scene:
     cameras: tuple[PosedCamera, ...]  # training and held-out views
     scale: Scale  # whether scene units are meters
     training: Mapping[str, Any] = field(default_factory=dict)  # settings, JSON-ready
-    quality: Mapping[str, Any] = field(default_factory=dict)  # figures (psnr, images, ...), JSON-ready
+    quality: Mapping[str, Any] = field(default_factory=dict)  # measurements (psnr, images, ...), JSON-ready
+    facts: SceneFacts = field(default_factory=SceneFacts)
     label_templates: tuple[str, ...] = ("{}",)
     evidence: Evidence | None = None
     things: Things | None = None
@@ -299,7 +297,7 @@ class Scene:
 
     def vertical(self) -> SceneVertical | None:
         """Vertical direction in this version's frame, its source and uncertainty."""
-        return vertical_of(self.quality, self.alignment, self.cameras)
+        return vertical_of(self.facts, self.alignment, self.cameras)
 
     def up(self) -> NDArray[np.float64] | None:
         """Unit up vector in this version's frame, float64 [3]; None if too uncertain."""

@@ -17,6 +17,7 @@ from fastsplat.service.scene.artefact.alignment import Alignment, alignment_from
 from fastsplat.service.scene.artefact.observations import observations_from_json, observations_to_json
 from fastsplat.service.scene.artefact.scaling import Scaling, scaling_from_json, scaling_to_json
 from fastsplat.service.scene.artefact.scene import SH_COUNTS, Thing, ThingGroup
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
@@ -40,6 +41,7 @@ class Manifest:
     scale: Scale
     training: Mapping[str, Any]
     quality: Mapping[str, Any]
+    facts: SceneFacts
     gaussians: int  # G
     sh: int  # K
     code: int  # D
@@ -72,7 +74,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
     """
     left_out: list[str] = []
     training = _finite(manifest.training, "training", left_out)
-    quality = _finite(manifest.quality, "quality", left_out)
+    quality = _finite(manifest.facts.with_quality(manifest.quality), "quality", left_out)
     if left_out:
         quality["left_out"] = sorted(left_out)
     body: dict[str, Any] = {
@@ -155,13 +157,15 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
     parts = None if checked.things is None else checked.things.parts
+    facts, quality = split_quality(checked.quality)
     return Manifest(
         dictionary=dictionary,
         text_encoder=(checked.text_encoder.name, checked.text_encoder.sha256),
         label_templates=tuple(checked.label_templates),
         scale=checked.scale,
         training=checked.training,
-        quality=checked.quality,
+        quality=quality,
+        facts=facts,
         gaussians=checked.sizes.gaussians,
         sh=checked.sizes.sh,
         code=checked.sizes.code,

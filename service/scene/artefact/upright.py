@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, get_args
+from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.vertical import level_deviation, vertical_of_poses
 from fastsplat.service.scene.artefact.alignment import Alignment
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.poses import vector3
 from fastsplat_contract.messages.scenes import SceneVertical, VerticalSource
@@ -21,24 +22,17 @@ _MOST_DEVIATION_DEG = 10.0
 """Largest usable 1 sigma: above that of level cameras, below that of down-looking ones."""
 
 
-def vertical_figures(source: VerticalSource, deviation_deg: float) -> dict[str, Any]:
-    """Quality entries for the capture's vertical, which is +z of the trained version."""
-    return {"vertical_source": source, "vertical_deviation_deg": deviation_deg}
-
-
-def vertical_of(
-    quality: Mapping[str, Any], alignment: Alignment | None, cameras: Sequence[PosedCamera]
-) -> SceneVertical | None:
+def vertical_of(facts: SceneFacts, alignment: Alignment | None, cameras: Sequence[PosedCamera]) -> SceneVertical | None:
     """Returns the vertical in the version's frame; None if unknown.
 
-    Uses the capture's recorded vertical (`vertical_figures`), rotated by the alignment, else the poses
+    Uses the capture's recorded vertical, rotated by the alignment, else the poses
     (`vertical_of_poses`).
     """
-    stated, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
-    source: VerticalSource | None = next((each for each in get_args(VerticalSource) if each == stated), None)
-    if source is not None and isinstance(deviation, (int, float)) and math.isfinite(deviation):
+    deviation = facts.vertical_deviation_deg
+    source: VerticalSource | None = next((s for s in get_args(VerticalSource) if s == facts.vertical_source), None)
+    if source is not None and deviation is not None and math.isfinite(deviation):
         rotation = np.eye(3) if alignment is None else np.array(alignment.rotation)
-        return SceneVertical(source, float(deviation), vector3(rotation[:, 2]))
+        return SceneVertical(source, deviation, vector3(rotation[:, 2]))
     if not cameras:
         return None
     poses = np.stack([posed.world_from_camera for posed in cameras])

@@ -14,7 +14,7 @@ from sqlalchemy import Connection, Engine, Update, func, select, update
 from fastsplat.service.store.repositories.scene_repository import as_operation
 from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.database import transaction
-from fastsplat.service.store.rows.records import AGAIN_AFTER, RELEASED, OperationRecord
+from fastsplat.service.store.rows.records import Attempt, OperationRecord
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.jobs.operations import AgainAfter
 
@@ -46,6 +46,14 @@ def fenced(claim: Claim) -> Update:
 def uncancelled(claim: Claim) -> Update:
     """Builds a fenced update that also requires that no cancellation was requested."""
     return fenced(claim).where(operations.c.cancel_requested.is_(False))
+
+
+def end_attempt(job: OperationRecord, why: AgainAfter | None) -> Sequence[Attempt]:
+    """Returns a job's attempts, of which the newest ends now unless it has."""
+    *earlier, newest = job.attempts or (None,)
+    if newest is None or newest["ended_at"] is not None:
+        return job.attempts
+    return [*earlier, {**newest, "ended_at": time.time(), "why": why}]
 
 
 def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
@@ -116,8 +124,7 @@ class JobQueue:
             row = connection.execute(waiting).mappings().first()
             if row is None:
                 return None
-            before = as_operation(row)
-            return _begin(connection, before, "worker_stopped" if RELEASED in before.options else "worker_died", worker)
+            return _begin(connection, as_operation(row), "worker_died", worker)
 
     def claim_again(self, claim: Claim) -> Claim:
         """Starts another attempt after the trainer died; raises `FencedError` as `JobRepository.report`."""
@@ -140,14 +147,12 @@ class JobQueue:
 
 
 def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:
-    """Begins an attempt; `after` is what ended the previous one, if there was one."""
-    options = {name: value for name, value in before.options.items() if name != RELEASED}
-    if before.state == "RUNNING":
-        options[AGAIN_AFTER] = after
-    here = operations.c.id == before.id
+    """Begins an attempt; `after` is what ended the previous one, unless that is known."""
+    earlier, here, now = end_attempt(before, after), operations.c.id == before.id, time.time()
+    newest = Attempt(number=before.attempt + 1, worker=worker, began_at=now, ended_at=None, why=None)
     values = {
-        "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1, "worker": worker,
-        "options": options, "updated_at": time.time(),
+        "state": "RUNNING", "attempt": newest["number"], "starts": operations.c.starts + 1, "worker": worker,
+        "attempts": [*earlier, newest], "updated_at": now,
     }  # fmt: skip
     connection.execute(update(operations).where(here).values(values))
     record = as_operation(connection.execute(select(operations).where(here)).mappings().one())

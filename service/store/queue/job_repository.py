@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Connection, delete, exists, insert, select, update
 
@@ -13,6 +13,7 @@ from fastsplat.service.store.queue.claims import (
     FencedError,
     JobQueue,
     JobRequest,
+    end_attempt,
     execute_fenced,
     fenced,
     uncancelled,
@@ -22,16 +23,7 @@ from fastsplat.service.store.repositories.photo_repository import record_photos
 from fastsplat.service.store.repositories.scene_repository import as_operation, no_operation, no_upload, queued_row
 from fastsplat.service.store.repositories.version_repository import NewVersion, publish_within
 from fastsplat.service.store.rows.damaged_rows import each_readable
-from fastsplat.service.store.rows.records import (
-    AGAIN_AFTER,
-    EXCLUDED,
-    RELEASED,
-    RESULT,
-    RETRIES,
-    NewJob,
-    OperationRecord,
-    SceneSummary,
-)
+from fastsplat.service.store.rows.records import NewJob, OperationRecord, SceneSummary
 from fastsplat.service.store.rows.schema import operations, scenes
 from fastsplat_contract.errors import NotFoundError
 
@@ -50,8 +42,8 @@ class JobRepository(JobQueue):
     def release(self, claim: Claim) -> None:
         """Gives an unfinished job back without counting its start; does nothing if fenced."""
         with self._writing() as connection:
-            options = {**claim.operation.options, RELEASED: True}
-            values = {"starts": operations.c.starts - 1, "options": options, "worker": "", "updated_at": time.time()}
+            attempts, starts = end_attempt(claim.operation, "worker_stopped"), operations.c.starts - 1
+            values = {"starts": starts, "attempts": attempts, "worker": "", "updated_at": time.time()}
             connection.execute(fenced(claim).values(values))
 
     def report(
@@ -129,8 +121,7 @@ class JobRepository(JobQueue):
             ConflictError: a draft was edited meanwhile.
         """
         with self._writing() as connection:
-            told = {} if result is None else {RESULT: dict(result)}
-            done = {"state": "SUCCEEDED", "options": {**claim.operation.options, **told}}
+            done = _succeeded(claim, result)
             removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
             execute_fenced(connection, claim, ready)
@@ -147,17 +138,16 @@ class JobRepository(JobQueue):
             FencedError: also if a cancellation came first.
             ConflictError, NotFoundError: as `publish_within`.
         """
-        options = {**claim.operation.options, RESULT: dict(result)}
         with self._writing() as connection:
-            done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
+            done = uncancelled(claim).values({**_succeeded(claim, result), "updated_at": time.time()})
             execute_fenced(connection, claim, done)
             return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
-        self._end(claim, "FAILED", dict(error))
+        self._end(claim, "failed", dict(error))
 
     def cancelled(self, claim: Claim) -> None:
-        self._end(claim, "CANCELLED", None)
+        self._end(claim, "cancelled", None)
 
     def retry(self, operation_id: str, ended_since: float, exclude: Sequence[str] = ()) -> OperationRecord:
         """Queues a failed or cancelled operation again; returns it, unchanged if in another state.
@@ -184,16 +174,11 @@ class JobRepository(JobQueue):
                 connection.execute(update(scenes).where(scene).values(state="TRAINING"))
                 if record.updated_at < ended_since:
                     raise no_upload(operation_id)
-            options = {
-                **record.options,
-                RETRIES: record.retries + 1,
-                EXCLUDED: sorted({*record.excluded, *exclude}),
-                AGAIN_AFTER: record.state.lower(),
-            }
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
                 "finish_requested": False, "progress_files": None, "worker": "",
-                "options": options, "updated_at": time.time(),
+                "retries": record.retries + 1, "excluded": sorted({*record.excluded, *exclude}),
+                "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
@@ -273,12 +258,18 @@ class JobRepository(JobQueue):
         execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
         return publish_made_within(connection, scene_id, summary, carried, edited=edited, draft=draft)
 
-    def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
+    def _end(self, claim: Claim, why: Literal["failed", "cancelled"], error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
-            values = {"state": state, "error": error, "updated_at": time.time()}
+            attempts, state = end_attempt(claim.operation, why), why.upper()
+            values = {"state": state, "error": error, "attempts": attempts, "updated_at": time.time()}
             execute_fenced(connection, claim, fenced(claim).values(values))
-            ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
-            connection.execute(ended.values(state=state))
+            unmade = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
+            connection.execute(unmade.values(state=state))
+
+
+def _succeeded(claim: Claim, result: Mapping[str, Any] | None) -> dict[str, Any]:
+    result = None if result is None else dict(result)
+    return {"state": "SUCCEEDED", "result": result, "attempts": end_attempt(claim.operation, None)}
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:

@@ -17,7 +17,6 @@ def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mappin
     """Builds the job that carries out an order on a scene.
 
     Args:
-        kind: kind of work, the key of the order in the job's options.
         request_id: idempotency key; "" for none.
         order: the request as JSON.
         project: the scene's project.
@@ -30,6 +29,8 @@ def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mappin
         request_id=request_id,
         request_digest=hashlib.sha256(content.encode()).hexdigest(),
         upload_id="",
-        options={**options_to_json(SceneOptions()), kind: dict(order)},
+        options=options_to_json(SceneOptions()),
+        kind=kind,
+        order=dict(order),
         project=project,
     )

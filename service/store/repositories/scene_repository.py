@@ -14,7 +14,7 @@ from fastsplat.service.store.repositories.name_repository import forget_names
 from fastsplat.service.store.repositories.photo_repository import forget_photos, record_photos
 from fastsplat.service.store.rows.damaged_rows import first_readable, is_name, require
 from fastsplat.service.store.rows.database import transaction
-from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
+from fastsplat.service.store.rows.records import DEFAULT_PROJECT, Attempt, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.rows.schema import operations, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import OperationState
@@ -261,7 +261,7 @@ def queued_row(job: NewJob) -> dict[str, Any]:
     return {
         "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
         "request_id": job.request_id or None, "request_digest": job.request_digest, "upload_id": job.upload_id,
-        "options": dict(job.options), "priority": job.priority,
+        "options": dict(job.options), "kind": job.kind, "order": dict(job.order), "priority": job.priority,
         "stages": [], "created_at": now, "updated_at": now, "project": job.project,
     }  # fmt: skip
 
@@ -292,8 +292,12 @@ def no_scene(scene_id: str) -> NotFoundError:
 def _stop(connection: Connection, operation_id: str) -> None:
     now = time.time()
     here = operations.c.id == operation_id
-    queued = update(operations).where(here, operations.c.state == "QUEUED")
-    if connection.execute(queued.values(state="CANCELLED", cancel_requested=True, updated_at=now)).rowcount:
+    waiting = select(operations).where(here, operations.c.state == "QUEUED").with_for_update()
+    if (row := connection.execute(waiting).mappings().first()) is not None:
+        never = Attempt(number=row["attempt"], worker="", began_at=None, ended_at=now, why="cancelled")
+        before = row["attempts"] if isinstance(row["attempts"], list) else ()
+        ended = {"state": "CANCELLED", "cancel_requested": True, "attempts": [*before, never], "updated_at": now}
+        connection.execute(update(operations).where(here).values(ended))
         connection.execute(update(scenes).where(scenes.c.operation_id == operation_id).values(state="CANCELLED"))
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
@@ -27,17 +27,7 @@ def options_from_json(row: Mapping[str, Any]) -> SceneOptions:
 
 def camera_to_json(posed: PosedCamera) -> dict[str, Any]:
     """Converts a posed camera: intrinsics in pixels, `world_from_camera` row by row."""
-    camera = posed.camera
-    return {
-        "name": posed.name,
-        "width": camera.width,
-        "height": camera.height,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "world_from_camera": posed.world_from_camera.tolist(),
-    }
+    return {"name": posed.name, **asdict(posed.camera), "world_from_camera": posed.world_from_camera.tolist()}
 
 
 def camera_from_json(row: Mapping[str, Any]) -> PosedCamera:

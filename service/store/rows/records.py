@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, get_args
+from dataclasses import dataclass, field
+from typing import Any, TypedDict, get_args
 
 from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
 from fastsplat_contract.jobs.operations import AgainAfter, OperationKind, OperationState
@@ -18,15 +18,6 @@ SECONDS_LEFT = "job_seconds_left"
 
 PREDICTED_S = "predicted_s"
 """Key of `OperationRecord.options`: how long its job was said to take, seconds, where that was known when it came."""
-
-RESULT = "result"
-"""Key of `OperationRecord.options` with the result of a job on a finished scene."""
-
-RETRIES = "retries"
-EXCLUDED = "exclude"
-AGAIN_AFTER = "again_after"
-RELEASED = "released"
-"""Keys of `OperationRecord.options` that the queue writes; `RELEASED`: given back by its worker."""
 
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
@@ -71,13 +62,23 @@ class SceneRecord:
         )
 
 
+class Attempt(TypedDict):
+    """An attempt of a job; times are seconds since 1970, UTC."""
+
+    number: int  # the fencing token
+    worker: str  # executor id; "" if unknown
+    began_at: float | None  # None: cancelled before it began
+    ended_at: float | None  # None: not known to have ended
+    why: AgainAfter | None  # reason of the end; None while it runs, and after success
+
+
 @dataclass(frozen=True)
 class OperationRecord:
     """A job; jobs with a higher priority run first.
 
     `stages` and `error` are JSON as the worker wrote them; `attempt` is the fencing token. `progress_files` maps a kind
     ("preview", "placed") to its "file" (see `Blobs.progress_file`) and "info" (`PreviewInfo` or `PlacedInfo` as JSON).
-    A job on a finished scene has no upload but an order, in `options` under the name of its kind.
+    A job on a finished scene has no upload but an order, and a result if it succeeded; both are JSON.
     """
 
     id: str
@@ -94,20 +95,29 @@ class OperationRecord:
     starts: int
     cancel_requested: bool
     priority: int
+    kind: OperationKind = "create_scene"
+    order: Mapping[str, Any] = field(default_factory=dict)
+    result: Mapping[str, Any] | None = None
+    retries: int = 0  # after failure or cancellation
+    excluded: Sequence[str] = ()  # paths of uploaded photos that retries left out
+    attempts: Sequence[Attempt] = ()  # oldest first
     project: str = DEFAULT_PROJECT
     finish_requested: bool = False
     progress_files: Mapping[str, Mapping[str, Any]] | None = None
 
     def __post_init__(self) -> None:
-        options = self.options if is_object(self.options) else {}
         require(
             f"operation {self.id}",
             scene_id=isinstance(self.scene_id, str),
             state=self.state in _OPERATION_STATES,
             upload_id=isinstance(self.upload_id, str),
-            options=is_object(self.options)
-            and isinstance(options.get("retries", 0), int)
-            and all(options.get(key) is None or is_object(options[key]) for key in (*_KINDS, RESULT)),
+            options=is_object(self.options),
+            kind=self.kind in _KINDS,
+            order=is_object(self.order),
+            result=self.result is None or is_object(self.result),
+            retries=isinstance(self.retries, int),
+            excluded=isinstance(self.excluded, Sequence),
+            attempts=are_objects(self.attempts, *Attempt.__annotations__),
             stages=are_objects(self.stages),
             error=self.error is None or is_object(self.error),
             created_at=is_time(self.created_at),
@@ -120,41 +130,15 @@ class OperationRecord:
         )
 
     @property
-    def retries(self) -> int:
-        """Number of times the job was queued again after failure or cancellation."""
-        return int(self.options.get(RETRIES, 0))
-
-    @property
-    def excluded(self) -> tuple[str, ...]:
-        """Paths of uploaded photos that retries asked to leave out."""
-        return tuple(self.options.get(EXCLUDED, ()))
-
-    @property
     def again_after(self) -> AgainAfter | None:
-        """The reason why the previous attempt ended; None in the first one."""
-        after: AgainAfter | None = self.options.get(AGAIN_AFTER)
-        return after
-
-    @property
-    def kind(self) -> OperationKind:
-        """The kind of work; a job without an order makes its scene."""
-        return next((kind for kind in _KINDS if self.options.get(kind) is not None), "create_scene")
+        """The reason why the attempt before this or the next one ended; None for the first one."""
+        earlier = self.attempts if self.state == "QUEUED" else self.attempts[:-1]
+        return earlier[-1]["why"] if earlier else None
 
     @property
     def makes_scene(self) -> bool:
         """True if the job makes its scene from an upload."""
         return self.kind == "create_scene"
-
-    @property
-    def order(self) -> Mapping[str, Any]:
-        """The order of a job on a finished scene, as JSON; empty for others."""
-        return self.options.get(self.kind) or {}
-
-    @property
-    def result(self) -> Mapping[str, Any] | None:
-        """Result of a job on a finished scene, as JSON; None until there is one."""
-        found: Mapping[str, Any] | None = self.options.get(RESULT)
-        return found
 
     @property
     def run_id(self) -> str:
@@ -176,6 +160,8 @@ class NewJob:
     request_digest: str
     upload_id: str
     options: Mapping[str, Any]
+    kind: OperationKind = "create_scene"
+    order: Mapping[str, Any] = field(default_factory=dict)
     priority: int = 0
     project: str = DEFAULT_PROJECT
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import threading
-import uuid
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -14,7 +13,6 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.rows.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
 from fastsplat_contract.codec.proto_codec import to_proto
@@ -23,20 +21,13 @@ from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+from tests.scenes import queued_job
 
 
 @pytest.fixture
 def queued(service: SceneService) -> Iterator[str]:
     """A job that no worker takes."""
-    job = NewJob(
-        scene_id=uuid.uuid4().hex,
-        operation_id=uuid.uuid4().hex,
-        name="",
-        request_id="",
-        request_digest="",
-        upload_id="none",
-        options={"labels": [], "time_budget_s": None, "max_gaussians": None},
-    )
+    job = queued_job()
     service._store.scenes.create(job)
     yield job.operation_id
     service.delete_scene(job.scene_id)

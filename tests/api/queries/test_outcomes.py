@@ -14,7 +14,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
 from fastsplat.service.query.things.unseen_space import surface_kind
-from fastsplat.service.scene.artefact.scene import SemanticHead
+from fastsplat.service.scene.artefact.scene import SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat_client import Client
 from fastsplat_client.assistant.tools import find
@@ -53,7 +53,7 @@ def screened(service: SceneService) -> str:
             head=SemanticHead.unlearnt(len(dictionary), scene.gaussians.codes.shape[1]),
             label_embeddings=np.zeros((len(dictionary), 16), np.float32),
             text_encoder=(ENCODER, "0" * 64),
-            quality={"searched_for": ["elephant"]},
+            facts=SceneFacts(searched_for=("elephant",)),
         ),
     )
 

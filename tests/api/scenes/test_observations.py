@@ -19,8 +19,10 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.editing import observing
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.common.withheld import WithheldReport
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import from_json
@@ -224,8 +226,8 @@ def test_its_photos_are_kept_without_metadata_follow_edits_and_go_with_the_scene
 def test_no_photo_stays_where_the_scenes_own_would_not(
     api_settings: Settings, service: SceneService, without: tuple[bytes, ...], why: str
 ) -> None:
-    quality = {"withheld": {"privacy": "people", "share": 0.1}} if why == "private" else {}
-    room = add_room(service, api_settings, quality=quality)
+    facts = SceneFacts(withheld=WithheldReport("people", 0, 0.1)) if why == "private" else SceneFacts()
+    room = add_room(service, api_settings, facts=facts)
     settings = api_settings.model_copy(update={"photos": PhotoSettings(keep="off")}) if why == "off" else api_settings
     with SceneService(service._store, settings) as other:
         made = other.observations.observe(_request(room, without))

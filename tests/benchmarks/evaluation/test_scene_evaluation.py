@@ -15,6 +15,7 @@ from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.benchmarks.evaluation import made_data
@@ -104,7 +105,7 @@ def test_a_scene_that_saw_a_test_view_is_refused_by_name_and_by_pose(dataset: Da
         cheat = replace(made_data.scene(), cameras=(PosedCamera(made_data.CAMERA, view.posed.world_from_camera, name),))
         with pytest.raises(InvalidInputError, match="trained on the test view"):
             evaluate_scene(made_data.index(cheat), dataset)
-        held_out = replace(cheat, quality={"held_out_views": [name]})
+        held_out = replace(cheat, facts=SceneFacts(held_out_views=(name,)))
         assert _figures(made_data.index(held_out), dataset)["miou"] == 1
 
 
@@ -112,7 +113,7 @@ def test_a_scene_in_another_world_frame_is_refused(dataset: Dataset) -> None:
     pose = dataset.test[0].posed.world_from_camera.copy()
     pose[2, 3] += 1
     moved = PosedCamera(made_data.CAMERA, pose, dataset.test[0].name)
-    other = replace(made_data.scene(), cameras=(moved,), quality={"held_out_views": [moved.name]})
+    other = replace(made_data.scene(), cameras=(moved,), facts=SceneFacts(held_out_views=(moved.name,)))
     with pytest.raises(InvalidInputError, match="another pose"):
         evaluate_scene(made_data.index(other), dataset)
 

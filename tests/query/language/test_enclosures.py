@@ -10,7 +10,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.language.sentences.enclosures import is_kept_shut, width_needed
 from fastsplat.service.query.measures.next_viewpoints import next_photos
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.query.conftest import PLAIN, DrawnEncoder
@@ -70,7 +70,7 @@ def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
     bare = replace(things.table[cupboard - 1], name="", source=None, probability=0.0)
     assert bare.id == cupboard
     table = tuple(bare if each.id == cupboard else each for each in things.table)
-    scene = replace(index.things.scene, things=replace(things, table=table), quality={"searched_for": ["spoon"]})
+    scene = replace(index.things.scene, things=replace(things, table=table), facts=SceneFacts(searched_for=("spoon",)))
     (spoon,) = opened(scene).ask(["spoon"])
     assert spoon.outcome == "not_seen" and "looks into an unnamed thing (" in spoon.sentence
 

@@ -14,7 +14,7 @@ from fastsplat.service.query.language.sentences.history_answers import _MOST_TOL
 from fastsplat.service.query.language.sentences.time_questions import time_question
 from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.scene.artefact.scene import TAKEN_AT, Thing
+from fastsplat.service.scene.artefact.scene import SceneFacts, Thing
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.photos.localization import ChangeKind, SceneChange
@@ -42,7 +42,7 @@ def _answers(days: _Days) -> HistoryAnswers:
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
         [1, 2],
         ("mug", "lamp"),
-        quality={TAKEN_AT: {"a.jpg": _MADE.timestamp()}},
+        facts=SceneFacts(taken_at={"a.jpg": _MADE.timestamp()}),
         observations=tuple(_observation(*each) for each in reversed(days)),
     )
     things = tuple(Thing(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))

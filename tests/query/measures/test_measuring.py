@@ -12,6 +12,7 @@ from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.measuring import measure
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera
 from fastsplat_contract.geometry.places import KnownLength, KnownSize, Place, ThingSide
@@ -101,7 +102,8 @@ def test_known_lengths_make_a_scene_metric(index: SceneIndex) -> None:
 
 
 def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index: SceneIndex) -> None:
-    tagged = index.after(replace(index.scene, scale="METRIC", quality={"scale_source": "tags", "scale_error_95": 0.02}))
+    facts = SceneFacts(scale_source="tags", scale_error_95=0.02)
+    tagged = index.after(replace(index.scene, scale="METRIC", facts=facts))
     for side, plain in zip(
         _measured(tagged, Place(thing_id=1)).sides, _measured(index, Place(thing_id=1)).sides, strict=True
     ):

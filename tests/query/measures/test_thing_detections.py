@@ -14,7 +14,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import TAKEN_AT, Scene, Thing, Things
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -186,13 +186,13 @@ def test_times_are_those_of_the_photos_that_see_a_thing(made: Made) -> None:
     scene = _scene()
     names = [posed.name for posed in scene.cameras]
     times = {name: 1_700_000_000.0 + 60 * n for n, name in enumerate(names)}
-    index = made(replace(scene, quality={TAKEN_AT: times}))
+    index = made(replace(scene, facts=SceneFacts(taken_at=times)))
     book = _of(index, "book")
     assert set(book.views) <= set(names) and book.views
     own = [times[name] for name in book.views]
     assert book.first_seen == datetime.fromtimestamp(min(own), UTC)
     assert book.last_seen == datetime.fromtimestamp(max(own), UTC)
-    few = made(replace(scene, quality={TAKEN_AT: {"another.jpg": 1_700_000_000.0}}))
+    few = made(replace(scene, facts=SceneFacts(taken_at={"another.jpg": 1_700_000_000.0})))
     assert (_of(few, "book").first_seen, _of(few, "book").last_seen) == (None, None)
 
 

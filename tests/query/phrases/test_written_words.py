@@ -13,9 +13,9 @@ from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene, Thing
-from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 from tests.query.conftest import DrawnEncoder
+from tests.query.phrases.test_looks_answers import _answer
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
@@ -48,10 +48,6 @@ def scene() -> Scene:
 @pytest.fixture
 def index(scene: Scene) -> SceneIndex:
     return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
-
-
-def _answer(index: SceneIndex, text: str) -> Answer:
-    return index.ask([text])[0]
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from fastsplat.service.query.ranked_scene import StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.names_by_looks import KnownThing
-from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.messages.queries import Answer
@@ -159,8 +159,8 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexi
 
 def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:
     """It was looked for; where photos showed it and it is no thing's name, what has none may be it."""
-    scene = replace(_scene((Thing(1), Thing(2, "mug", "person", 1.0)), ["vase"]), quality={"searched_for": ["vase"]})
-    index = SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="reference"))
+    scene, facts = _scene((Thing(1), Thing(2, "mug", "person", 1.0)), ["vase"]), SceneFacts(searched_for=("vase",))
+    index = SceneIndex(replace(scene, facts=facts), DrawnEncoder(), QuerySettings(backend="reference"))
     (vase,) = index.ask(["vase"])
     assert [name.label for name in index.ranked.names.table.values()] == ["mug"] and vase.outcome == "not_here"
     assert vase.sentence.startswith('Not here: nothing bears the name "vase"; 1 thing has no name')

@@ -13,7 +13,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
@@ -85,7 +85,7 @@ def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(labe
     # Every Gaussian of a label that is near a thing is the thing's: faint ones do not stay behind.
     np.testing.assert_array_equal(index.things.owner > 0, index.gaussian_classes > 0)
     assert all(thing.source == "detected" and thing.probability == 1 for thing in index.things.listed)
-    given = opened(replace(labeled, quality={"label_source": "given"}))
+    given = opened(replace(labeled, facts=SceneFacts(label_source="given")))
     assert {thing.source for thing in given.things.listed} == {"given"}
     assert index.things.names.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
 
@@ -172,7 +172,7 @@ def test_merging_and_discarding_are_what_they_say(discovered: Scene) -> None:
 
 
 def test_an_absence_says_what_was_looked_for(discovered: Scene) -> None:
-    index = opened(replace(discovered, quality={"searched_names": 80, "searched_for": ["truck"]}))
+    index = opened(replace(discovered, facts=SceneFacts(searched_names=80, searched_for=("truck",))))
     named = edited(index, name(4, "jar"))
     (answer, kettle) = named.ask(["truck", "kettle"])
     assert "none of the 2 names" in answer.sentence and "2 things have no name" in answer.sentence
@@ -187,8 +187,8 @@ def test_absence_is_said_only_where_it_can_be_known(
     discovered: Scene, calibrated_encoder: Any, lexicon: Any, phrasing: str
 ) -> None:
     """Of words that the models could say, as sure as these are found; of others only without things that may be it."""
-    settings, quality = QuerySettings(backend="cpu"), {"searched_for": ["person", "spoon", "couch", "cup"]}
-    index = SceneIndex(replace(discovered, quality=quality), calibrated_encoder, settings, lexicon=lexicon)
+    settings, facts = QuerySettings(backend="cpu"), SceneFacts(searched_for=("person", "spoon", "couch", "cup"))
+    index = SceneIndex(replace(discovered, facts=facts), calibrated_encoder, settings, lexicon=lexicon)
     words = ("violinist", "spoon", "sofa", "keyboard", "grand piano", "goose")
     violinist, spoon, sofa, keyboard, piano, goose = index.ask([phrasing.format(word) for word in words])
     assert [each.outcome for each in (violinist, spoon, sofa, piano)] == ["not_here"] * 4

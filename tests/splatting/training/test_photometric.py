@@ -275,15 +275,15 @@ def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure
 
 
 def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:
-    from fastsplat.service.jobs.pipeline import Provenance, scene_quality
+    from fastsplat.service.jobs.pipeline import scene_quality
     from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
 
     trained = train(*world, quick(photometric="on"), silent)
     save_trained(trained, tmp_path)
     loaded = load_trained(tmp_path)
     assert _same(loaded, trained) and loaded.photometric
-    quality = scene_quality(loaded, world[1], world[0], Provenance())
+    quality = scene_quality(loaded, world[0], {})
     assert quality["photometric"].keys() == trained.photometric.keys()
     assert quality["psnr_cc"] == trained.quality["psnr_cc"]
-    off = scene_quality(train(*world, quick(photometric="off"), silent), world[1], world[0], Provenance())
+    off = scene_quality(train(*world, quick(photometric="off"), silent), world[0], {})
     assert "photometric" not in off

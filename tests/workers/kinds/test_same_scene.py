@@ -18,10 +18,11 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import Provenance, build_scene, capture_folder, scene_quality
+from fastsplat.service.jobs.pipeline import build_scene, capture_folder, scene_facts, scene_quality
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
@@ -123,10 +124,14 @@ def test_what_a_scene_records_of_its_making(preset: PresetName | None) -> None:
     points = np.zeros((0, 3), np.float32)
     report = CaptureReport("images", 4, ("c.jpg",), warnings=("blurred",))
     capture = Capture((View(camera, Path("b.jpg")),), points, points.astype(np.uint8), "METRIC", report)
-    provenance = Provenance(preset, ("fewer views",), {"training": 2.0})
-    quality = scene_quality(trained, Labelling(dictionary_of(["mug"]), ()), capture, provenance)
+    plan_facts = SceneFacts(preset=preset, tradeoffs=("fewer views",))
+    facts = scene_facts(trained, Labelling(dictionary_of(["mug"]), ()), capture, Settings(), plan_facts)
+    quality = facts.with_quality(scene_quality(trained, capture, {"training": 2.0}))
     assert (quality["preset"], quality["tradeoffs"], quality["psnr"]) == (preset, ["fewer views"], 20.0)
     assert (quality["images"], quality["registered"], quality["unregistered"]) == (4, 1, ["c.jpg"])
     assert quality["label_source"] == "detected" and quality["held_out_views"] == ["a.jpg"]
-    assert scene_quality(trained, Labelling(dictionary_of([]), ()), capture, provenance)["label_source"] == "none"
+    unnamed = Labelling(dictionary_of([]), ())
+    assert scene_facts(trained, unnamed, capture, Settings(), plan_facts).label_source == "none"
+    measured = {name: quality[name] for name in ("psnr", "gaussians", "images", "registered", "stage_seconds")}
+    assert split_quality(quality) == (facts, {**measured, "mean_reprojection_error_px": 0.0})
     json.dumps(quality, allow_nan=False)

@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
-from fastsplat.service.query.things.absence import USUAL_M, searched_names
+from fastsplat.service.query.things.absence import USUAL_M
 from fastsplat.service.query.things.names.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names.names_by_looks import NameFromScene
 from fastsplat.service.scene.artefact.scene import Scene, Thing
@@ -246,6 +246,6 @@ def _lies_in(one: Box, other: Box) -> bool:
 
 def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:
     """Builds the names of a scene; `counts`: Gaussians of each label, 0 first."""
-    names = of_things or ThingNames(scene.dictionary, (), (), searched_names(scene), stored=False)
+    names = of_things or ThingNames(scene.dictionary, (), (), scene.facts.searched_names, stored=False)
     entries = () if scene.label_mode == "things" else enumerate(scene.dictionary.entries, start=1)
     return replace(names, marked={label_id: entry.confidence for label_id, entry in entries if counts[label_id]})
