@@ -23,10 +23,12 @@ from fastsplat.service.query.things.gaussian_labels import label_by_things, labe
 from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.names.thing_names import names_of
 from fastsplat.service.query.things.thing_history import scene_history
+from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.viewpoint import WORLD
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.things import SceneThing
 
@@ -311,6 +313,29 @@ class SceneIndex:
                 return posed
         known = ", ".join(posed.name for posed in self.scene.cameras[:_MAX_NAMED])
         raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
+
+    def viewpoint(self, camera: PosedCamera | None, view: str | None) -> PosedCamera:
+        """Returns a request's camera, or the scene's of that name.
+
+        Raises:
+            InvalidInputError: the camera is in another frame.
+            NotFoundError: no such view.
+        """
+        if camera is None:
+            return self.view(view or "")
+        self.check_frame(camera, "camera")
+        return camera
+
+    def check_frame(self, posed: PosedCamera, field: str) -> None:
+        """Raises InvalidInputError for a camera whose frame is not the scene's."""
+        names = tuple(dict.fromkeys((frame_id(self.scene), WORLD)))
+        if posed.frame_id not in ("", *names):
+            named = " or ".join(f'"{name}"' for name in names)
+            raise InvalidInputError(
+                f"a camera in the frame {posed.frame_id[:80]!r}, which this version of the scene is not in",
+                field=f"{field}.frame_id",
+                hint=f"Transform the pose into the scene's frame, and say {named}, or nothing.",
+            )
 
     def check_view(self, posed: PosedCamera) -> None:
         """Raises LimitExceededError for a view that is too large."""

@@ -71,7 +71,7 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))
 
         def read(index: SceneIndex, _: str) -> bytes:
-            posed = request.camera or index.view(request.view or "")
+            posed = index.viewpoint(request.camera, request.view)
             index.check_view(posed)
             gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
@@ -130,8 +130,9 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))
 
         def read(index: SceneIndex, read_version: str) -> PickedThing:
-            posed = index.view(request.view) if request.view is not None else request.camera
-            if posed is not None:
+            posed = None
+            if request.camera is not None or request.view is not None:
+                posed = index.viewpoint(request.camera, request.view)
                 check_pixels((posed,), 1)
             things = index.things
             if request.point is not None:
@@ -176,6 +177,8 @@ class Answers:
     def _of_scene(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         def read(index: SceneIndex, version: str) -> tuple[Answer, ...]:
             cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+            for _, number, posed in cameras:
+                index.check_frame(posed, f"cameras[{number}]")
             cameras += [(name, 0, index.view(name)) for name in request.views]
             if "mask2d" in request.outputs:
                 views = [posed for _, _, posed in cameras]

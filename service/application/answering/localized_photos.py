@@ -16,6 +16,7 @@ from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.thing_prompts import PixelBox
 from fastsplat_contract.photos.localization import Localization, LocalizedPhoto, PhotoDifference, ThingInView
@@ -78,7 +79,8 @@ def _answer(
     camera: PosedCamera | None = None
     things: tuple[ThingInView, ...] = ()
     if placed.posed is not None:
-        camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
+        lens = placed.posed.camera.scaled_to(*sent.size)
+        camera = dataclasses.replace(placed.posed, camera=lens, frame_id=frame_id(index.scene))
         things = _things(index, camera)
     return LocalizedPhoto(
         refusal=placed.refusal,

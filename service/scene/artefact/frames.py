@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity, scaled_camera
-from fastsplat.service.scene.artefact.alignment import Alignment, frame_similarity
+from fastsplat.service.scene.artefact.alignment import Alignment, frame_name, frame_similarity
 from fastsplat.service.scene.artefact.scaling import Scaling
 from fastsplat.service.scene.artefact.scene import Scene
 
@@ -19,8 +19,8 @@ def frame_of(scene: Scene) -> Similarity:
 
 
 def frame_id(scene: Scene) -> str:
-    """Names the world frame: the map's ("map" if unnamed), or "world" without a map."""
-    return "world" if scene.alignment is None else scene.alignment.frame or "map"
+    """Names the scene's world frame; see `frame_name`."""
+    return frame_name(scene.alignment)
 
 
 def scaled(scene: Scene, scaling: Scaling) -> Scene:
