@@ -79,9 +79,13 @@ class Threads:
             raise
 
     async def receive(
-        self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
+        self,
+        stream: AsyncIterator[_T],
+        begin: Callable[[], Sink[_T, _R]],
+        size: Callable[[_T], int],
+        memory_bytes: int = 0,
     ) -> _R:
-        return await self._uploads.receive(stream, sink, size, memory_bytes)
+        return await self._uploads.receive(stream, begin, size, memory_bytes)
 
     def close(self) -> None:
         """Waits for running calls and drops waiting ones."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import grpc
@@ -42,8 +43,8 @@ class _Robot:
         question = pb.StandingQuestion(query=to_proto(request), heartbeat_s=heartbeat_s)
         self._requests.put(pb.StreamQueryRequest(question=question))
 
-    def move(self, sequence: int, angle: float = 0.0) -> None:
-        pose = pb.StreamPose(sequence=sequence, camera=to_proto(turned(angle)))
+    def move(self, sequence: int, angle: float = 0.0, frame: str = "world") -> None:
+        pose = pb.StreamPose(sequence=sequence, camera=to_proto(replace(turned(angle), frame_id=frame)))
         self._requests.put(pb.StreamQueryRequest(pose=pose))
 
     def leave(self) -> None:
@@ -250,6 +251,7 @@ def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
         ("no such scene", "scene"),
         ("empty text", "text"),
         ("numbers that do not grow", "pose.sequence"),
+        ("pose of another frame", "pose.camera.frame_id"),
         ("heartbeat too fast", "question.heartbeat_s"),
         ("nothing", "part"),
     ],
@@ -272,8 +274,9 @@ def test_what_makes_no_sense_ends_the_stream_and_is_named(faces: Faces, scene_id
         robot._requests.put(pb.StreamQueryRequest())
     else:
         robot.ask(_question(scene_id, "mug"))
-        robot.move(2)
-        robot.move(2)
+        robot.move(2, frame="kitchen" if case == "pose of another frame" else "")
+        if case == "numbers that do not grow":
+            robot.move(2)
     with pytest.raises(grpc.RpcError) as caught:
         list(robot.replies)
     assert rpc_refusal(caught.value).details["field"] == field

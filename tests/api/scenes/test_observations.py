@@ -37,6 +37,7 @@ from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.messages.scenes import Color, Edit
 from fastsplat_contract.photos.observations import ListObservationsRequest, Observation, ObservationList, ObserveRequest
+from tests.api.calls import CALLS
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
@@ -234,13 +235,35 @@ def test_no_photo_stays_where_the_scenes_own_would_not(
     service.delete_scene(room)
 
 
-def test_what_was_seen_stays_true_in_the_frame_of_a_map(
-    client: Client, room_id: str, without: tuple[bytes, ...]
+def _found(value: Any, key: str) -> Iterator[dict[str, Any]]:
+    """All objects inside a JSON value that have such a key."""
+    if isinstance(value, dict) and key in value:
+        yield value
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _found(inner, key)
+
+
+def _answers(faces: Faces, scene_id: str, photos: Sequence[bytes]) -> Iterator[Any]:
+    """JSON of photos in a scene, and of all that can be got of it but its versions, which repeat requests."""
+    form = [*(("photos", ("a", content)) for content in photos), ("focals", (None, b"420"))]
+    yield faces.rest.post(f"/v1/scenes/{scene_id}:localize", files=form).json()
+    ids = {"scene_id": scene_id, "format": "camera_list", "observation_id": "none", "operation_id": "none"}
+    for name in sorted(CALLS.keys() - {"ListVersions"}):
+        method, _, path = CALLS[name].route.partition(" ")
+        if method == "GET":
+            answer = faces.rest.get(path.format(**ids))
+            yield answer.json() if answer.is_success else {}
+
+
+def test_what_was_seen_stays_true_in_the_frame_of_a_map_which_all_answers_name(
+    faces: Faces, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
+    first = client.scene(room_id).version
     made = client.observe(room_id, without, focals=(420.0,))
     half = float(np.sqrt(0.5))
     turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, half, half))
-    client.edit_scene(room_id, [Edit("align", alignment=Alignment(transform=turn))])
+    before_map = list(_answers(faces, room_id, without))
+    client.align_scene(room_id, Alignment("hall", turn))
     (placed,) = client.observations(room_id)
     before, after = made.changes[0].before, placed.changes[0].before
     assert before is not None and after is not None
@@ -251,6 +274,23 @@ def test_what_was_seen_stays_true_in_the_frame_of_a_map(
         np.testing.assert_allclose(
             other.camera.world_from_camera, turn.matrix() @ one.camera.world_from_camera, atol=1e-6
         )
+
+    answers = list(_answers(faces, room_id, without))
+    for named, frame in ((before_map, "world"), (answers, "hall")):
+        frames = [{each["frame_id"] for each in _found(answer, "frame_id")} for answer in named]
+        assert [each for each in frames if each] == [{frame}] * 6
+    plain = list(_found(answers, "intrinsics"))
+    url, body = f"/v1/scenes/{room_id}:query", {"texts": [_CUBE], "cameras": plain, "outputs": ["mask2d"]}
+    assert len(faces.rest.post(url, json=body).raise_for_status().json()["answers"][0]["masks"]) == len(plain)
+    refused = rest_refusal(faces.rest.post(url, json={**body, "version": first}))  # which is in another frame
+    assert (refused.reason, refused.details["field"]) == ("INVALID_INPUT", "cameras[0].frame_id")
+    assert "'hall'" in refused.detail and '"world"' in refused.details["hint"]
+    for sent in ("", "world"):
+        bodies = [{**body, "cameras": [{**plain[0], "frame_id": frame}]} for frame in (sent, "hall")]
+        one, other = (faces.rest.post(url, json=each).raise_for_status().json() for each in bodies)
+        assert one == other
+    client.align_scene(room_id, Alignment("", turn))
+    assert client.detection_page(room_id).frame_id == client.scene(room_id).cameras[0].frame_id == "map"
 
 
 def test_the_same_request_is_kept_once(client: Client, room_id: str, without: tuple[bytes, ...]) -> None:
