@@ -24,7 +24,16 @@ from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.names.thing_names import names_of
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.scene.artefact.frames import frame_id
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
+from fastsplat.service.scene.artefact.scene import (
+    AnyScene,
+    Parts,
+    Scene,
+    SemanticHead,
+    Things,
+    ThingSemantics,
+    semantics_of,
+    with_things,
+)
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -185,10 +194,10 @@ class SceneIndex:
 
         with self._things_lock:
             if self._things is None:
-                scene, before = self.scene, None if self._before is None else self._before._things
-                if scene.things is None:
-                    scene = replace(scene, things=labeled_things(scene, self._labels))
-                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, self._history, before)
+                stored, before = self.scene.things, None if self._before is None else self._before._things
+                things = labeled_things(self.scene, self._labels) if stored is None else stored
+                scene = with_things(self.scene, things)
+                self._things = SceneThings(scene, stored is not None, self._thing_map, self._history, before)
             return self._things
 
     def is_understood(self, name: str) -> bool:
@@ -198,7 +207,7 @@ class SceneIndex:
         names = (name,) if entry is None else (entry.label, *entry.aliases)
         return self._lexicon is None or bool(label_meaning(names, self._lexicon).senses)
 
-    def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
+    def with_label(self, scene: AnyScene, entry: DictionaryEntry, head: SemanticHead) -> AnyScene:
         """Adds an embedded label and the head that knows it; may raise ModelUnavailableError."""
         dictionary = Dictionary((*scene.dictionary.entries, entry))
         own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
@@ -268,7 +277,7 @@ class SceneIndex:
             if self._coarse is None:
                 from fastsplat.service.query.coarse_view import CoarseView
 
-                scene = coarse_scene(replace(self.scene, things=things.table))
+                scene = coarse_scene(things.scene)
                 if scene is None:
                     return self
                 self._coarse = CoarseView(scene, self.settings)

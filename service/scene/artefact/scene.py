@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -304,6 +304,21 @@ class Scene:
     def up(self) -> NDArray[np.float64] | None:
         """Unit up vector in this version's frame, float64 [3]; None if too uncertain."""
         return up_of(self.vertical())
+
+
+@dataclass(frozen=True)
+class ThingScene(Scene):
+    """A scene version that stores its things."""
+
+    things: Things = field(kw_only=True)
+
+
+AnyScene = TypeVar("AnyScene", bound=Scene)
+
+
+def with_things(scene: Scene, things: Things) -> ThingScene:
+    """Stores things in a scene, in place of its own."""
+    return ThingScene(**{**vars(scene), "things": things})
 
 
 def semantics_of(scene: Scene) -> Semantics:
