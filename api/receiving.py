@@ -55,6 +55,10 @@ class Sink(Protocol[_Item, _Result]):
         """Ends an upload that `finish` has not completed; must not raise."""
 
 
+NewSink = Callable[[], Sink[_T, _R]]
+"""Makes a sink; see `UploadReceiver.receive`."""
+
+
 class UploadReceiver:
     """Receiver of all uploads of a process; at most `finishes` are completed at a time."""
 
@@ -69,16 +73,12 @@ class UploadReceiver:
         self._reserved = 0
 
     async def receive(
-        self,
-        stream: AsyncIterator[_T],
-        begin: Callable[[], Sink[_T, _R]],
-        size: Callable[[_T], int],
-        memory_bytes: int = 0,
+        self, stream: AsyncIterator[_T], make: NewSink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
         """Writes a stream to a sink, which is closed on failure or cancellation.
 
         Args:
-            begin: makes the sink, on a thread; called before anything is read, so that refusals come early.
+            make: makes the sink, on a thread; called before anything is read, so that refusals come early.
             size: returns an item's size in bytes.
             memory_bytes: memory that the transport needs for the stream, beyond a batch.
 
@@ -91,7 +91,7 @@ class UploadReceiver:
         sender = _Sender(stream, size, self._settings)
         key, project = caller_id(), _project()
         try:
-            sink = await upload.run(self._writers, key, partial(upload.begun, begin))
+            sink = await upload.run(self._writers, key, partial(upload.made, make))
             while items := await sender.batch():
                 await upload.run(self._writers, key, partial(sink.write, items))
             # Slow finishes are validations, which take turns by project.
@@ -158,9 +158,9 @@ class _Upload:
         self._cancellation = Cancellation()
         self._last: concurrent.futures.Future[Any] | None = None
 
-    def begun(self, begin: Callable[[], Sink[_T, _R]]) -> Sink[_T, _R]:
+    def made(self, make: Callable[[], Sink[_T, _R]]) -> Sink[_T, _R]:
         """Makes the sink; on the upload's thread, so that it is closed even if nobody waits any more."""
-        sink = begin()
+        sink = make()
         self._close_sink = sink.close
         return sink
 

@@ -130,9 +130,9 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))
 
         def read(index: SceneIndex, read_version: str) -> PickedThing:
-            posed = None
-            if request.camera is not None or request.view is not None:
-                posed = index.viewpoint(request.camera, request.view)
+            given = request.camera is not None or request.view is not None
+            posed = index.viewpoint(request.camera, request.view) if given else None
+            if posed is not None:
                 check_pixels((posed,), 1)
             things = index.things
             if request.point is not None:

@@ -16,7 +16,6 @@ from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.thing_prompts import PixelBox
 from fastsplat_contract.photos.localization import Localization, LocalizedPhoto, PhotoDifference, ThingInView
@@ -80,7 +79,7 @@ def _answer(
     things: tuple[ThingInView, ...] = ()
     if placed.posed is not None:
         lens = placed.posed.camera.scaled_to(*sent.size)
-        camera = dataclasses.replace(placed.posed, camera=lens, frame_id=frame_id(index.scene))
+        camera = dataclasses.replace(placed.posed, camera=lens, frame_id=index.scene.frame_id)
         things = _things(index, camera)
     return LocalizedPhoto(
         refusal=placed.refusal,

@@ -13,7 +13,7 @@ import numpy as np
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.edited_rows import edited_label
 from fastsplat.service.query.things.names.look_alikes import with_look_alikes
-from fastsplat.service.scene.artefact.scene import AnyScene, Scene, SemanticHead, Thing, Things, ThingScene
+from fastsplat.service.scene.artefact.scene import Scene, SceneT, SemanticHead, Thing, Things, ThingScene
 from fastsplat.service.scene.objects.things import checked_name, discard_thing, merge_things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.messages.scenes import Edit
@@ -124,8 +124,8 @@ def _changed(scene: ThingScene, ids: Sequence[int], change: Callable[[Thing], Th
 
 
 def with_label(
-    index: SceneIndex, scene: AnyScene, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
-) -> tuple[AnyScene, str]:
+    index: SceneIndex, scene: SceneT, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
+) -> tuple[SceneT, str]:
     """Adds a dictionary entry with aliases and returns its label; errors as `edit_things`.
 
     Case, plural and spelling variants of a known name are that name. A kind becomes an alias of the form name + kind

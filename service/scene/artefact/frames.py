@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity, scaled_camera
-from fastsplat.service.scene.artefact.alignment import Alignment, frame_name, frame_similarity
+from fastsplat.service.scene.artefact.alignment import Alignment, frame_similarity
 from fastsplat.service.scene.artefact.scaling import Scaling
 from fastsplat.service.scene.artefact.scene import Scene
 
@@ -16,11 +16,6 @@ from fastsplat.service.scene.artefact.scene import Scene
 def frame_of(scene: Scene) -> Similarity:
     """Maps the trained version's frame to this version's."""
     return frame_similarity(None if scene.scaling is None else scene.scaling.meters_per_unit, scene.alignment)
-
-
-def frame_id(scene: Scene) -> str:
-    """Names the scene's world frame; see `frame_name`."""
-    return frame_name(scene.alignment)
 
 
 def scaled(scene: Scene, scaling: Scaling) -> Scene:

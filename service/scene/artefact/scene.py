@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
-from fastsplat.service.scene.artefact.alignment import Alignment
+from fastsplat.service.scene.artefact.alignment import Alignment, frame_name
 from fastsplat.service.scene.artefact.scaling import Scaling
 from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
@@ -297,6 +297,26 @@ class Scene:
         """Things if the scene stores them, else evidence, else codes."""
         return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
 
+    @property
+    def frame_id(self) -> str:
+        """Name of the world frame, see `frame_name`."""
+        return frame_name(self.alignment)
+
+    def with_things(self, things: Things) -> ThingScene:
+        """Stores things in the scene, in place of its own."""
+        return ThingScene(**{**vars(self), "things": things})
+
+    def semantics(self) -> Semantics:
+        """Returns the source of the Gaussians' labels selected by `label_mode`."""
+        if self.things is not None:
+            label_ids = np.zeros(max((thing.id for thing in self.things.table), default=0) + 1, np.int32)
+            for thing in self.things.table:
+                label_ids[thing.id] = (self.dictionary.id_of(thing.name) or 0) if thing.name else 0
+            return ThingSemantics(self.things, self.gaussians.codes, label_ids)
+        if self.evidence is not None:
+            return self.evidence
+        return CodeSemantics(self.gaussians.codes, self.head)
+
     def vertical(self) -> SceneVertical | None:
         """Vertical direction in this version's frame, its source and uncertainty."""
         return vertical_of(self.quality, self.alignment, self.cameras)
@@ -313,21 +333,4 @@ class ThingScene(Scene):
     things: Things = field(kw_only=True)
 
 
-AnyScene = TypeVar("AnyScene", bound=Scene)
-
-
-def with_things(scene: Scene, things: Things) -> ThingScene:
-    """Stores things in a scene, in place of its own."""
-    return ThingScene(**{**vars(scene), "things": things})
-
-
-def semantics_of(scene: Scene) -> Semantics:
-    """Returns the source of the Gaussians' labels selected by `Scene.label_mode`."""
-    if scene.things is not None:
-        label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
-        for thing in scene.things.table:
-            label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
-        return ThingSemantics(scene.things, scene.gaussians.codes, label_ids)
-    if scene.evidence is not None:
-        return scene.evidence
-    return CodeSemantics(scene.gaussians.codes, scene.head)
+SceneT = TypeVar("SceneT", bound=Scene)
