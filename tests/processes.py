@@ -1,7 +1,8 @@
-"""Processes by their environment, and whether one runs."""
+"""Processes by their environment, whether one runs, and free ports for them."""
 
 from __future__ import annotations
 
+import socket
 from pathlib import Path
 
 
@@ -23,3 +24,9 @@ def is_alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:
         return False
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

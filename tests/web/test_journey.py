@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat_client import Client
 from fastsplat_contract.messages.queries import QueryRequest
+from tests.processes import free_port
 from tests.web.browser import Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
 
@@ -33,25 +33,19 @@ class Server:
     key: str
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     """`fastsplat serve` as a person starts it."""
     if missing := [name for name in _NEEDED if not (models_dir / name).is_dir()]:
         pytest.skip(f"FASTSPLAT_MODELS has no {', '.join(missing)}")
     monkeypatch.setenv("FASTSPLAT_JOBS__NICENESS", "0")  # on a busy machine a nice trainer would never end
-    port = _free_port()
+    port = free_port()
     with running_service(
         data_dir=tmp_path / "data",
         models=models_dir,
         log=tmp_path / "service.log",
         http_port=port,
-        grpc_port=_free_port(),
+        grpc_port=free_port(),
     ) as key:
         yield Server(f"http://127.0.0.1:{port}", key)
 

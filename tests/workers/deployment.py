@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import signal
-import socket
 import sqlite3
 import subprocess
 import time
@@ -27,7 +26,7 @@ from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
-from tests.processes import is_alive
+from tests.processes import free_port, is_alive
 from tests.scenes import stand_in_models
 from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
@@ -102,7 +101,7 @@ class Deployment:
         )
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
-        self.http = f"http://127.0.0.1:{_free_port()}"
+        self.http = f"http://127.0.0.1:{free_port()}"
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def start_worker(
@@ -274,12 +273,6 @@ def _answers(url: str) -> bool:
         return httpx.get(url, timeout=5).is_success
     except httpx.TransportError:
         return False
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _picture(seed: int) -> bytes:

@@ -24,6 +24,7 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+from tests.api.programs.test_assistant import _refusal
 
 _WRONG = {"one": 1, "other": 2}
 """The seeds of what two stand-ins for an assistant see wrongly."""
@@ -101,13 +102,6 @@ def _call(guarded: Guarded, caller: str, tool: str, **arguments: Any) -> CallToo
             return result
 
     return asyncio.run(session())
-
-
-def _refusal(result: CallToolResult) -> str:
-    assert result.is_error
-    (text,) = result.content
-    assert isinstance(text, TextContent)
-    return text.text
 
 
 def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:

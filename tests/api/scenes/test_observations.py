@@ -39,7 +39,7 @@ from fastsplat_contract.messages.scenes import Color, Edit
 from fastsplat_contract.photos.observations import ListObservationsRequest, Observation, ObservationList, ObserveRequest
 from tests.api.calls import CALLS
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.localization.textured_room import looking, renderer, textured_room
 from tests.scenes import add_photos, store_scene
@@ -52,23 +52,12 @@ def drawn_photos(*, block: bool) -> tuple[bytes, ...]:
     """Three photos of the room, with or without the cube."""
     drawn = renderer(textured_room(block=block))
     views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
-    return tuple(map(_file, (drawn.colors(posed) for posed in views)))
-
-
-def _file(pixels: np.ndarray) -> bytes:
-    content = io.BytesIO()
-    Image.fromarray(pixels).save(content, "PNG")
-    return content.getvalue()
+    return tuple(map(image_file, (drawn.colors(posed) for posed in views)))
 
 
 @pytest.fixture(scope="module")
 def without() -> tuple[bytes, ...]:
     return drawn_photos(block=False)
-
-
-@pytest.fixture(scope="module")
-def with_cube() -> tuple[bytes, ...]:
-    return drawn_photos(block=True)
 
 
 def add_room(service: SceneService, settings: Settings, *, block: bool = True, **others: Any) -> str:
@@ -87,12 +76,8 @@ def room_id(service: SceneService, api_settings: Settings) -> Iterator[str]:
     """For one test: questions to all scenes do not find it."""
     made = add_room(service, api_settings)
     yield made
-    _forget(service, made)
-
-
-def _forget(service: SceneService, scene_id: str) -> None:
-    if any(each.id == scene_id for each in service.list_scenes(500).scenes):
-        service.delete_scene(scene_id)
+    if any(each.id == made for each in service.list_scenes(500).scenes):
+        service.delete_scene(made)
 
 
 def _request(scene_id: str, photos: Sequence[bytes], **fields: Any) -> ObserveRequest:
@@ -110,7 +95,6 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     client: Client,
     room_id: str,
     without: tuple[bytes, ...],
-    with_cube: tuple[bytes, ...],
     tmp_path: Path,
 ) -> None:
     first = client.scene(room_id).version
@@ -151,7 +135,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
 
     path = tmp_path / "tuesday"
     path.mkdir()
-    for number, content in enumerate(with_cube):
+    for number, content in enumerate(drawn_photos(block=True)):
         (path / f"{number}.png").write_bytes(content)
     words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
     printed = CliRunner().invoke(app, [*words, "--seen-at", "2026-03-03T18:00:00"])
@@ -260,20 +244,17 @@ def test_what_was_seen_stays_true_in_the_frame_of_a_map_which_all_answers_name(
 ) -> None:
     first = client.scene(room_id).version
     made = client.observe(room_id, without, focals=(420.0,))
-    half = float(np.sqrt(0.5))
-    turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, half, half))
+    turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, 0.6, 0.8))
     before_map = list(_answers(faces, room_id, without))
     client.align_scene(room_id, Alignment("hall", turn))
     (placed,) = client.observations(room_id)
     before, after = made.changes[0].before, placed.changes[0].before
     assert before is not None and after is not None
-    np.testing.assert_allclose(
-        np.array(after.center.position), (turn.matrix() @ [*before.center.position, 1.0])[:3], atol=1e-6
-    )
+    there = turn.matrix() @ [*before.center.position, 1.0]
+    np.testing.assert_allclose(np.array(after.center.position), there[:3], atol=1e-6)
     for one, other in zip(made.photos, placed.photos, strict=True):
-        np.testing.assert_allclose(
-            other.camera.world_from_camera, turn.matrix() @ one.camera.world_from_camera, atol=1e-6
-        )
+        moved = turn.matrix() @ one.camera.world_from_camera
+        np.testing.assert_allclose(other.camera.world_from_camera, moved, atol=1e-6)
 
     answers = list(_answers(faces, room_id, without))
     for named, frame in ((before_map, "world"), (answers, "hall")):

@@ -65,6 +65,11 @@ async def _stream(data: bytes, rng: random.Random) -> AsyncIterator[bytes]:
             await asyncio.sleep(0)
 
 
+async def _silent() -> AsyncIterator[bytes]:
+    yield b"ab"
+    await asyncio.Event().wait()
+
+
 def test_many_at_once_get_their_own_bytes() -> None:
     async def main() -> None:
         receiver = _receiver(100)
@@ -100,19 +105,14 @@ def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -
         limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
         receiver = UploadReceiver(limits, UploadSettings(), 2)
         sinks = [_Sink(), _Sink()]
-
-        async def silent() -> AsyncIterator[bytes]:
-            yield b"ab"
-            await asyncio.Event().wait()
-
         tasks = [
-            asyncio.create_task(receiver.receive(silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks
+            asyncio.create_task(receiver.receive(_silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks
         ]
         while not all(sink.data for sink in sinks):
             await asyncio.sleep(0.01)
         refused = _Sink()
         with pytest.raises(OverloadedError, match="memory"):
-            await receiver.receive(silent(), refused.open, size=len, memory_bytes=1)
+            await receiver.receive(_silent(), refused.open, size=len, memory_bytes=1)
         assert not refused.calls
         free = _stream(bytes(1_000), random.Random(1))
         assert await receiver.receive(free, _Sink().open, size=len) == 1_000  # what holds a batch only still comes in
@@ -136,16 +136,11 @@ def test_a_sender_who_pauses_is_written_and_when_he_leaves_it_is_closed() -> Non
     async def main() -> None:
         receiver = _receiver(all_uploads=1)
         sink = _Sink()
-
-        async def silent() -> AsyncIterator[bytes]:
-            yield b"ab"
-            await asyncio.Event().wait()
-
-        task = asyncio.create_task(receiver.receive(silent(), sink.open, size=len))
+        task = asyncio.create_task(receiver.receive(_silent(), sink.open, size=len))
         while not sink.data:
             await asyncio.sleep(0.01)
         with pytest.raises(OverloadedError):
-            await receiver.receive(silent(), _Sink().open, size=len)
+            await receiver.receive(_silent(), _Sink().open, size=len)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
