@@ -45,9 +45,6 @@ class Sink(Protocol[_Item, _Result]):
     def slow_finish(self) -> bool:
         """True if `finish` may take long and needs separate threads."""
 
-    def open(self) -> None:
-        """Prepares for data; called before anything is read, so that refusals come early."""
-
     def write(self, items: Sequence[_Item]) -> None:
         """Takes the next items."""
 
@@ -56,6 +53,10 @@ class Sink(Protocol[_Item, _Result]):
 
     def close(self) -> None:
         """Ends an upload that `finish` has not completed; must not raise."""
+
+
+NewSink = Callable[[], Sink[_T, _R]]
+"""Makes a sink; see `UploadReceiver.receive`."""
 
 
 class UploadReceiver:
@@ -72,11 +73,12 @@ class UploadReceiver:
         self._reserved = 0
 
     async def receive(
-        self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
+        self, stream: AsyncIterator[_T], make: NewSink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
         """Writes a stream to a sink, which is closed on failure or cancellation.
 
         Args:
+            make: makes the sink, on a thread; called before anything is read, so that refusals come early.
             size: returns an item's size in bytes.
             memory_bytes: memory that the transport needs for the stream, beyond a batch.
 
@@ -85,11 +87,11 @@ class UploadReceiver:
             DeadlineExceededError: the sender is too slow.
         """
         self._enter(memory_bytes)
-        upload = _Upload(sink, self._closers, partial(self._leave, memory_bytes))
+        upload = _Upload(self._closers, partial(self._leave, memory_bytes))
         sender = _Sender(stream, size, self._settings)
         key, project = caller_id(), _project()
         try:
-            await upload.run(self._writers, key, sink.open)
+            sink = await upload.run(self._writers, key, partial(upload.made, make))
             while items := await sender.batch():
                 await upload.run(self._writers, key, partial(sink.write, items))
             # Slow finishes are validations, which take turns by project.
@@ -148,13 +150,19 @@ def _project() -> str:
 class _Upload:
     """Runs one upload's calls on threads, one after the other, the closing one last."""
 
-    def __init__(self, sink: Sink[Any, Any], closers: ThreadPoolExecutor, leave: Callable[[], None]) -> None:
-        self._sink = sink
+    def __init__(self, closers: ThreadPoolExecutor, leave: Callable[[], None]) -> None:
+        self._close_sink: Callable[[], None] = lambda: None
         self._closers = closers
         self._leave = leave
         self._context = contextvars.copy_context()  # carries the caller's identity
         self._cancellation = Cancellation()
         self._last: concurrent.futures.Future[Any] | None = None
+
+    def made(self, make: Callable[[], Sink[_T, _R]]) -> Sink[_T, _R]:
+        """Makes the sink; on the upload's thread, so that it is closed even if nobody waits any more."""
+        sink = make()
+        self._close_sink = sink.close
+        return sink
 
     async def run(self, pool: FairPool, owner: str, function: Callable[[], _R]) -> _R:
         def watched() -> _R:
@@ -175,7 +183,7 @@ class _Upload:
 
         def close() -> None:
             try:
-                self._context.run(self._sink.close)
+                self._context.run(self._close_sink)
             except Exception:
                 _log.exception("an upload could not be closed")
             finally:

@@ -15,7 +15,7 @@ from typing import TypeVar
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.metrics import Call, Metrics
-from fastsplat.api.receiving import Sink, UploadReceiver
+from fastsplat.api.receiving import NewSink, UploadReceiver
 from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import LimitSettings, UploadSettings
@@ -79,9 +79,9 @@ class Threads:
             raise
 
     async def receive(
-        self, stream: AsyncIterator[_T], sink: Sink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
+        self, stream: AsyncIterator[_T], make: NewSink[_T, _R], size: Callable[[_T], int], memory_bytes: int = 0
     ) -> _R:
-        return await self._uploads.receive(stream, sink, size, memory_bytes)
+        return await self._uploads.receive(stream, make, size, memory_bytes)
 
     def close(self) -> None:
         """Waits for running calls and drops waiting ones."""

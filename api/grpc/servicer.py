@@ -38,7 +38,7 @@ class SceneServicer:
         async with guarded(context, "CreateScene"):
             operation = await self._threads.receive(
                 _whole(request_iterator, context),
-                StreamSink(self._service),
+                lambda: StreamSink(self._service),
                 size=pb.CreateSceneRequest.ByteSize,
                 memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next arrives
             )

@@ -208,8 +208,12 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     started = time.perf_counter()
 
     def asked() -> list[pb.QueryResponse]:
-        answers = service.answers.query(query, pose.question.ranking).answers
-        return [message for answer in answers for message in messages_of(answer)]
+        try:
+            answers = service.answers.query(query, pose.question.ranking).answers
+            return [message for answer in answers for message in messages_of(answer)]
+        except InvalidInputError as error:
+            error.field = error.field.replace("cameras[0]", "pose.camera")
+            raise
 
     work = asyncio.ensure_future(threads.answer(asked, background="mask2d" in query.outputs))
     try:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from fastsplat.api.uploads import OPTIONS, scene_options
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploading.uploads import UploadFile, UploadSession
+from fastsplat.service.application.uploading.uploads import UploadFile
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
@@ -22,14 +22,11 @@ class StreamSink:
 
     def __init__(self, service: SceneService) -> None:
         self._service = service
-        self._session: UploadSession | None = None
+        self._session = service.new_upload()
         self._header: pb.CreateSceneHeader | None = None
         self._options = SceneOptions()
         self._announced: pb.FileHeader | None = None
         self._file: UploadFile | None = None
-
-    def open(self) -> None:
-        self._session = self._service.new_upload()
 
     def write(self, items: Sequence[pb.CreateSceneRequest]) -> None:
         for message in items:
@@ -38,7 +35,7 @@ class StreamSink:
                 self._take_header(message)
             elif part == "file":
                 self._end_file()
-                self._announced, self._file = message.file, self._open_session().begin(message.file.name)
+                self._announced, self._file = message.file, self._session.begin(message.file.name)
             elif part == "chunk" and self._file is not None:
                 self._file.write(message.chunk)
             else:
@@ -52,13 +49,10 @@ class StreamSink:
         if self._header is None:
             raise _no_header()
         self._end_file()
-        return self._service.create_scene(
-            self._open_session(), self._header.name, self._header.request_id, self._options
-        )
+        return self._service.create_scene(self._session, self._header.name, self._header.request_id, self._options)
 
     def close(self) -> None:
-        if self._session is not None:
-            self._session.abort()
+        self._session.abort()
 
     def _take_header(self, message: pb.CreateSceneRequest) -> None:
         if message.WhichOneof("part") != "header":
@@ -79,10 +73,6 @@ class StreamSink:
                 hint="Send it again.",
             )
         self._file = None
-
-    def _open_session(self) -> UploadSession:
-        assert self._session is not None
-        return self._session
 
 
 def _no_header() -> InvalidInputError:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.viewpoint import WORLD
 
 F64 = NDArray[np.float64]
 
@@ -20,6 +21,7 @@ class Similarity:
     scale: float  # positive
     rotation: F64  # [3, 3]
     translation: F64  # [3]
+    frame_id: str = WORLD  # name of the frame of x'
 
     def points(self, points: NDArray[np.floating[Any]]) -> F64:
         """Transforms points [K, 3]."""
@@ -35,6 +37,7 @@ class Similarity:
             self.scale * first.scale,
             self.rotation @ first.rotation,
             self.scale * self.rotation @ first.translation + self.translation,
+            self.frame_id,
         )
 
     def camera(self, posed: PosedCamera) -> PosedCamera:
@@ -42,7 +45,7 @@ class Similarity:
         pose = posed.world_from_camera.copy()
         pose[:3, 3] = self.points(pose[None, :3, 3])[0]
         pose[:3, :3] = self.rotation @ pose[:3, :3]
-        return replace(posed, world_from_camera=pose)
+        return replace(posed, world_from_camera=pose, frame_id=self.frame_id)
 
 
 def fit_similarity(source: F64, target: F64, *, scaled: bool = True) -> Similarity:

@@ -30,7 +30,7 @@ from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.query.edits.thing_edits import with_label
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
+from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, ThingScene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
 from fastsplat.service.splatting.labels.blending import thing_map
@@ -99,7 +99,6 @@ def look_for(
     open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering
     scene = index.things.scene
     things, backend = scene.things, settings.training.backend
-    assert things is not None
     candidates = _candidates(scene)
     shares = shares_seen(
         scene.gaussians,
@@ -154,7 +153,7 @@ def look_for(
 
 
 def _look_closer(
-    scene: Scene,
+    scene: ThingScene,
     cameras: Sequence[PosedCamera],
     paint: Paint,
     detector: OpenSetDetector,
@@ -167,7 +166,6 @@ def _look_closer(
         return {}
     backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
     shown = [things_in_map(thing_map(scene, posed, backend=backend)) for posed in cameras]
-    assert scene.things is not None
     fixed = {thing.id for thing in scene.things.table if thing.source in ("person", "given")}
     best = {i: views for i, views in best_positions(shown, settings.look_again.closer_views).items() if i not in fixed}
     total, done = sum(map(len, best.values())), 0
@@ -195,7 +193,6 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     The result has no version name. `index` may be a later version than was searched: things that it lacks get no name.
     """
     before = index.things.scene
-    assert before.things is not None
     added = add_names(before.things, sightings.found, name_probability=settings.look_again.name_probability)
     scene, table = before, []
     for thing in added.things.table:

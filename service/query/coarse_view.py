@@ -9,14 +9,14 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat.service.scene.artefact.scene import Parts, Scene, Things
+from fastsplat.service.scene.artefact.scene import Parts, Things, ThingScene
 from fastsplat_contract.geometry.camera import PosedCamera
 
 
 class CoarseView:
     """Renderer of a coarse scene with things (see `coarse_scene`); thread-safe."""
 
-    def __init__(self, scene: Scene, settings: QuerySettings) -> None:
+    def __init__(self, scene: ThingScene, settings: QuerySettings) -> None:
         self.scene = scene
         self._renderer = Renderer(scene, settings)
         self.things = SceneThings(scene, True, self._map, scene_history(scene))

@@ -23,10 +23,11 @@ from fastsplat.service.query.things.gaussian_labels import label_by_things, labe
 from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.names.thing_names import names_of
 from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
+from fastsplat.service.scene.artefact.scene import Parts, Scene, SceneT, SemanticHead, Things, ThingSemantics
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.viewpoint import WORLD
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.things import SceneThing
 
@@ -92,7 +93,7 @@ class SceneIndex:
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
         self._history = scene_history(scene)
-        semantics = semantics_of(scene)
+        semantics = scene.semantics()
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
             unseen = self.things.unseen
@@ -177,16 +178,16 @@ class SceneIndex:
 
     @property
     def things(self) -> SceneThings:
-        """All things, named or not: stored ones, else those from `labeled_things`."""
+        """All things, named or not: stored ones, else those of `labeled_things`."""
         from fastsplat.service.query.things.labeled_things import labeled_things
         from fastsplat.service.query.things.thing_index import SceneThings
 
         with self._things_lock:
             if self._things is None:
                 scene, before = self.scene, None if self._before is None else self._before._things
-                if scene.things is None:
-                    scene = replace(scene, things=labeled_things(scene, self._labels))
-                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, self._history, before)
+                stored = scene.things is not None
+                whole = scene.with_things(scene.things or labeled_things(scene, self._labels))
+                self._things = SceneThings(whole, stored, self._thing_map, self._history, before)
             return self._things
 
     def is_understood(self, name: str) -> bool:
@@ -196,7 +197,7 @@ class SceneIndex:
         names = (name,) if entry is None else (entry.label, *entry.aliases)
         return self._lexicon is None or bool(label_meaning(names, self._lexicon).senses)
 
-    def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
+    def with_label(self, scene: SceneT, entry: DictionaryEntry, head: SemanticHead) -> SceneT:
         """Adds an embedded label and the head that knows it; may raise ModelUnavailableError."""
         dictionary = Dictionary((*scene.dictionary.entries, entry))
         own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
@@ -266,7 +267,7 @@ class SceneIndex:
             if self._coarse is None:
                 from fastsplat.service.query.coarse_view import CoarseView
 
-                scene = coarse_scene(replace(self.scene, things=things.table))
+                scene = coarse_scene(things.scene)
                 if scene is None:
                     return self
                 self._coarse = CoarseView(scene, self.settings)
@@ -311,6 +312,23 @@ class SceneIndex:
                 return posed
         known = ", ".join(posed.name for posed in self.scene.cameras[:_MAX_NAMED])
         raise NotFoundError(f"no view {name[:80]!r} in this scene", field="view", hint=f"Its views are: {known}.")
+
+    def viewpoint(self, camera: PosedCamera | None, view: str | None) -> PosedCamera:
+        """Returns a request's camera, or the scene's of that name; raises as `check_frame` and `view`."""
+        if camera is None:
+            return self.view(view or "")
+        self.check_frame(camera, "camera")
+        return camera
+
+    def check_frame(self, posed: PosedCamera, field: str) -> None:
+        """Raises InvalidInputError for a camera whose frame is not the scene's."""
+        names = dict.fromkeys((self.scene.frame_id, WORLD))
+        if posed.frame_id not in ("", *names):
+            raise InvalidInputError(
+                f"a camera in the frame {posed.frame_id[:80]!r}, which this version of the scene is not in",
+                field=f"{field}.frame_id",
+                hint=f"Transform the pose into the scene's frame, and say {' or '.join(names)}, or nothing.",
+            )
 
     def check_view(self, posed: PosedCamera) -> None:
         """Raises LimitExceededError for a view that is too large."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
-from fastsplat_contract.geometry.places import Alignment, Place
+from fastsplat_contract.geometry.places import Alignment, KnownLength, Place
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.geometry.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.jobs.look_again import LookAgainIn
@@ -58,7 +58,27 @@ def _camera(**changes: Any) -> PictureRequest:
     return PictureRequest("", "rgb", camera=PosedCamera(replace(turned(0.1).camera, **changes), np.eye(4)))
 
 
+def _with(camera: PosedCamera) -> tuple[tuple[str, Any, str], ...]:
+    """Requests with a camera, and where it is in them."""
+    place = Place(camera, pixel=_PIXEL)
+    length = Edit("scale", known_lengths=(KnownLength(place, Place(point=_FAR), 90.0),))
+    split = replace(_SPLIT, prompt=ThingPrompt(camera, pixels=(_PIXEL,)))
+    return (
+        ("RenderView", PictureRequest("", "rgb", camera=camera), "camera"),
+        ("PickThing", PickRequest("", camera=camera, pixel=_PIXEL), "camera"),
+        ("MeasureScene", MeasureRequest(places=(place,), scene_id=""), "places[0].camera"),
+        ("EditScene", EditIn((length,), camera.frame_id), "edits[0].known_lengths[0].first.camera"),
+        ("EditScene", EditIn((Edit("merge", things=(1, 2)), split), camera.frame_id), "edits[1].prompt.camera"),
+    )
+
+
+_FRAMED = replace(turned(0.0), world_from_camera=UP.matrix() @ turned(0.0).world_from_camera, frame_id="map")
 EXAMPLES = (
+    *(Example(call, request, "aligned") for call, request, _ in _with(_FRAMED)),
+    *(
+        _bad(call, request, f"{field}.frame_id", of="aligned")
+        for call, request, field in _with(replace(_FRAMED, frame_id="kitchen"))
+    ),
     Example("GetScene"),
     Example("GetScene", of="aligned"),
     *(Example("ListScenes", {"page_size": size}) for size in (0, 1)),
@@ -146,23 +166,13 @@ EXAMPLES = (
     # What is refused: by each call something that is not there, and every way to say what makes no sense.
     *(
         _bad(name, {}, "scene", "NOT_FOUND", "nothing")
-        for name in ("GetScene", "DeleteScene", "ListLabels", "ListThings", "ListVersions", "ListPhotoVerdicts")
-    ),
-    *(
-        _bad(name, {}, "scene", "NOT_FOUND", "nothing")
-        for name in ("ExportScene", "ListPhotos", "ListNextPhotos", "ListDetections")
-    ),
-    *(
-        _bad(name, {}, "operation", "NOT_FOUND", "nothing")
         for name in (
-            "GetOperation",
-            "CancelOperation",
-            "RetryOperation",
-            "FinishOperation",
-            "GetPreview",
-            "WaitOperation",
+            *("GetScene", "DeleteScene", "ListLabels", "ListThings", "ListVersions", "ListPhotoVerdicts"),
+            *("ExportScene", "ListPhotos", "ListNextPhotos", "ListDetections"),
         )
     ),
+    *(_bad(f"{name}Operation", {}, "operation", "NOT_FOUND", "nothing") for name in ("Get", "Cancel", "Retry")),
+    *(_bad(name, {}, "operation", "NOT_FOUND", "nothing") for name in ("FinishOperation", "GetPreview")),
     _bad("WaitOperation", {}, "operation", "NOT_FOUND", "nothing"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
@@ -265,21 +275,14 @@ EXAMPLES = (
             ({"text": "x" * 2_000}, "text", "LIMIT_EXCEEDED"),
         )
     ),
-    *(
-        _bad("GetThingSheet", fields, field, reason)
-        for fields, field, reason in (
-            ({"version": "9"}, "version", "NOT_FOUND"),
-            ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),
-            ({"page_size": -1}, "page_size", "INVALID_INPUT"),
-        )
-    ),
     _bad("GetGoal", {"thing_id": 1}, "scene_id"),  # its z is not up
     _bad("GetGoal", {"thing_id": 1}, "scene_id", of="table"),  # its lowest level is a table top
     _bad("GetGoal", {"thing_id": 4_000}, "thing_id", "NOT_FOUND", "upright"),
     _bad("GetGoal", {"thing_id": 1, "robot_radius": 5.0}, "thing_id", "NOT_FOUND", "upright"),
     _bad("GetGoal", {"thing_id": 1, "robot_radius": -1.0}, "robot_radius", of="upright"),
     *(
-        _bad("ListDetections", fields, field, reason, "upright")
+        _bad(call, fields, field, reason, of)
+        for call, of in (("GetThingSheet", "scene"), ("ListDetections", "upright"))
         for fields, field, reason in (
             ({"version": "9"}, "version", "NOT_FOUND"),
             ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),

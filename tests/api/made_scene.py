@@ -6,6 +6,7 @@ import dataclasses
 import io
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -24,9 +25,10 @@ from fastsplat_contract.photos.observations import Observation
 from tests.scenes import add_photos, labelled_scene, stand_in_models, store_scene
 
 
-def _png(picture: Image.Image) -> bytes:
+def image_file(pixels: np.ndarray, kind: str = "PNG", **options: Any) -> bytes:
+    """The file of uint8 pixels [H, W, 3]."""
     content = io.BytesIO()
-    picture.save(content, "PNG")
+    Image.fromarray(pixels).save(content, kind, **options)
     return content.getvalue()
 
 
@@ -42,7 +44,7 @@ PHRASES = tuple(
 """Questions that say more than a name, as they are embedded, and what they are made of."""
 PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
 """Of the photos of its three cameras, which are each of one color."""
-PLAIN_PNG = _png(Image.new("RGB", (32, 24), (120, 130, 140)))
+PLAIN_PNG = image_file(np.full((24, 32, 3), (120, 130, 140), np.uint8))
 """An image file in which nothing is to be seen."""
 _PER_BLOB = 60
 OBSERVED = "e0123456789abcdef"

@@ -97,8 +97,6 @@ def _value(kind: Any, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrateg
             allow_infinity=False,
         )
     if kind is str:
-        if field is not None and field.name == "frame_id":
-            return st.just("world")
         if "pattern" in bounds:
             return st.from_regex(bounds["pattern"].replace("$", r"\Z"))
         return _TEXT.filter(lambda text: len(text) >= bounds.get("minLength", 0))

@@ -101,11 +101,8 @@ class _PhotoSink(Generic[T]):
         self._photos: list[bytearray] = []
         self._texts: dict[str, list[bytearray]] = {name: [] for name in _TEXTS[kind]}
         self._size = self._text_size = 0
-        self._part: bytearray | None = None
+        self._part = bytearray()
         self._field = ""
-
-    def open(self) -> None:
-        """Does nothing."""
 
     def write(self, items: Sequence[bytes]) -> None:
         for chunk in items:
@@ -151,7 +148,6 @@ class _PhotoSink(Generic[T]):
             )
 
     def part_data(self, data: bytes) -> None:
-        assert self._part is not None
         if self._field == "photos":
             self._size += len(data)
             if self._size > MAX_PHOTOS_BYTES:
@@ -165,7 +161,7 @@ class _PhotoSink(Generic[T]):
         self._part += data
 
     def end_part(self) -> None:
-        self._part = None
+        self._part = bytearray()
 
 
 def _number(text: str, field: str) -> float:

@@ -7,7 +7,7 @@ import binascii
 import hashlib
 from collections.abc import Awaitable, Callable, Sequence
 from email.utils import formatdate
-from functools import wraps
+from functools import partial, wraps
 from typing import Any
 
 from fastapi import APIRouter, Request
@@ -18,7 +18,7 @@ from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_respons
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
-from fastsplat.service.application.uploading.upload_piece import ALGORITHMS, Algorithm, Piece
+from fastsplat.service.application.uploading.upload_piece import ALGORITHMS, Algorithm
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, TusVersionError, UnsupportedMediaTypeError
 
 _VERSION = "1.0.0"
@@ -59,9 +59,8 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         checksum = _checksum(request)
         made = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
         if with_bytes:
-            made = await threads.receive(
-                aiter(request.stream()), _PieceSink(uploads, project, made.id, 0, checksum), size=len
-            )
+            sink = partial(_PieceSink, uploads, project, made.id, 0, checksum)
+            made = await threads.receive(aiter(request.stream()), sink, size=len)
         return _told(201, made, Location=f"{root_path}/v1/uploads/{made.id}")
 
     @router.head("/{upload_id}", status_code=200, response_class=Response)
@@ -79,7 +78,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         """The bytes from Upload-Offset on; what the answer's Upload-Offset counts is durable."""
         _check_type(request)
         project, offset, checksum = caller_project(), _number(request, "Upload-Offset"), _checksum(request)
-        sink = _PieceSink(_uploads(service), project, upload_id, offset, checksum)
+        sink = partial(_PieceSink, _uploads(service), project, upload_id, offset, checksum)
         return _told(204, await threads.receive(aiter(request.stream()), sink, size=len))
 
     @router.delete("/{upload_id}", status_code=204, response_class=Response)
@@ -111,25 +110,18 @@ class _PieceSink:
         checksum: tuple[Algorithm, bytes] | None,
     ) -> None:
         self._uploads, self._project, self._upload_id = uploads, project, upload_id
-        self._offset, self._checksum = offset, checksum
-        self._piece: Piece | None = None
-
-    def open(self) -> None:
-        self._piece = self._uploads.begin_piece(self._project, self._upload_id, self._offset, self._checksum)
+        self._piece = uploads.begin_piece(project, upload_id, offset, checksum)
 
     def write(self, items: Sequence[bytes]) -> None:
-        assert self._piece is not None
         self._piece.write(b"".join(items))
 
     def finish(self) -> Resumable:
-        assert self._piece is not None
         self._piece.finish()
         self._piece.close()
         return self._uploads.get(self._project, self._upload_id)
 
     def close(self) -> None:
-        if self._piece is not None:
-            self._piece.close()
+        self._piece.close()
 
 
 def _spoken(handler: _Handler) -> _Handler:

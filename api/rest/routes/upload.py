@@ -16,7 +16,7 @@ from fastsplat.api.rest.routes.multipart import FormParser
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import OPTIONS, check_announced, scene_options
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploading.uploads import UploadFile, UploadSession
+from fastsplat.service.application.uploading.uploads import UploadFile
 from fastsplat.service.settings import Settings
 from fastsplat_contract.codec.json_codec import json_schema_of
 from fastsplat_contract.codec.members import Member, members
@@ -108,16 +108,16 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
         FastSplatError: the form or a file is invalid, or a limit is exceeded.
     """
 
-    def sink() -> _FormSink:
+    def begin() -> _FormSink:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
         return _FormSink(service, settings, caller_project(), request.headers.get("content-type", ""))
 
-    return await receive_form(request, sink, threads)
+    return await receive_form(request, begin, threads)
 
 
 async def receive_form(
-    request: Request, sink: Callable[[], Sink[bytes, _R]], threads: Threads, memory_bytes: int = 0
+    request: Request, begin: Callable[[], Sink[bytes, _R]], threads: Threads, memory_bytes: int = 0
 ) -> _R:
     """Writes a request's body to a sink, which needs `memory_bytes`, and returns its result.
 
@@ -127,7 +127,7 @@ async def receive_form(
     body_read = asyncio.Event()
     try:
         body = _noting_end(request.stream(), body_read)
-        received = threads.receive(body, sink(), size=len, memory_bytes=memory_bytes)
+        received = threads.receive(body, begin, size=len, memory_bytes=memory_bytes)
         return await while_connected(request, received, body_read)
     except FastSplatError:
         if "expect" not in request.headers and not body_read.is_set():
@@ -163,7 +163,7 @@ class _FormSink:
         self._service = service
         self._project = project
         self._parser = FormParser(content_type, self, settings.capture.max_entries + _MAX_TEXT_PARTS)
-        self._session: UploadSession | None = None
+        self._session = service.new_upload()
         self._file: UploadFile | None = None
         self._texts: dict[str, list[str]] = {}
         self._text_bytes = 0
@@ -171,25 +171,20 @@ class _FormSink:
         self._field = ""
         self._text: bytearray | None = None
 
-    def open(self) -> None:
-        self._session = self._service.new_upload()
-
     def write(self, items: Sequence[bytes]) -> None:
         for chunk in items:
             self._parser.write(chunk)
 
     def finish(self) -> Operation:
         self._parser.finish()
-        session = self._open_session()
         form = _form(self._texts)
         for upload_id in form.uploads:
-            session.adopt(*self._service.resumable.complete(self._project, upload_id))
+            self._session.adopt(*self._service.resumable.complete(self._project, upload_id))
         options = scene_options(form.labels, form.model_dump(include=set(OPTIONS)))
-        return self._service.create_scene(session, form.name, form.request_id, options)
+        return self._service.create_scene(self._session, form.name, form.request_id, options)
 
     def close(self) -> None:
-        if self._session is not None:
-            self._session.abort()
+        self._session.abort()
 
     def begin_part(self, field: str, filename: str | None) -> None:
         self._field = field
@@ -208,7 +203,7 @@ class _FormSink:
                 raise InvalidInputError(
                     "more than one capture", field="capture", hint='Send single photos as "images".'
                 )
-            self._file = self._open_session().begin(filename)
+            self._file = self._session.begin(filename)
 
     def part_data(self, data: bytes) -> None:
         if self._file is not None:
@@ -229,10 +224,6 @@ class _FormSink:
         elif self._text is not None:
             self._texts.setdefault(self._field, []).append(self._text.decode(errors="replace"))
         self._file = self._text = None
-
-    def _open_session(self) -> UploadSession:
-        assert self._session is not None
-        return self._session
 
 
 def _form(texts: dict[str, list[str]]) -> Any:

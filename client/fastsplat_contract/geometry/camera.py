@@ -62,6 +62,7 @@ class PosedCamera:
         camera: intrinsics.
         world_from_camera: float64 [4, 4], rigid (rotation and translation, last row 0 0 0 1), scene units.
         name: the image's file name in the capture, or "" for a free viewpoint.
+        frame_id: name of the world frame, as in `viewpoint.PosedCamera`.
     """
 
     wire: ClassVar[type] = viewpoint.PosedCamera
@@ -69,6 +70,7 @@ class PosedCamera:
     camera: Camera
     world_from_camera: NDArray[np.float64]
     name: str = ""
+    frame_id: str = viewpoint.WORLD
 
     def __post_init__(self) -> None:
         check_rigid(self.world_from_camera, field=f"pose of {self.name}" if self.name else "pose")
@@ -84,9 +86,9 @@ class PosedCamera:
     def to_wire(self) -> viewpoint.PosedCamera:
         """Position and quaternion x y z w with w ≥ 0, in OpenCV axes and the world frame."""
         pose = self.world_from_camera
-        return viewpoint.PosedCamera(
-            viewpoint.Intrinsics(**vars(self.camera)), vector3(pose[:3, 3]), quaternion_of(pose[:3, :3]), name=self.name
-        )
+        lens = viewpoint.Intrinsics(**vars(self.camera))
+        position, turn = vector3(pose[:3, 3]), quaternion_of(pose[:3, :3])
+        return viewpoint.PosedCamera(lens, position, turn, "OPENCV", self.frame_id, self.name)
 
     @classmethod
     def from_wire(cls, sent: viewpoint.PosedCamera) -> PosedCamera:
@@ -94,7 +96,7 @@ class PosedCamera:
         pose = rigid(sent.orientation, sent.position)
         if sent.convention == "OPENGL":
             pose = pose @ _OPENCV_FROM_OPENGL
-        return cls(Camera(**vars(sent.intrinsics)), pose, sent.name)
+        return cls(Camera(**vars(sent.intrinsics)), pose, sent.name, sent.frame_id)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

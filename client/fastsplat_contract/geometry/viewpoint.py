@@ -5,17 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from fastsplat_contract.codec.wire import Request, checked
-from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.codec.wire import Request
 from fastsplat_contract.geometry.poses import Orientation, Vector3
 
 Convention = Literal["OPENCV", "OPENGL"]
 """Camera axes: OpenCV is x right, y down, z forward; OpenGL (nerfstudio, Blender) is x right, y up, z backward."""
 
 WORLD = "world"
-"""The only frame the service knows: that of the scene."""
+"""The frame of a scene that is not aligned to a map."""
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,6 @@ class Intrinsics(Request):
     fy: Annotated[float, Field(gt=0, description="pixels")]
     cx: Annotated[float, Field(description="pixels from the left edge; width / 2 is the middle")]
     cy: Annotated[float, Field(description="pixels from the top edge; height / 2 is the middle")]
-
-
-def _known_frame(frame_id: str) -> str:
-    if frame_id not in ("", WORLD):
-        raise InvalidInputError(
-            f"frame {frame_id[:80]!r} is unknown",
-            field="frame_id",
-            hint=f'Transform the pose into the scene\'s frame and say "{WORLD}".',
-        )
-    return frame_id
 
 
 @dataclass(frozen=True)
@@ -56,7 +45,9 @@ class PosedCamera(Request):
     ] = "OPENCV"
     frame_id: Annotated[
         str,
-        AfterValidator(checked(_known_frame)),
-        Field(description='the frame of position and orientation: "world", or empty, which means the same'),
+        Field(
+            description="the frame of position and orientation: name of the map that the scene's version is aligned to "
+            '("map" if it has none), else "world"; a request may also say "world", or leave it empty'
+        ),
     ] = WORLD
     name: Annotated[str, Field(description="in answers, the image's name in the capture; ignored in requests")] = ""

@@ -63,7 +63,7 @@ class Answers:
         query = check_query((question,), self._context.settings.query) if question else None
         check_texts(dataclasses.replace(request, scene_id=""))
         index, _ = self._context.scenes.open(request.scene_id, request.version)
-        posed = request.camera or index.view(request.view or "")
+        posed = index.viewpoint(request.camera, request.view)
         index.check_view(posed)
         gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
         with self._context.memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
@@ -114,7 +114,8 @@ class Answers:
         check_pick(request)
         check_texts(dataclasses.replace(request, scene_id=""))
         index, read_version = self._context.scenes.open(request.scene_id, request.version)
-        posed = index.view(request.view) if request.view is not None else request.camera
+        given = request.camera is not None or request.view is not None
+        posed = index.viewpoint(request.camera, request.view) if given else None
         if posed is not None:
             check_pixels((posed,), 1)
         things = index.things
@@ -157,6 +158,8 @@ class Answers:
     ) -> tuple[Answer, ...]:
         index, version = self._context.scenes.open(request.scene_id, request.version)
         cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+        for _, number, posed in cameras:
+            index.check_frame(posed, f"cameras[{number}]")
         cameras += [(name, 0, index.view(name)) for name in request.views]
         if "mask2d" in request.outputs:
             views = [posed for _, _, posed in cameras]

@@ -78,7 +78,8 @@ def _answer(
     camera: PosedCamera | None = None
     things: tuple[ThingInView, ...] = ()
     if placed.posed is not None:
-        camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
+        lens = placed.posed.camera.scaled_to(*sent.size)
+        camera = dataclasses.replace(placed.posed, camera=lens, frame_id=index.scene.frame_id)
         things = _things(index, camera)
     return LocalizedPhoto(
         refusal=placed.refusal,

@@ -74,7 +74,7 @@ def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, que
     Raises:
         NotFoundError: no such view, or no such tinted thing.
     """
-    posed = request.camera or index.view(request.view or "")
+    posed = index.viewpoint(request.camera, request.view)
     kind, image_format = request.kind, request.format
     if kind in ("label_map", "thing_map"):
         ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)

@@ -75,7 +75,8 @@ class PromptedEdits:
 
         Raises:
             NotFoundError: no such view; for split, no such thing or label.
-            InvalidInputError: a pixel outside the picture or, for split, off the thing; a box outside or without area.
+            InvalidInputError: another frame; a pixel outside the picture or, for split, off the thing; a box outside or
+                without area.
             ModelUnavailableError: the segmenter is missing.
         """
         if edit.prompt is None or edit.action not in PROMPTED:
@@ -86,8 +87,7 @@ class PromptedEdits:
 
         thing_id = split_thing(index, edit) if edit.action == "split" else 0
         try:
-            posed = index.view(edit.prompt.view) if edit.prompt.view is not None else edit.prompt.camera
-            assert posed is not None
+            posed = index.viewpoint(edit.prompt.camera, edit.prompt.view)
             prompt = _in_picture(edit.prompt, posed)
             small = self._picture_of(posed)
             prompt = prompt.scaled(small.camera.width / posed.camera.width, small.camera.height / posed.camera.height)

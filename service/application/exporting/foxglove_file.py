@@ -24,7 +24,6 @@ from PIL import Image
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, described, thing_color, thing_facts
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, OccupancyMap
-from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.formats.point_ply import point_rows
 from fastsplat_contract.geometry.camera import Camera
@@ -56,7 +55,7 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
     """
     scene, buffer, context = index.scene, io.BytesIO(), Context()
     listed = [thing for thing in index.things.listed if not things or thing.id in things]
-    root, start = frame_id(scene), recording.created_ns
+    root, start = scene.frame_id, recording.created_ns
     # One thread, as scheduling of several may change the bytes.
     with open_mcap(buffer, context=context, writer_options=MCAPWriteOptions(compression_threads=0)) as writer:
         writer.write_metadata("scene", described(scene, recording, listed))

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
-from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.messages.things import SceneThing
@@ -62,7 +61,7 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
         "scene_id": recording.scene_id,
         "version": recording.version,
         "name": recording.name,
-        "frame_id": frame_id(scene),
+        "frame_id": scene.frame_id,
         "scale": scene.scale,
         "unit": "metre" if metric else "arbitrary",
         "up": "unknown" if up is None else json.dumps(up.tolist()),

@@ -16,6 +16,7 @@ from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.common.similarity import Similarity, fit_similarity
 from fastsplat.service.query.edits.gaussian_edits import moved_gaussians
 from fastsplat.service.scene.artefact.alignment import Alignment as SceneAlignment
+from fastsplat.service.scene.artefact.alignment import frame_name
 from fastsplat.service.scene.artefact.frames import frame_of
 from fastsplat.service.scene.artefact.scaling import ScaledLength, combined
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
@@ -221,10 +222,11 @@ def _placed(scene: Scene, change: Similarity, frame: str, fit: PairFit | None) -
     if scales and fit is not None:
         length = ScaledLength(fit.spread, fit.spread * fit.deviation, fit.spread * change.scale, 0.0)
         scaling = combined([length])
+    into = replace(change, frame_id=frame_name(alignment))
     return replace(
         scene,
         gaussians=placed_gaussians(scene.gaussians, change),
-        cameras=tuple(change.camera(posed) for posed in scene.cameras),
+        cameras=tuple(into.camera(posed) for posed in scene.cameras),
         scale="METRIC" if scales else scene.scale,
         scaling=scaling,
         alignment=alignment,

@@ -37,7 +37,6 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         LimitExceededError: more things than there are ids.
     """
     here = index.things.scene
-    assert here.things is not None
     if source.scene.scale != here.scale:
         raise InvalidInputError(
             f"a thing of a scene whose scale is {source.scene.scale} in one whose scale is {here.scale}",
@@ -66,7 +65,6 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     # Enclosed Gaussians of no inserted thing go with the first.
     inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
     part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), motion_of(edit))
-    assert scene.things is not None
     return replace(
         scene,
         gaussians=appended_gaussians(scene.gaussians, part),

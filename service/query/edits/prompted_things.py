@@ -90,7 +90,6 @@ def make_prompted_thing(
     scene, new_id = with_new_thing(scene, piece)
     if not label:
         return scene
-    assert scene.things is not None
     *others, new = scene.things.table
     named = replace(new, name=label, source="person", probability=1.0)
     return with_look_alikes(replace(scene, things=replace(scene.things, table=(*others, named))), (new_id,))

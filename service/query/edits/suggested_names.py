@@ -52,7 +52,6 @@ def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Sc
         return replace(thing, suggestions=ranked_suggestions([*new, *kept])) if new else thing
 
     scene = things.scene
-    assert scene.things is not None
     parts = scene.things.parts
     if parts is not None:
         parts = replace(parts, table=tuple(map(changed, parts.table)))

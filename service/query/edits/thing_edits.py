@@ -13,7 +13,7 @@ import numpy as np
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.edited_rows import edited_label
 from fastsplat.service.query.things.names.look_alikes import with_look_alikes
-from fastsplat.service.scene.artefact.scene import Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import Scene, SceneT, SemanticHead, Thing, Things, ThingScene
 from fastsplat.service.scene.objects.things import checked_name, discard_thing, merge_things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.messages.scenes import Edit
@@ -38,7 +38,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
         LimitExceededError: too many aliases.
         ConflictError: as `check_seen`, or an alias is another label's name.
     """
-    actions: dict[str, Callable[[SceneIndex, Scene, tuple[int, ...], Edit], Scene]] = {
+    actions: dict[str, Callable[[SceneIndex, ThingScene, tuple[int, ...], Edit], Scene]] = {
         "name": _name,
         "unname": _unname,
         "merge": _merge,
@@ -48,8 +48,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
         raise InvalidInputError("name needs a name", field="name", hint="See the edit's fields.")
     ids = edited_things(index, edit)
     check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
-    scene = actions[edit.action](index, index.things.scene, ids, edit)
-    return with_look_alikes(scene, ids) if edit.action == "name" else scene
+    return actions[edit.action](index, index.things.scene, ids, edit)
 
 
 def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
@@ -81,23 +80,24 @@ def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before
             )
 
 
-def _name(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+def _name(index: SceneIndex, scene: ThingScene, ids: tuple[int, ...], edit: Edit) -> Scene:
     scene, label = with_label(index, scene, edit.name or "", edit.aliases, edit.kinds)
-    return _changed(scene, ids, lambda thing: replace(thing, name=label, source="person", probability=1.0))
+    named = _changed(scene, ids, lambda thing: replace(thing, name=label, source="person", probability=1.0))
+    return with_look_alikes(named, ids)
 
 
-def _unname(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+def _unname(index: SceneIndex, scene: ThingScene, ids: tuple[int, ...], edit: Edit) -> Scene:
     return _changed(scene, ids, lambda thing: replace(thing, name="", source=None, probability=0.0))
 
 
-def _merge(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+def _merge(index: SceneIndex, scene: ThingScene, ids: tuple[int, ...], edit: Edit) -> Scene:
     check_no_parts(index.things.table, ids)
     return merge_things(scene, ids)
 
 
-def _discard(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+def _discard(index: SceneIndex, scene: ThingScene, ids: tuple[int, ...], edit: Edit) -> Scene:
     for thing_id in ids:
-        if scene.things is not None and thing_id in {thing.id for thing in scene.things.everything}:
+        if thing_id in {thing.id for thing in scene.things.everything}:
             scene = discard_thing(scene, thing_id)  # a part may have gone with its thing
     return scene
 
@@ -114,8 +114,7 @@ def check_no_parts(things: Things, thing_ids: Sequence[int]) -> None:
             )
 
 
-def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing]) -> Scene:
-    assert scene.things is not None
+def _changed(scene: ThingScene, ids: Sequence[int], change: Callable[[Thing], Thing]) -> ThingScene:
     chosen = set(ids)
     table = tuple(change(thing) if thing.id in chosen else thing for thing in scene.things.table)
     parts = scene.things.parts
@@ -125,8 +124,8 @@ def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing])
 
 
 def with_label(
-    index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
-) -> tuple[Scene, str]:
+    index: SceneIndex, scene: SceneT, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
+) -> tuple[SceneT, str]:
     """Adds a dictionary entry with aliases and returns its label; errors as `edit_things`.
 
     Case, plural and spelling variants of a known name are that name. A kind becomes an alias of the form name + kind

@@ -47,7 +47,7 @@ def locate(index: SceneIndex, place: Place) -> Located:
 
     Raises:
         NotFoundError: nothing is seen at the pixel, or no such view.
-        InvalidInputError: see `check_place`; a pixel outside the picture; a point that is not finite.
+        InvalidInputError: see `check_place`; another frame; a pixel outside the picture; a point that is not finite.
     """
     check_place(place, ("pixel", "point"))
     if place.point is not None:
@@ -57,9 +57,7 @@ def locate(index: SceneIndex, place: Place) -> Located:
         near = index.things.rows_at(place.point)
         return Located(point, np.zeros((3, 3)), int(index.things.owner[near[0]]) if len(near) else 0)
     assert place.pixel is not None
-    posed = place.camera if place.view is None else index.view(place.view)
-    assert posed is not None
-    return _at_pixel(index, posed, place.pixel)
+    return _at_pixel(index, index.viewpoint(place.camera, place.view), place.pixel)
 
 
 def check_place(place: Place, kinds: tuple[str, ...]) -> None:

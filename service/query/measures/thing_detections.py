@@ -17,7 +17,6 @@ from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat.service.query.things.thing_measures import ThingShape
 from fastsplat.service.query.things.visibility import view_scores
-from fastsplat.service.scene.artefact.frames import frame_id
 from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat.service.scene.artefact.scene import Scene, Thing
 from fastsplat.service.scene.objects.boxes import BOX_TRIM, trimmed_ends
@@ -106,7 +105,7 @@ def detections_of(
         tuple(made),
         next_page_token,
         version,
-        frame_id(scene),
+        scene.frame_id,
         scene.scale == "METRIC",
         None if up is None else vector3(up),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.artefact.scene import F32, Evidence, Scene, ThingSemantics, semantics_of
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Scene, ThingSemantics
 from fastsplat.service.scene.objects.label_evidence import Posterior, posterior
 from fastsplat.service.scene.objects.thing_codes import classes_of_codes
 
@@ -22,7 +22,7 @@ class GaussianLabels:
 
 def label_gaussians(scene: Scene) -> GaussianLabels:
     """Labels Gaussians by codes (softmax of W·code + b), evidence (Dirichlet posterior) or things."""
-    semantics = semantics_of(scene)
+    semantics = scene.semantics()
     if isinstance(semantics, ThingSemantics):
         return label_by_things(semantics, posterior(semantics.things.membership, len(semantics.label_ids)))
     if isinstance(semantics, Evidence):

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
-from fastsplat.service.scene.artefact.scene import CodeSemantics, NameSource, Scene, Thing, Things, semantics_of
+from fastsplat.service.scene.artefact.scene import CodeSemantics, NameSource, Scene, Thing, Things
 from fastsplat.service.scene.gaussians.connectivity import components
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.objects.things import MAX_THING_ID
@@ -60,7 +60,7 @@ def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
     # Gaussians without a label count as none in masks, if any view has seen them.
     seen = (owner > 0) | (labels.confidence > 0)
     members = evidence_of(rows[seen], owner[seen], counts[seen], len(owner))
-    coded = isinstance(semantics_of(scene), CodeSemantics) and scene.gaussians.codes.shape[1] > 0
+    coded = isinstance(scene.semantics(), CodeSemantics) and scene.gaussians.codes.shape[1] > 0
     return Things(tuple(table), members, head=scene.head if coded else None)
 
 

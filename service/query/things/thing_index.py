@@ -20,7 +20,7 @@ from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.query.things.visibility import best_views
-from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Parts, Thing, ThingGroup, Things, ThingScene
 from fastsplat.service.scene.objects.label_evidence import Posterior, posterior
 from fastsplat.service.scene.objects.things import part_rows
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -58,13 +58,12 @@ class SceneThings:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: ThingScene,
         stored: bool,  # the scene's file has them
         draw: Callable[[PosedCamera, Things | Parts], ThingMap],
         history: SceneHistory,
         before: SceneThings | None = None,
     ) -> None:
-        assert scene.things is not None
         self.scene = scene
         self.history = history
         self.stored = stored

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity
+from fastsplat_contract.geometry.viewpoint import WORLD
 
 
 @dataclass(frozen=True)
@@ -28,12 +29,17 @@ class Alignment:
     scaled: bool = False  # whether the scene's scaling comes from pairs of points
 
 
+def frame_name(alignment: Alignment | None) -> str:
+    """Names the world frame: the map's ("map" if unnamed), or "world" without a map."""
+    return WORLD if alignment is None else alignment.frame or "map"
+
+
 def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None) -> Similarity:
     """Maps the trained version's frame to that of a scaled and aligned version."""
     scale = 1.0 if meters_per_unit is None else meters_per_unit
     if alignment is None:
         return Similarity(scale, np.eye(3), np.zeros(3))
-    return Similarity(scale, np.array(alignment.rotation), np.array(alignment.translation))
+    return Similarity(scale, np.array(alignment.rotation), np.array(alignment.translation), frame_name(alignment))
 
 
 def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:

@@ -18,11 +18,6 @@ def frame_of(scene: Scene) -> Similarity:
     return frame_similarity(None if scene.scaling is None else scene.scaling.meters_per_unit, scene.alignment)
 
 
-def frame_id(scene: Scene) -> str:
-    """Names the world frame: the map's ("map" if unnamed), or "world" without a map."""
-    return "world" if scene.alignment is None else scene.alignment.frame or "map"
-
-
 def scaled(scene: Scene, scaling: Scaling) -> Scene:
     """Scales Gaussians and cameras to meters by a scaling of the trained version."""
     before = 1.0 if scene.scaling is None else scene.scaling.meters_per_unit

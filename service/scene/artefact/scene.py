@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
-from fastsplat.service.scene.artefact.alignment import Alignment
+from fastsplat.service.scene.artefact.alignment import Alignment, frame_name
 from fastsplat.service.scene.artefact.scaling import Scaling
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts as SceneFacts
 from fastsplat.service.scene.artefact.suggestions import SaidName
@@ -295,6 +295,26 @@ class Scene:
         """Things if the scene stores them, else evidence, else codes."""
         return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
 
+    @property
+    def frame_id(self) -> str:
+        """Name of the world frame, see `frame_name`."""
+        return frame_name(self.alignment)
+
+    def with_things(self, things: Things) -> ThingScene:
+        """Stores things in the scene, in place of its own."""
+        return ThingScene(**{**vars(self), "things": things})
+
+    def semantics(self) -> Semantics:
+        """Returns the source of the Gaussians' labels selected by `label_mode`."""
+        if self.things is not None:
+            label_ids = np.zeros(max((thing.id for thing in self.things.table), default=0) + 1, np.int32)
+            for thing in self.things.table:
+                label_ids[thing.id] = (self.dictionary.id_of(thing.name) or 0) if thing.name else 0
+            return ThingSemantics(self.things, self.gaussians.codes, label_ids)
+        if self.evidence is not None:
+            return self.evidence
+        return CodeSemantics(self.gaussians.codes, self.head)
+
     def vertical(self) -> SceneVertical | None:
         """Vertical direction in this version's frame, its source and uncertainty."""
         return vertical_of(self.facts, self.alignment, self.cameras)
@@ -304,13 +324,11 @@ class Scene:
         return up_of(self.vertical())
 
 
-def semantics_of(scene: Scene) -> Semantics:
-    """Returns the source of the Gaussians' labels selected by `Scene.label_mode`."""
-    if scene.things is not None:
-        label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
-        for thing in scene.things.table:
-            label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
-        return ThingSemantics(scene.things, scene.gaussians.codes, label_ids)
-    if scene.evidence is not None:
-        return scene.evidence
-    return CodeSemantics(scene.gaussians.codes, scene.head)
+@dataclass(frozen=True)
+class ThingScene(Scene):
+    """A scene version that stores its things."""
+
+    things: Things = field(kw_only=True)
+
+
+SceneT = TypeVar("SceneT", bound=Scene)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.scene.artefact.alignment import frame_name
 from fastsplat.service.scene.artefact.arrays import (
     Array,
     Shapes,
@@ -139,7 +140,7 @@ def _read_scene(folder: Path) -> Scene:
         label_embeddings=arrays["label_embeddings"],
         text_encoder=manifest.text_encoder,
         label_templates=manifest.label_templates,
-        cameras=cameras_from_bytes(cameras_bytes),
+        cameras=cameras_from_bytes(cameras_bytes, frame_name(manifest.alignment)),
         scale=manifest.scale,
         training=manifest.training,
         quality=manifest.quality,

@@ -201,8 +201,8 @@ def cameras_to_bytes(cameras: Sequence[PosedCamera]) -> bytes:
     return json.dumps(rows, indent=1, allow_nan=False).encode()
 
 
-def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
-    """Decodes `cameras.json`.
+def cameras_from_bytes(data: bytes, frame_id: str) -> tuple[PosedCamera, ...]:
+    """Decodes `cameras.json`, whose poses are in that frame.
 
     Raises:
         SceneFileError: malformed, or a pose that is not rigid.
@@ -215,6 +215,7 @@ def cameras_from_bytes(data: bytes) -> tuple[PosedCamera, ...]:
                 Camera(row.width, row.height, row.fx, row.fy, row.cx, row.cy),
                 np.array(row.world_from_camera, dtype=np.float64),
                 row.name,
+                frame_id,
             )
             for row in checked
         )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.artefact.scene import F32, Gaussians, Scene
+from fastsplat.service.scene.artefact.scene import F32, Gaussians, SceneT
 from fastsplat.service.scene.gaussians.scene_rows import scene_of_rows
 
 COARSE_GAUSSIANS = 60_000
@@ -19,7 +19,7 @@ _ROUNDS = 60
 _SEED = 0
 
 
-def coarse_scene(scene: Scene, most: int = COARSE_GAUSSIANS) -> Scene | None:
+def coarse_scene(scene: SceneT, most: int = COARSE_GAUSSIANS) -> SceneT | None:
     """Samples about `most` Gaussians that stand for the rest, with constant color.
 
     A Gaussian's weight is its opacity times the geometric mean of its two longer axes. The heaviest are kept unchanged;

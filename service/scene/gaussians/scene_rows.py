@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat.service.scene.artefact.scene import Gaussians, SceneT
 from fastsplat.service.scene.objects.label_evidence import rows_of
 from fastsplat.service.scene.objects.things import things_of_rows
 
@@ -41,7 +41,7 @@ def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
     )
 
 
-def scene_of_rows(scene: Scene, rows: NDArray[np.integer]) -> Scene:
+def scene_of_rows(scene: SceneT, rows: NDArray[np.integer]) -> SceneT:
     """Selects the scene's Gaussians `rows`, int [K], in that order; repetitions are allowed."""
     return replace(
         scene,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing
+from fastsplat.service.scene.artefact.scene import Parts, Thing, ThingScene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, without_rows
 from fastsplat.service.scene.objects.things import MAX_THING_ID, next_thing_id, thing_rows
 from fastsplat_contract.errors import LimitExceededError
@@ -15,7 +15,7 @@ from fastsplat_contract.errors import LimitExceededError
 _SURE_PX = 16  # membership of a Gaussian without evidence, pixels
 
 
-def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]:
+def with_new_thing(scene: ThingScene, rows: NDArray[np.integer]) -> tuple[ThingScene, int]:
     """Assigns the Gaussians `rows` to a new unnamed thing; returns the scene and its id.
 
     In each Gaussian's membership the new thing replaces its most probable owner, with one count more so that it wins
@@ -26,7 +26,7 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
         LimitExceededError: no id is left.
     """
     things = scene.things
-    assert things is not None and len(rows)
+    assert len(rows)
     new_id = next_thing_id(things)
     if new_id > MAX_THING_ID:
         raise LimitExceededError(

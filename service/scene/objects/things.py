@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.scene.artefact.reads import bounded_reads
-from fastsplat.service.scene.artefact.scene import Evidence, Parts, Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Parts, Scene, SceneT, Thing, ThingGroup, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior, rows_of
 from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -81,7 +81,7 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     return replace(scene, things=replace(merged, table=table))
 
 
-def discard_thing(scene: Scene, thing_id: int) -> Scene:
+def discard_thing(scene: SceneT, thing_id: int) -> SceneT:
     """Removes a thing and its parts, or a part.
 
     A thing's Gaussians stay without an owner, a part's stay with its thing. A group left with one member goes as well.

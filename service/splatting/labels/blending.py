@@ -10,15 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.scene.artefact.scene import (
-    F32,
-    Evidence,
-    Scene,
-    SemanticHead,
-    Things,
-    ThingSemantics,
-    semantics_of,
-)
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Scene, SemanticHead, Things, ThingSemantics
 from fastsplat.service.scene.objects.label_evidence import posterior
 from fastsplat.service.scene.objects.thing_codes import codes_of_things
 from fastsplat.service.scene.objects.things import thing_rows
@@ -44,8 +36,8 @@ class LabelBlend(Protocol):
 
 
 def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = None) -> LabelBlend:
-    """Selects the blend by `semantics_of`; `before` is an earlier one of the same Gaussians."""
-    semantics = semantics_of(scene)
+    """Selects the blend by `Scene.semantics`; `before` is an earlier one of the same Gaussians."""
+    semantics = scene.semantics()
     if isinstance(semantics, ThingSemantics):
         return ThingBlend(semantics, device, before if isinstance(before, ThingBlend) else None)
     if isinstance(semantics, Evidence):

@@ -47,8 +47,8 @@ class _Robot:
         question = pb.StandingQuestion(query=to_proto(request), heartbeat_s=heartbeat_s)
         self._requests.put(pb.StreamQueryRequest(question=question))
 
-    def move(self, sequence: int, angle: float = 0.0) -> None:
-        pose = pb.StreamPose(sequence=sequence, camera=to_proto(turned(angle)))
+    def move(self, sequence: int, angle: float = 0.0, frame: str = "world") -> None:
+        pose = pb.StreamPose(sequence=sequence, camera=to_proto(replace(turned(angle), frame_id=frame)))
         self._requests.put(pb.StreamQueryRequest(pose=pose))
 
     def leave(self) -> None:
@@ -261,6 +261,10 @@ def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
         (
             lambda robot, scene_id: [robot.ask(_question(scene_id, "mug")), robot.move(2), robot.move(2)],
             "pose.sequence",
+        ),
+        (
+            lambda robot, scene_id: [robot.ask(_question(scene_id, "mug")), robot.move(2, frame="kitchen")],
+            "pose.camera.frame_id",
         ),
         (lambda robot, scene_id: robot.ask(_question(scene_id, "mug"), heartbeat_s=0.001), "question.heartbeat_s"),
         (lambda robot, scene_id: robot._requests.put(pb.StreamQueryRequest()), "part"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,7 @@ from fastsplat_contract.errors import CorruptImageError, FastSplatError, NotRead
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
 from tests.api.scenes.test_observations import add_room
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.api.uploaded import huge_png
@@ -42,12 +41,6 @@ from tests.scenes import store_scene
 _POSED = looking(0.11, height=1.15, away=2.45)
 _LIMITS = LocalizationSettings()
 _ORIGIN = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
-
-
-def _file(pixels: np.ndarray, kind: str = "PNG", **options: Any) -> bytes:
-    content = io.BytesIO()
-    Image.fromarray(pixels).save(content, kind, **options)
-    return content.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +66,7 @@ def test_every_face_says_the_same_place(
     picture: np.ndarray,
     tmp_path: Path,
 ) -> None:
-    photos = (_file(picture), PLAIN_PNG)
+    photos = (image_file(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))
     truth = service.localizing.localize(request)
     assert_same(_ask(faces, request), truth)
@@ -105,14 +98,14 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
     views = []
     for number, posed in enumerate(scene.cameras):
         path = tmp_path / f"{number}.png"
-        path.write_bytes(_file(drawn.colors(posed)))
+        path.write_bytes(image_file(drawn.colors(posed)))
         views.append(View(posed, path, lens=lens))
     points = np.zeros((0, 3), np.float32)
     report = CaptureReport("images", len(views))
     capture = Capture(tuple(views), points, points.astype(np.uint8), scene.scale, report)
     folder = service._store.blobs.version(made, service.versions.resolve(made))
     write_photos(capture, folder, PhotoSettings())
-    sent = _file(through_lens(drawn.colors(_POSED), lens.k1))
+    sent = image_file(through_lens(drawn.colors(_POSED), lens.k1))
     (found,) = service.localizing.localize(LocalizeRequest(scene_id=made, photos=(sent,))).photos
     assert (found.focal_source, found.radial) == ("scene", lens.k1)
     assert found.camera is not None and found.differences == ()
@@ -122,8 +115,8 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
 def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, picture: np.ndarray) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6  # stored a quarter turn to the left
-    turned = _file(np.rot90(picture).copy(), "JPEG", quality=95, exif=exif)
-    upright, stored = client.localize(room_id, [_file(picture), turned]).photos
+    turned = image_file(np.rot90(picture).copy(), "JPEG", quality=95, exif=exif)
+    upright, stored = client.localize(room_id, [image_file(picture), turned]).photos
     assert upright.camera is not None and stored.camera is not None
     assert (stored.camera.camera.width, stored.camera.camera.height) == (480, 360)
     np.testing.assert_allclose(stored.camera.world_from_camera, upright.camera.world_from_camera, atol=0.01)
@@ -131,7 +124,7 @@ def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, pictu
 
 def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: np.ndarray) -> None:
     other = looking(-0.15, height=1.2)
-    photos = [_file(picture), _file(renderer(textured_room()).colors(other))]
+    photos = [image_file(picture), image_file(renderer(textured_room()).colors(other))]
     poses = [Pose(*_parts(posed.world_from_camera)) for posed in (_POSED, other)]
     answer = client.localize(room_id, photos, poses=poses)
     for photo, posed in zip(answer.photos, (_POSED, other), strict=True):
@@ -216,8 +209,8 @@ def test_one_photo_that_breaks_its_decoder_leaves_the_next_one_alone(
     def ask(content: bytes) -> Localization:
         return service.localizing.localize(LocalizeRequest(scene_id=room_id, photos=(content,)))
 
-    before = ask(_file(picture))
+    before = ask(image_file(picture))
     for content in (b"\xff\xd8\xff" + b"\0" * 100, PLAIN_PNG[:-30]):
         with pytest.raises(CorruptImageError):
             ask(content)
-    assert_same(ask(_file(picture)), before)
+    assert_same(ask(image_file(picture)), before)

@@ -39,8 +39,9 @@ from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.messages.scenes import Color, Edit
 from fastsplat_contract.photos.observations import ListObservationsRequest, Observation, ObservationList, ObserveRequest
+from tests.api.calls import CALLS
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.localization.textured_room import looking, renderer, textured_room
 from tests.scenes import add_photos, store_scene
@@ -53,23 +54,12 @@ def drawn_photos(*, block: bool) -> tuple[bytes, ...]:
     """Three photos of the room, with or without the cube."""
     drawn = renderer(textured_room(block=block))
     views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
-    return tuple(map(_file, (drawn.colors(posed) for posed in views)))
-
-
-def _file(pixels: np.ndarray) -> bytes:
-    content = io.BytesIO()
-    Image.fromarray(pixels).save(content, "PNG")
-    return content.getvalue()
+    return tuple(map(image_file, (drawn.colors(posed) for posed in views)))
 
 
 @pytest.fixture(scope="module")
 def without() -> tuple[bytes, ...]:
     return drawn_photos(block=False)
-
-
-@pytest.fixture(scope="module")
-def with_cube() -> tuple[bytes, ...]:
-    return drawn_photos(block=True)
 
 
 def add_room(service: SceneService, settings: Settings, *, block: bool = True, **others: Any) -> str:
@@ -88,12 +78,8 @@ def room_id(service: SceneService, api_settings: Settings) -> Iterator[str]:
     """For one test: questions to all scenes do not find it."""
     made = add_room(service, api_settings)
     yield made
-    _forget(service, made)
-
-
-def _forget(service: SceneService, scene_id: str) -> None:
-    if any(each.id == scene_id for each in service.list_scenes(500).scenes):
-        service.delete_scene(scene_id)
+    if any(each.id == made for each in service.list_scenes(500).scenes):
+        service.delete_scene(made)
 
 
 def _request(scene_id: str, photos: Sequence[bytes], **fields: Any) -> ObserveRequest:
@@ -111,7 +97,6 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     client: Client,
     room_id: str,
     without: tuple[bytes, ...],
-    with_cube: tuple[bytes, ...],
     tmp_path: Path,
 ) -> None:
     first = client.scene(room_id).version
@@ -152,7 +137,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
 
     path = tmp_path / "tuesday"
     path.mkdir()
-    for number, content in enumerate(with_cube):
+    for number, content in enumerate(drawn_photos(block=True)):
         (path / f"{number}.png").write_bytes(content)
     words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
     printed = CliRunner().invoke(app, [*words, "--seen-at", "2026-03-03T18:00:00"])
@@ -236,23 +221,59 @@ def test_no_photo_stays_where_the_scenes_own_would_not(
     service.delete_scene(room)
 
 
-def test_what_was_seen_stays_true_in_the_frame_of_a_map(
-    client: Client, room_id: str, without: tuple[bytes, ...]
+def _found(value: Any, key: str) -> Iterator[dict[str, Any]]:
+    """All objects inside a JSON value that have such a key."""
+    if isinstance(value, dict) and key in value:
+        yield value
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _found(inner, key)
+
+
+def _answers(faces: Faces, scene_id: str, photos: Sequence[bytes]) -> Iterator[Any]:
+    """JSON of photos in a scene, and of all that can be got of it but its versions, which repeat requests."""
+    form = [*(("photos", ("a", content)) for content in photos), ("focals", (None, b"420"))]
+    yield faces.rest.post(f"/v1/scenes/{scene_id}:localize", files=form).json()
+    ids = {"scene_id": scene_id, "format": "camera_list", "observation_id": "none", "operation_id": "none"}
+    for name in sorted(CALLS.keys() - {"ListVersions"}):
+        method, _, path = CALLS[name].route.partition(" ")
+        if method == "GET":
+            answer = faces.rest.get(path.format(**ids))
+            yield answer.json() if answer.is_success else {}
+
+
+def test_what_was_seen_stays_true_in_the_frame_of_a_map_which_all_answers_name(
+    faces: Faces, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
+    first = client.scene(room_id).version
     made = client.observe(room_id, without, focals=(420.0,))
-    half = float(np.sqrt(0.5))
-    turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, half, half))
-    client.edit_scene(room_id, [Edit("align", alignment=Alignment(transform=turn))])
+    turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, 0.6, 0.8))
+    before_map = list(_answers(faces, room_id, without))
+    client.align_scene(room_id, Alignment("hall", turn))
     (placed,) = client.observations(room_id)
     before, after = made.changes[0].before, placed.changes[0].before
     assert before is not None and after is not None
-    np.testing.assert_allclose(
-        np.array(after.center.position), (turn.matrix() @ [*before.center.position, 1.0])[:3], atol=1e-6
-    )
+    there = turn.matrix() @ [*before.center.position, 1.0]
+    np.testing.assert_allclose(np.array(after.center.position), there[:3], atol=1e-6)
     for one, other in zip(made.photos, placed.photos, strict=True):
-        np.testing.assert_allclose(
-            other.camera.world_from_camera, turn.matrix() @ one.camera.world_from_camera, atol=1e-6
-        )
+        moved = turn.matrix() @ one.camera.world_from_camera
+        np.testing.assert_allclose(other.camera.world_from_camera, moved, atol=1e-6)
+
+    answers = list(_answers(faces, room_id, without))
+    for named, frame in ((before_map, "world"), (answers, "hall")):
+        frames = [{each["frame_id"] for each in _found(answer, "frame_id")} for answer in named]
+        assert [each for each in frames if each] == [{frame}] * 6
+    plain = list(_found(answers, "intrinsics"))
+    url, body = f"/v1/scenes/{room_id}:query", {"texts": [_CUBE], "cameras": plain, "outputs": ["mask2d"]}
+    assert len(faces.rest.post(url, json=body).raise_for_status().json()["answers"][0]["masks"]) == len(plain)
+    refused = rest_refusal(faces.rest.post(url, json={**body, "version": first}))  # which is in another frame
+    assert (refused.reason, refused.details["field"]) == ("INVALID_INPUT", "cameras[0].frame_id")
+    assert "'hall'" in refused.detail and "say world, or" in refused.details["hint"]
+    for sent in ("", "world"):
+        bodies = [{**body, "cameras": [{**plain[0], "frame_id": frame}]} for frame in (sent, "hall")]
+        one, other = (faces.rest.post(url, json=each).raise_for_status().json() for each in bodies)
+        assert one == other
+    client.align_scene(room_id, Alignment("", turn))
+    assert client.detection_page(room_id).frame_id == client.scene(room_id).cameras[0].frame_id == "map"
 
 
 def test_the_same_request_is_kept_once(client: Client, room_id: str, without: tuple[bytes, ...]) -> None:

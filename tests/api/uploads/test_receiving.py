@@ -26,8 +26,9 @@ class _Sink:
         self._busy = threading.Lock()
         self._refused_after = refused_after
 
-    def open(self) -> None:
+    def open(self) -> _Sink:
         self._note("open")
+        return self
 
     def write(self, items: Sequence[bytes]) -> None:
         assert self._busy.acquire(blocking=False)
@@ -64,13 +65,20 @@ async def _stream(data: bytes, rng: random.Random) -> AsyncIterator[bytes]:
             await asyncio.sleep(0)
 
 
+async def _silent() -> AsyncIterator[bytes]:
+    yield b"ab"
+    await asyncio.Event().wait()
+
+
 def test_many_at_once_get_their_own_bytes() -> None:
     async def main() -> None:
         receiver = _receiver(100)
         contents = [random.Random(seed).randbytes(seed * 10_000) for seed in range(50)]
         sinks = [_Sink() for _ in contents]
         streams = [_stream(data, random.Random(seed)) for seed, data in enumerate(contents)]
-        sizes = await asyncio.gather(*(receiver.receive(*pair, size=len) for pair in zip(streams, sinks, strict=True)))
+        sizes = await asyncio.gather(
+            *(receiver.receive(one, sink.open, size=len) for one, sink in zip(streams, sinks, strict=True))
+        )
         assert [sink.data for sink in sinks] == contents and sizes == [len(data) for data in contents]
         assert sinks[0].calls == ["open", "finish"]
         assert all(sink.calls == ["open", "write", "finish"] for sink in sinks[1:])
@@ -85,7 +93,7 @@ def test_what_is_refused_is_closed_before_it_is_told_and_its_place_is_free() -> 
         for refused_after in (0, 100_000, 299_999):
             sink = _Sink(refused_after)
             with pytest.raises(InvalidInputError):
-                await receiver.receive(_stream(bytes(300_000), random.Random(1)), sink, size=len)
+                await receiver.receive(_stream(bytes(300_000), random.Random(1)), sink.open, size=len)
             assert sink.calls == ["open", "write", "close"]
         await asyncio.to_thread(receiver.close)
 
@@ -97,20 +105,17 @@ def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -
         limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
         receiver = UploadReceiver(limits, UploadSettings(), 2)
         sinks = [_Sink(), _Sink()]
-
-        async def silent() -> AsyncIterator[bytes]:
-            yield b"ab"
-            await asyncio.Event().wait()
-
-        tasks = [asyncio.create_task(receiver.receive(silent(), sink, size=len, memory_bytes=2**23)) for sink in sinks]
+        tasks = [
+            asyncio.create_task(receiver.receive(_silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks
+        ]
         while not all(sink.data for sink in sinks):
             await asyncio.sleep(0.01)
         refused = _Sink()
         with pytest.raises(OverloadedError, match="memory"):
-            await receiver.receive(silent(), refused, size=len, memory_bytes=1)
+            await receiver.receive(_silent(), refused.open, size=len, memory_bytes=1)
         assert not refused.calls
         free = _stream(bytes(1_000), random.Random(1))
-        assert await receiver.receive(free, _Sink(), size=len) == 1_000  # what holds a batch only still comes in
+        assert await receiver.receive(free, _Sink().open, size=len) == 1_000  # what holds a batch only still comes in
         for task in tasks:
             task.cancel()
             with pytest.raises(asyncio.CancelledError):
@@ -118,7 +123,7 @@ def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -
         while True:  # the place is free as soon as the upload is closed
             try:
                 last = _stream(bytes(1_000), random.Random(1))
-                assert await receiver.receive(last, _Sink(), size=len, memory_bytes=2**24) == 1_000
+                assert await receiver.receive(last, _Sink().open, size=len, memory_bytes=2**24) == 1_000
                 break
             except OverloadedError:
                 await asyncio.sleep(0.01)
@@ -131,16 +136,11 @@ def test_a_sender_who_pauses_is_written_and_when_he_leaves_it_is_closed() -> Non
     async def main() -> None:
         receiver = _receiver(all_uploads=1)
         sink = _Sink()
-
-        async def silent() -> AsyncIterator[bytes]:
-            yield b"ab"
-            await asyncio.Event().wait()
-
-        task = asyncio.create_task(receiver.receive(silent(), sink, size=len))
+        task = asyncio.create_task(receiver.receive(_silent(), sink.open, size=len))
         while not sink.data:
             await asyncio.sleep(0.01)
         with pytest.raises(OverloadedError):
-            await receiver.receive(silent(), _Sink(), size=len)
+            await receiver.receive(_silent(), _Sink().open, size=len)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
@@ -164,7 +164,7 @@ def test_a_finish_that_runs_is_cancelled_and_closed_after_it() -> None:
 
     async def main() -> None:
         receiver = _receiver()
-        task = asyncio.create_task(receiver.receive(_stream(b"abc", random.Random(1)), sink, size=len))
+        task = asyncio.create_task(receiver.receive(_stream(b"abc", random.Random(1)), sink.open, size=len))
         assert await asyncio.to_thread(begun.wait, 30)
         task.cancel()
         with pytest.raises(asyncio.CancelledError):

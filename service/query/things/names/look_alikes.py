@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
-from fastsplat.service.scene.artefact.scene import SH_C0, Scene, Thing
+from fastsplat.service.scene.artefact.scene import SH_C0, Scene, Thing, ThingScene
 from fastsplat.service.scene.artefact.suggestions import Suggestion, ranked_suggestions
 from fastsplat.service.scene.objects.things import thing_rows
 
@@ -27,13 +27,12 @@ alike differ in kind. Color and shape alone say little: the sample's pairs of bo
 0.28."""
 
 
-def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
+def with_look_alikes(scene: ThingScene, thing_ids: Sequence[int]) -> ThingScene:
     """Suggests the name of `thing_ids` for nameless things that look like them.
 
     The probability is the likeness, 0..1 (no measured frequency): the intersection of color histograms (Swain and
     Ballard 1991), weighted by visible area, times the geometric mean of the ratios of the three principal standard
     deviations."""
-    assert scene.things is not None
     unnamed = [thing.id for thing in scene.things.table if not thing.name]
     if not unnamed:
         return scene
