@@ -24,7 +24,7 @@ _FIRST = BoxShell("x", (0.12, 0.0, 0.06), count=100)
 _SECOND = BoxShell("y", (-0.12, 0.0, 0.03), count=100)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index(lexicon: Lexicon, models_dir: Path) -> SceneIndex:
     """Two things without names."""
     return SceneIndex(

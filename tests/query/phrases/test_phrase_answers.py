@@ -49,7 +49,7 @@ def scene() -> Scene:
     return scene_of(_room(), 0, _WORLD)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
     return index_of(scene)
 

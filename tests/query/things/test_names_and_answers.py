@@ -213,7 +213,7 @@ def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_chang
     assert index.after(replace(scene, scale="ARBITRARY")).ranked.sizes == {}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def room() -> SceneIndex:
     """A lamp, an unnamed thing beside it, an unnamed one far away, and four mugs that are unnamed, too."""
     room = Room()
