@@ -15,6 +15,7 @@ from tests import lanes
 from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
+    from fastsplat.service.perception.results import TextEncoder
     from tests.postgres import PostgresServer
 
 
@@ -72,6 +73,15 @@ def test_data() -> Path:
 def models_dir() -> Path:
     """The model directory with real weights."""
     return _folder("FASTSPLAT_MODELS", "a model directory with real weights is needed")
+
+
+@pytest.fixture(scope="session")
+def minilm(models_dir: Path) -> TextEncoder:
+    """The default text encoder."""
+    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+    from tests.remembering import Remembering
+
+    return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))
 
 
 @pytest.fixture(scope="session")
