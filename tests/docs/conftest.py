@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import socket
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import fastsplat
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.store.care.sample_scene import unpack_sample
 from fastsplat_client import Client
+from release.check_wheels import free_ports
 from tests.docs.forks import forks
 from tests.docs.page_blocks import ROOT
 from tests.docs.page_reader import PageReader
@@ -96,7 +96,7 @@ def home(small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFac
     unpack_sample(data_dir)
     with fastsplat.open_scene(data_dir) as scene:
         scene_id, trained = scene.id, scene.info.version
-    ports = {8000: _free_port(), 8001: _free_port()}
+    ports = dict(zip((8000, 8001), free_ports(2), strict=True))
     with running_service(
         data_dir=data_dir,
         models=Path(small_environment["FASTSPLAT_MODELS"]),
@@ -136,9 +136,3 @@ def new_reader(home: Home, photos: Path, programs: Path, tmp_path: Path) -> Iter
                     client.delete_scene(scene.id)
             if client.scene(home.scene_id).version != home.trained:
                 client.restore_version(home.scene_id, home.trained)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -132,17 +130,7 @@ def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, t
 
 
 def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "fastsplat.cli.main",
-        "ask",
-        str(folder),
-        "mug",
-        "--picture",
-        str(tmp_path / "a.png"),
-    ]
-    subprocess.run(command, capture_output=True, check=True)
+    assert invoke("ask", str(folder), "mug", "--picture", str(tmp_path / "a.png")).exit_code == 0
     assert (tmp_path / "a.png").read_bytes() == scene.show("mug").png
     refused = invoke("ask", str(folder), "mug", "ball", "--picture", str(tmp_path / "b.png"))
     assert isinstance(refused.exception, InvalidInputError) and "one picture of 2" in refused.exception.message

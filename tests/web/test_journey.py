@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat_client import Client
 from fastsplat_contract.messages.queries import QueryRequest
+from release.check_wheels import free_ports
 from tests.web.browser import Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
 
@@ -33,12 +33,6 @@ class Server:
     key: str
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 @pytest.fixture
 def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Server]:
     """`fastsplat serve` as a person starts it."""
@@ -48,13 +42,13 @@ def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     # A scene that has a banana, and no more: what a preset costs is told by benchmarks.
     monkeypatch.setenv("FASTSPLAT_TRAINING", '{"iterations": 300, "time_budget_s": null, "max_side": 320}')
     monkeypatch.setenv("FASTSPLAT_PERCEPTION", '{"max_views": 6, "proposal_views": 3}')
-    port = _free_port()
+    port, grpc_port = free_ports(2)
     with running_service(
         data_dir=tmp_path / "data",
         models=models_dir,
         log=tmp_path / "service.log",
         http_port=port,
-        grpc_port=_free_port(),
+        grpc_port=grpc_port,
     ) as key:
         yield Server(f"http://127.0.0.1:{port}", key)
 

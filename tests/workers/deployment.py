@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import signal
-import socket
 import sqlite3
 import subprocess
 import time
@@ -26,6 +25,7 @@ from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
 from tests.scenes import stand_in_models
@@ -102,7 +102,7 @@ class Deployment:
         )
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
-        self.http = f"http://127.0.0.1:{_free_port()}"
+        self.http = f"http://127.0.0.1:{free_ports(1)[0]}"
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def start_worker(
@@ -274,12 +274,6 @@ def _answers(url: str) -> bool:
         return httpx.get(url, timeout=5).is_success
     except httpx.TransportError:
         return False
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _picture(seed: int) -> bytes:
