@@ -16,6 +16,7 @@ from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.results import TextEncoder
+    from fastsplat.service.store.store import Store
     from tests.postgres import PostgresServer
 
 
@@ -151,6 +152,16 @@ def database_url(request: pytest.FixtureRequest) -> Iterator[str]:
     server: PostgresServer = request.getfixturevalue("postgres")
     with server.database() as url:
         yield url
+
+
+@pytest.fixture
+def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
+    """An empty one, over each database that a test is run with."""
+    from fastsplat.service.store.store import open_store
+
+    opened = open_store(tmp_path / "data", database_url)
+    yield opened
+    opened.close()
 
 
 @pytest.fixture(scope="session")

@@ -52,6 +52,12 @@ def fastsplat(service: SceneService) -> Iterator[Callable[..., Result]]:
 
 
 @pytest.fixture
+def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
+    """Runs a command about things."""
+    return lambda *words: fastsplat("things", *words)
+
+
+@pytest.fixture
 def scene_id(service: SceneService) -> str:
     """A made scene of the test's own."""
     return add_scene(service, load_settings())
