@@ -16,8 +16,8 @@ CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 INSTALLED_FROM := pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
 PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
 # A file's tests stay in one process, as they share its fixtures; tests/lanes.py says which files share one, and which
-# come first.
-TESTS := $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
+# come first. Bytecode is kept, also where the environment says no: each of a hundred processes would compile it again.
+TESTS := PYTHONDONTWRITEBYTECODE= $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
 .PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
 

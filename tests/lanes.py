@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,7 +21,7 @@ REST = (
     "api/server/test_stopping.py",
     "api/grpc/test_stream_reconnection.py",
     "application/test_memory.py",
-    "benchmarks/evaluation/test_train_eval.py",
+    "benchmarks/",
     "capture/sfm/test_early_refusal.py",
     "capture/sfm/test_reconstruction.py",
     "capture/sfm/test_repetition.py",
@@ -44,7 +45,7 @@ REST = (
     "workers/",
 )
 """Folders and files, below tests/, that `make test` leaves out: real processes but one server, browsers, trainings of
-whole captures, documents, packages, images, other programs."""
+whole captures, benchmarks, documents, packages, images, other programs."""
 
 FIRST = (
     "docs/test_page_blocks.py",
@@ -94,10 +95,20 @@ def folder(nodeid: str) -> str:
     return path.partition("/")[0] if "/" in path else ""
 
 
+def _is_left_out(path: str) -> bool:
+    return path not in FIRST and path.startswith(REST)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """`make test` does not import what it leaves out."""
+    if config.option.markexpr != "not rest" or collection_path.suffix != ".py":
+        return None
+    return _is_left_out(relative_path(collection_path.relative_to(config.rootpath).as_posix())) or None
+
+
 def is_rest(item: pytest.Item) -> bool:
     """Whether `make test` leaves a test out: by its place, or because it needs a PostgreSQL server."""
-    path = relative_path(item.nodeid)
-    if path not in FIRST and path.startswith(REST):
+    if _is_left_out(relative_path(item.nodeid)):
         return True
     callspec = getattr(item, "callspec", None)
     on_postgresql = callspec is not None and any(

@@ -1,8 +1,7 @@
-"""Processes by their environment, whether one runs, and free ports."""
+"""Processes by their environment, and whether one runs."""
 
 from __future__ import annotations
 
-import socket
 from pathlib import Path
 
 
@@ -24,10 +23,3 @@ def is_alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:
         return False
-
-
-def free_port() -> int:
-    """A port of this machine that nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -52,9 +52,13 @@ def _run(folder: Path, *words: str) -> tuple[str, int, list[list[str]]]:
         "[pytest]\ntestpaths = tests\naddopts = --import-mode=importlib\nmarkers = rest: by tests/lanes.py\n"
     )
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", *words],
+        [sys.executable, "-m", "pytest", "-q", "-p", "xdist", *words],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "client")))},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "client"))),
+            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
+        },
         capture_output=True,
         text=True,
     )

@@ -68,7 +68,7 @@ def _with(camera: PosedCamera) -> tuple[tuple[str, Any, str], ...]:
         ("PickThing", PickRequest("", camera=camera, pixel=_PIXEL), "camera"),
         ("MeasureScene", MeasureRequest(places=(place,), scene_id=""), "places[0].camera"),
         ("EditScene", EditIn((length,), camera.frame_id), "edits[0].known_lengths[0].first.camera"),
-        ("EditScene", EditIn((Edit("merge", things=(1, 2)), split), camera.frame_id), "edits[1].prompt.camera"),
+        ("EditScene", EditIn((Edit("merge", thing_ids=(1, 2)), split), camera.frame_id), "edits[1].prompt.camera"),
     )
 
 

@@ -6,21 +6,13 @@ import os
 import stat
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from fastsplat.service.application.admin.keys import Keys, key_id_of
-from fastsplat.service.store.store import Store, open_store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
-
-
-@pytest.fixture
-def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
-    opened = open_store(tmp_path / "data", database_url)
-    yield opened
-    opened.close()
 
 
 @pytest.fixture

@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import load_settings
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.served import serving
 from tests.color_segmenter import ADAPTER, write_color_segmenter
+from tests.commands import invoke
 
 FREE_PORTS = {"http_port": 0, "grpc_port": 0, "metrics_port": 0}
 
@@ -48,7 +48,13 @@ def fastsplat(service: SceneService) -> Iterator[Callable[..., Result]]:
     settings = load_settings().model_copy(update={**FREE_PORTS, "auth": "off"})
     with serving(service, settings) as ports:
         server = ["--server", f"http://127.0.0.1:{ports.http}"]
-        yield lambda *words: CliRunner().invoke(app, [*map(str, words), *server])
+        yield lambda *words: invoke(*map(str, words), *server)
+
+
+@pytest.fixture
+def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
+    """Runs a command about things."""
+    return lambda *words: fastsplat("things", *words)
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import httpx
 import pytest
 import typer
 from rich.cells import cell_len
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from fastsplat.cli.main import app
 from fastsplat.cli.scenes.thing_commands import _seen
@@ -32,6 +32,7 @@ from tests.api.served import serving
 from tests.api.training_job import add_cancelled_job
 from tests.api.upright_scene import add_upright_scene
 from tests.cli.conftest import FREE_PORTS, configured
+from tests.commands import invoke
 from tests.scenes import queued_job
 
 LONG = "a name that nobody should give, 名前 " * 10
@@ -54,7 +55,7 @@ class Home(NamedTuple):
         """A command, asked of the folder or of the server; `$scene` in it is an id."""
         typed = [self.ids[word[1:]] if word.startswith("$") else word for word in words.split()]
         options = ["--server", self.url] if server else []
-        return CliRunner().invoke(app, [*typed, *more, *options], env={"FASTSPLAT_KEY": self.key})
+        return invoke(*typed, *more, *options, env={"FASTSPLAT_KEY": self.key})
 
     def json(self, words: str, *more: str, server: bool = False) -> Any:
         """What a command prints as JSON."""

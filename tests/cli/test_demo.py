@@ -6,7 +6,6 @@ import os
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -22,6 +21,7 @@ from fastsplat.service.library.local_scene import open_scene
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
+from release.check_wheels import free_ports
 
 _ROOT = Path(__file__).parents[2]
 
@@ -145,11 +145,7 @@ def test_a_browser_is_opened_only_where_there_is_a_screen(monkeypatch: pytest.Mo
 
 
 def test_the_browser_opens_when_the_sample_can_be_seen(models_dir: Path, tmp_path: Path) -> None:
-    ports = []
-    for _ in range(2):
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            ports.append(str(probe.getsockname()[1]))
+    ports = [str(port) for port in free_ports(2)]
     browser, seen = tmp_path / "browser", tmp_path / "seen"
     browser.write_text(f'#!/bin/sh\necho "$1" > {shlex.quote(str(seen))}\n')
     browser.chmod(0o755)

@@ -12,15 +12,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.blobs.file_digests import write_digests
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.jobs.operations import OperationError
+from tests.commands import invoke
 from tests.scenes import labelled_scene, write_version
 
 Doctor = Callable[..., tuple[int, list[dict[str, object]]]]
@@ -55,7 +54,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 def doctor(data: Path) -> Doctor:
     def call(*words: str) -> tuple[int, list[dict[str, object]]]:
         load_settings.cache_clear()
-        result = CliRunner().invoke(app, ["doctor", "--json", *words])
+        result = invoke("doctor", "--json", *words)
         return result.exit_code, json.loads(result.stdout)
 
     return call

@@ -7,9 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import StoreOptions, load_settings
 from fastsplat_contract.codec.json_codec import to_plain
@@ -17,6 +16,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.messages.exports import ExportRequest
 from tests.api.made_scene import add_scene
 from tests.api.upright_scene import add_upright_scene
+from tests.commands import invoke
 
 Run = Callable[..., Result]
 
@@ -53,7 +53,7 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     scene_id = add_upright_scene(service, load_settings())
     paged_by_one = load_settings().model_copy(update={"store": StoreOptions(max_page_size=1)})
     monkeypatch.setattr("fastsplat.cli.connection.load_settings", lambda: paged_by_one)
-    printed = json.loads(CliRunner().invoke(app, ["things", "detections", scene_id, "--json"]).stdout)
+    printed = json.loads(invoke("things", "detections", scene_id, "--json").stdout)
     truth = service.detections.all(scene_id)
     assert len(truth.detections) == 2 and printed["next_page_token"] == ""
     assert [each["label"] for each in printed["detections"]] == [each.label for each in truth.detections]

@@ -9,11 +9,11 @@ from importlib.metadata import version
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from tests.commands import invoke
 from tests.scenes import queued_job
 
 Run = Callable[..., Result]
@@ -90,11 +90,11 @@ def test_a_job_that_trains_is_ended_early_and_no_other(fastsplat: Run, service: 
 
 
 def test_a_failed_jobs_log_and_error_are_there_and_others_are_not_found(failed: str, waiting: str) -> None:
-    result = CliRunner().invoke(app, ["jobs", "log", failed])
+    result = invoke("jobs", "log", failed)
     assert result.stdout.startswith("first\nlast words") and "CRASHED" in result.stderr
     for name in (waiting, "nothing"):
-        assert isinstance(CliRunner().invoke(app, ["jobs", "log", name]).exception, NotFoundError)
+        assert isinstance(invoke("jobs", "log", name).exception, NotFoundError)
 
 
 def test_the_version_is_that_of_the_distribution() -> None:
-    assert CliRunner().invoke(app, ["--version"]).stdout.split() == ["fastsplat", version("fastsplat")]
+    assert invoke("--version").stdout.split() == ["fastsplat", version("fastsplat")]

@@ -6,12 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from tests.commands import invoke
 from tests.scenes import queued_job
 
 Run = Callable[..., Result]
@@ -32,7 +32,7 @@ def test_a_key_is_made_listed_and_revoked(fastsplat: Run, service: SceneService)
 
 def test_a_key_of_a_project_needs_the_project(service: SceneService) -> None:
     def here(*words: str) -> Result:
-        return CliRunner().invoke(app, words)
+        return invoke(*words)
 
     refused = here("keys", "create", "kitchen robot", "--project", "kitchen")
     assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
@@ -52,7 +52,7 @@ def test_serving_without_keys_is_refused_on_an_open_host(tmp_path: Path, monkeyp
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("FASTSPLAT_HOST", "0.0.0.0")
     load_settings.cache_clear()
-    refused = CliRunner().invoke(app, ["serve", "--no-auth"])
+    refused = invoke("serve", "--no-auth")
     assert isinstance(refused.exception, InvalidInputError) and refused.exception.field == "auth"
     assert not (tmp_path / "data").exists()
 

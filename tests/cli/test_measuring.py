@@ -11,11 +11,6 @@ from typer.testing import Result
 from fastsplat_contract.errors import InvalidInputError
 
 
-@pytest.fixture
-def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
-    return lambda *words: fastsplat("things", *words)
-
-
 def test_a_scene_is_measured_and_scaled(things: Callable[..., Result], scene_id: str) -> None:
     size = json.loads(things("measure", scene_id, "1", "--json").stdout)
     assert len(size["sides"]) == 3 and size["meters"]

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.store import open_store
 from fastsplat.workers.engine.process_group import machine_id
+from tests.commands import invoke
 
 
 @pytest.fixture
@@ -22,7 +22,7 @@ def health(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     def call(role: str, port: int = 1) -> Result:
         monkeypatch.setenv("FASTSPLAT_HTTP_PORT", str(port))
         load_settings.cache_clear()
-        return CliRunner().invoke(app, ["status", "--here", role])
+        return invoke("status", "--here", role)
 
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path))
     yield call

@@ -23,11 +23,6 @@ from tests.scenes import store_scene
 _PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
 
 
-@pytest.fixture
-def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
-    return lambda *words: fastsplat("things", *words)
-
-
 def _listed(things: Callable[..., Result], *words: str) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = json.loads(things("list", *words, "--json").stdout)["things"]
     return rows

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import inflect
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.calibration.lists import read_scenes
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
 from fastsplat.service.perception.class_names import COCO_80, TAGS
 from fastsplat_contract.errors import InvalidInputError
@@ -92,6 +90,8 @@ def test_what_has_no_other_number_stays(name: str) -> None:
 @pytest.mark.parametrize("name", HOUSEHOLD)
 @given(st.sampled_from(["", "red ", "Two-", "the_other "]))
 def test_the_key_of_a_plural_is_the_key_of_its_singular(name: str, before: str) -> None:
+    import inflect  # not by each process that collects tests: it takes seconds
+
     plural = IRREGULAR_PLURALS.get(name) or inflect.engine().plural_noun(name)
     assert label_key(before + plural) == label_key(before + name) != ""
     assert label_key(plural) == name
@@ -103,7 +103,7 @@ def test_the_key_of_a_made_up_word_is_its_own_key(word: str) -> None:
 
 
 def test_no_list_has_a_name_twice() -> None:
-    for labels in (COCO_80, TAGS, *(scene.labels for scene in read_scenes())):
+    for labels in (COCO_80, TAGS):
         assert len(dictionary_of(labels)) == len(labels)
 
 

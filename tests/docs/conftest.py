@@ -16,10 +16,10 @@ import fastsplat
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.store.care.sample_scene import unpack_sample
 from fastsplat_client import Client
+from release.check_wheels import free_ports
 from tests.docs.forks import forks
 from tests.docs.page_blocks import ROOT
 from tests.docs.page_reader import PageReader
-from tests.processes import free_port
 
 _BIN = Path(sys.executable).parent
 _VIEWS = 8
@@ -96,7 +96,7 @@ def home(small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFac
     unpack_sample(data_dir)
     with fastsplat.open_scene(data_dir) as scene:
         scene_id, trained = scene.id, scene.info.version
-    ports = {8000: free_port(), 8001: free_port()}
+    ports = dict(zip((8000, 8001), free_ports(2), strict=True))
     with running_service(
         data_dir=data_dir,
         models=Path(small_environment["FASTSPLAT_MODELS"]),

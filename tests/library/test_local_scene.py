@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import fastsplat
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import LocalScene, folder_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import LABELS, add_scene, write_words
 from tests.api.training_job import add_training_job
+from tests.commands import invoke
 
 
 @pytest.fixture(autouse=True)
@@ -124,26 +121,16 @@ def test_the_package_has_no_other_names() -> None:
 
 @pytest.mark.parametrize("texts", [["mug"], ["mug", "elephant"]])
 def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, texts: list[str]) -> None:
-    said = CliRunner().invoke(app, ["ask", str(folder), *texts])
+    said = invoke("ask", str(folder), *texts)
     assert said.exit_code == 0, said.output
     assert all(scene.ask(text).sentence in said.stdout for text in texts)
     assert "thing 1, mug, at (" in said.stdout and "m\n" in said.stdout
-    shown = CliRunner().invoke(app, ["scenes", "show", str(folder), "--json"])
+    shown = invoke("scenes", "show", str(folder), "--json")
     assert json.loads(shown.stdout)["id"] == scene.id
 
 
 def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-m",
-        "fastsplat.cli.main",
-        "ask",
-        str(folder),
-        "mug",
-        "--picture",
-        str(tmp_path / "a.png"),
-    ]
-    subprocess.run(command, capture_output=True, check=True)
+    assert invoke("ask", str(folder), "mug", "--picture", str(tmp_path / "a.png")).exit_code == 0
     assert (tmp_path / "a.png").read_bytes() == scene.show("mug").png
-    refused = CliRunner().invoke(app, ["ask", str(folder), "mug", "ball", "--picture", str(tmp_path / "b.png")])
+    refused = invoke("ask", str(folder), "mug", "ball", "--picture", str(tmp_path / "b.png"))
     assert isinstance(refused.exception, InvalidInputError) and "one picture of 2" in refused.exception.message

@@ -16,6 +16,7 @@ from fastsplat.service.store.care import sample_scene
 from fastsplat.service.store.care.sample_scene import SAMPLE_ARCHIVE, unpack_sample
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
+from tests.commands import invoke
 
 _MOST_BYTES = 3_000_000
 
@@ -106,10 +107,13 @@ def test_a_missing_archive_and_a_damaged_one_are_said(
     assert not (tmp_path / "data").exists()
 
 
-def test_the_word_sample_stands_for_it_where_no_folder_has_that_name(models_dir: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", "sample", "banana"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+def test_the_word_sample_stands_for_it_where_no_folder_has_that_name(
+    models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    said = invoke("ask", "sample", "banana").stdout
     assert "banana, at (" in said and ") m" in said
+    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", "sample", "banana"]
     (tmp_path / "sample").mkdir()
-    refused = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    refused = subprocess.run(command, capture_output=True, text=True)
     assert refused.returncode == 2 and "no scene has the id 'sample'" in refused.stderr

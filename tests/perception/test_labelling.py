@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +17,39 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
+from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.label_maps import capture_detection
 from fastsplat.service.perception.label_maps import labelling as labelling_module
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
 from fastsplat.service.perception.label_maps.labelling import label_capture, views_to_segment
 from fastsplat.service.perception.results import Detections, Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import make_capture, read_rgb
 
 _SETTINGS = PerceptionSettings(threads=2)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _each_photo_is_looked_at_once() -> Iterator[None]:
+    """The same networks say the same of the same photo: what one test has computed serves the others."""
+    known: dict[tuple[object, ...], Any] = {}
+
+    def remembered(look: Callable[..., Any]) -> Callable[..., Any]:
+        def seen(model: Any, image: np.ndarray, *more: object) -> Any:
+            key = (look, image.shape, image.tobytes(), more)
+            if key not in known:
+                known[key] = look(model, image, *more)
+            return known[key]
+
+        return seen
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Sam1, "embed", remembered(Sam1.embed))
+        patch.setattr(PicoDet, "detect", remembered(PicoDet.detect))
+        yield
 
 
 def _table_views(test_data: Path, names: list[str]) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.perception.model_pull.pull import pull
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.results import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
 from fastsplat.service.perception.segmenters.mask_proposals import (
@@ -125,11 +125,13 @@ def test_a_real_segmenter_answers_points_and_boxes_alike(test_data: Path, models
     assert points.logits.shape[0] == 2 and points.quality.shape == points.logits.shape[:2]
 
 
-def test_one_by_one_and_in_batches_are_the_same(test_data: Path, models_dir: Path, tmp_path: Path) -> None:
-    models, folder = models_dir, models_dir / "mobile_sam"
-    if batch_decoder(folder, name="mobile_sam") is None:  # pulled by an earlier release
-        models, folder = tmp_path / "pulled", tmp_path / "pulled" / "mobile_sam"
-        pull(models, ["mobile_sam"], report=lambda step: None)
+def test_one_by_one_and_in_batches_are_the_same(
+    test_data: Path, models_dir: Path, pulled: Callable[[str], Path], tmp_path: Path
+) -> None:
+    models = models_dir
+    if batch_decoder(models / "mobile_sam", name="mobile_sam") is None:  # pulled by an earlier release
+        models = pulled("mobile_sam")
+    folder = models / "mobile_sam"
     for path in encoder_and_decoder(folder, name="mobile_sam"):
         (tmp_path / "alone" / path.name).parent.mkdir(exist_ok=True)
         (tmp_path / "alone" / path.name).symlink_to(path)

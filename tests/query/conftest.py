@@ -101,6 +101,16 @@ def away() -> PosedCamera:
     return PosedCamera(Camera(64, 48, 50.0, 50.0, 32.0, 24.0), pose)
 
 
+def index_of(scene: Scene) -> SceneIndex:
+    """The scene, ready for questions as a service asks them."""
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
+
+
+def plain_index_of(scene: Scene) -> SceneIndex:
+    """The scene with the settings `PLAIN`."""
+    return SceneIndex(scene, DrawnEncoder(), PLAIN)
+
+
 def opened(scene: Scene) -> SceneIndex:
     """The scene, ready for questions that little but names answers."""
     settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")

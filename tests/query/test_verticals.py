@@ -17,8 +17,6 @@ from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.next_viewpoints import next_photos
 from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.measures.thing_extents import thing_extents
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
@@ -30,7 +28,7 @@ from fastsplat_contract.geometry.poses import Box, Vector3, pose_of, rigid, vect
 from fastsplat_contract.messages.scenes import Edit, SceneVertical
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 from tests.query.box_scenes import rigid as any_motion
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 
 _MUG = BoxShell("mug", (0.0, 0.0, 0.1), (0.06, 0.08, 0.2))
 _TRAY = BoxShell("tray", (0.0, 0.0, -0.01), (0.6, 0.4, 0.02), count=900)
@@ -41,10 +39,6 @@ _TILTED[:3, :3] = Rotation.from_euler("x", 20, degrees=True).as_matrix()
 
 def _moved(cameras: Sequence[PosedCamera], motion: np.ndarray) -> list[PosedCamera]:
     return [replace(posed, world_from_camera=motion @ posed.world_from_camera) for posed in cameras]
-
-
-def _index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings())
 
 
 _CAMERAS = {"two cameras": orbit(2), "tilted cameras": _moved(orbit(8), _TILTED), "none": []}
@@ -61,11 +55,11 @@ def _as_trained(scene: Scene) -> Scene:
 def _aligned(scene: Scene) -> Scene:
     motion = any_motion(11)
     transform = pose_of(motion)
-    return align_scene(_index(scene), Edit("align", alignment=Alignment("map", transform)))
+    return align_scene(index_of(scene), Edit("align", alignment=Alignment("map", transform)))
 
 
 def _scaled(scene: Scene) -> Scene:
-    index = _index(_aligned(scene))
+    index = index_of(_aligned(scene))
     ends = [locate(index, Place(point=vector3(index.scene.gaussians.means[row]))).point for row in (0, 250)]
     length = KnownLength(*(Place(point=vector3(end)) for end in ends), meters=0.7)
     return scale_scene(index, Edit("scale", known_lengths=(length,)))
@@ -78,7 +72,7 @@ _EDITS: dict[str, Callable[[Scene], Scene]] = {"trained": _as_trained, "aligned"
 @pytest.mark.parametrize("cameras", _CAMERAS)
 def test_all_that_ask_get_the_recorded_vertical(cameras: str, edit: str) -> None:
     scene = _EDITS[edit](_scene(_CAMERAS[cameras]))
-    index = _index(scene)
+    index = index_of(scene)
     up = np.eye(3)[2] if scene.alignment is None else np.array(scene.alignment.rotation)[:, 2]
 
     def upright(box: Box | None) -> None:
@@ -125,7 +119,7 @@ def test_a_guess_of_the_vertical_is_shown_and_not_used() -> None:
     figures = {"vertical_source": "cameras", "vertical_deviation_deg": 15.0}
     assert vertical_of(split_quality(figures)[0], None, orbit(2)) == guess
     assert up_of(guess) is None and up_of(None) is None
-    assert _index(_scene(orbit(2), **figures)).things.measures.up is None
+    assert index_of(_scene(orbit(2), **figures)).things.measures.up is None
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import ENCODER, write_words
+from tests.commands import invoke
 from tests.store.released_folder import MOST_BYTES, RELEASED, make, opened, told_by
 
 _ARCHIVES = sorted(RELEASED.glob("*.zip"))
@@ -48,7 +47,7 @@ def test_everything_is_there_nothing_is_wrong_and_it_goes_on(
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(folder))
     monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
     monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    examined = CliRunner().invoke(app, ["doctor", "--repair", "--json"])  # an archive keeps no permissions
+    examined = invoke("doctor", "--repair", "--json")  # an archive keeps no permissions
     assert (examined.exit_code, json.loads(examined.stdout)) == (0, []), examined.stdout
 
 

@@ -25,8 +25,9 @@ from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from release.check_wheels import free_ports
 from tests.postgres import PostgresServer
-from tests.processes import free_port, is_alive
+from tests.processes import is_alive
 from tests.scenes import stand_in_models
 from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
@@ -101,7 +102,7 @@ class Deployment:
         )
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
-        self.http = f"http://127.0.0.1:{free_port()}"
+        self.http = f"http://127.0.0.1:{free_ports(1)[0]}"
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def start_worker(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import subprocess
 import sys
 import threading
@@ -29,6 +28,7 @@ from fastsplat_client import (
     UnauthenticatedError,
     UnreachableError,
 )
+from release.check_wheels import free_ports
 from tests.api.clients import assert_same
 from tests.api.guarded import Guarded
 from tests.api.line import Line
@@ -99,14 +99,6 @@ class _Server:
         return Client(address, grpc_target=f"127.0.0.1:{self.settings.grpc_port}")
 
 
-def _free_ports(count: int) -> list[int]:
-    listeners = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    ports = [int(listener.getsockname()[1]) for listener in listeners]
-    for listener in listeners:
-        listener.close()
-    return ports
-
-
 def _question(scene_id: str, *texts: str) -> StandingQuestion:
     return StandingQuestion(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
 
@@ -116,7 +108,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, str, dic
     """Settings, a scene, and what is to be answered from each angle."""
     folder = tmp_path_factory.mktemp("reconnection")
     write_words(folder / "models")
-    http, grpc, metrics = _free_ports(3)
+    http, grpc, metrics = free_ports(3)
     settings = Settings(
         data_dir=folder / "data",
         models=folder / "models",

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks.naming.replay import named, replayed
-from fastsplat.cli.main import app
 from fastsplat_client.namer import Namer, suggest_by
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+from tests.commands import invoke
 
 
 @pytest.fixture
@@ -60,7 +59,7 @@ def test_the_command_asks_and_says_what_came(room: Nameless, tmp_path: Path) -> 
     server_url = str(room.faces.rest.base_url)
     with replayed(sheets, lambda sheet: named(sheet, room.truth)) as server:
         command = ["things", "ask-namer", room.scene_id, server.url, "eyes", "--namer-key", str(key)]
-        done = CliRunner().invoke(app, [*command, "--server", server_url])
+        done = invoke(*command, "--server", server_url)
         assert done.exit_code == 0, (done.output, done.exception)
         assert (
             f"{len(room.truth)} names suggested for {sum(len(sheet.things) for sheet in sheets)} things" in done.stdout

@@ -8,16 +8,15 @@ from typing import NamedTuple
 
 import pytest
 from pydantic import ValidationError
-from typer.testing import CliRunner
 
 from benchmarks.naming.replay import ReplayNamer, replayed
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import NamerSettings, Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample
 from tests.cli.conftest import configured
+from tests.commands import invoke
 
 
 class Room(NamedTuple):
@@ -86,9 +85,9 @@ def test_an_agreement_holds_for_its_host_alone_and_for_its_project_alone(tmp_pat
 def test_the_command_agrees_to_the_host_that_is_named_and_asks(room: Room) -> None:
     server = ["--server", str(room.nameless.faces.rest.base_url)]
     command = ["things", "ask-namer", room.nameless.scene_id]
-    refused = CliRunner().invoke(app, [*command, *server])
+    refused = invoke(*command, *server)
     assert refused.exit_code != 0
-    done = CliRunner().invoke(app, [*command, "--agree", room.host, *server])
+    done = invoke(*command, "--agree", room.host, *server)
     assert done.exit_code == 0, (done.output, done.exception)
     assert f"of scene {room.nameless.scene_id} is QUEUED" in done.stdout
 

@@ -18,9 +18,7 @@ from mcp import StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolResult, ImageContent, TextContent
 from PIL import Image
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
@@ -31,6 +29,7 @@ from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, served
 from tests.api.upright_scene import add_upright_scene
+from tests.commands import invoke
 
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "measure", "look_from"),
@@ -314,7 +313,7 @@ def test_without_the_package_all_else_is_served_and_the_refusal_names_the_extra(
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "mcp.server.mcpserver", None)
     with pytest.raises(MissingPackageError, match="mcp"):
-        CliRunner().invoke(app, ["mcp", "--data", "sample"], catch_exceptions=False)
+        invoke("mcp", "--data", "sample", catch_exceptions=False)
 
 
 def test_standard_input_and_output_serve_the_same_tools(faces: Faces, scene_id: str) -> None:

@@ -24,7 +24,7 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
-from tests.api.programs.test_assistant import _refusal
+from tests.api.programs.test_assistant import _call, _refusal
 
 _WRONG = {"one": 1, "other": 2}
 """The seeds of what two stand-ins for an assistant see wrongly."""
@@ -91,32 +91,21 @@ def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_with
         assert named.keys() == both and len(right) >= 0.95 * len(named) > 0.7 * len(room.truth)
 
 
-def _call(guarded: Guarded, caller: str, tool: str, **arguments: Any) -> CallToolResult:
-    async def session() -> CallToolResult:
-        async with (
-            httpx2.AsyncClient(headers=guarded.header(caller), timeout=60) as http,
-            McpClient(streamable_http_client(f"{guarded.faces.rest.base_url}/mcp", http_client=http)) as client,
-        ):
-            result = await client.call_tool(tool, arguments)
-            assert isinstance(result, CallToolResult)
-            return result
-
-    return asyncio.run(session())
-
-
 def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "looked at")
-    none = _call(guarded, "reader", "unnamed_things", scene=scene_id)
+    none = _call(guarded.faces, "unnamed_things", guarded.header("reader"), scene=scene_id)
     assert _said(none)["things"] == [] and len(none.content) == 1  # all have names: there is no picture
     version = guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))]).version
-    said = _said(_call(guarded, "reader", "unnamed_things", scene=scene_id))
+    said = _said(_call(guarded.faces, "unnamed_things", guarded.header("reader"), scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
         assert [each["id"] for each in said["things"]] == _shown(client, scene_id) == [1]
     guess = {"thing_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
-    assert "PERMISSION_DENIED" in _refusal(_call(guarded, "reader", "suggest_names", **arguments))
+    assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, "suggest_names", guarded.header("reader"), **arguments))
     for wrong, field in ((guess | {"color": "red"}, "color"), (guess | {"probability": 2}, "probability")):
-        refusal = _refusal(_call(guarded, "editor", "suggest_names", **(arguments | {"names": [wrong]})))
+        refusal = _refusal(
+            _call(guarded.faces, "suggest_names", guarded.header("editor"), **(arguments | {"names": [wrong]}))
+        )
         assert "INVALID_INPUT" in refusal and f"names.0.{field}" in refusal
     assert guarded.service.get_scene(scene_id).version == version
 
@@ -124,12 +113,12 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
 def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
     guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))])
-    said = _said(_call(guarded, "suggester", "unnamed_things", scene=scene_id))
+    said = _said(_call(guarded.faces, "unnamed_things", guarded.header("suggester"), scene=scene_id))
     assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
     arguments = {"names": [{"thing_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
-    assert _said(_call(guarded, "suggester", "suggest_names", **arguments))["suggested"] == 1
+    assert _said(_call(guarded.faces, "suggest_names", guarded.header("suggester"), **arguments))["suggested"] == 1
     for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
-        assert "PERMISSION_DENIED" in _refusal(_call(guarded, "suggester", tool, **more))
+        assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, tool, guarded.header("suggester"), **more))
     with client_of(guarded.faces, key=guarded.keys["suggester"]) as client:
         status = client.server_status()
         assert (status.role, status.models, status.quotas, status.addresses) == ("suggester", (), (), ())

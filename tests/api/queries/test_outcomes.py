@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
@@ -21,6 +19,7 @@ from fastsplat_client.assistant.tools import find
 from fastsplat_contract.messages.queries import Outcome, QueryRequest
 from tests.api.made_scene import ENCODER
 from tests.api.served import Faces
+from tests.commands import invoke
 from tests.query.box_scenes import scene_of
 from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
 from tests.scenes import store_scene
@@ -81,5 +80,5 @@ def test_each_outcome_has_one_sentence_everywhere(
     assert over_rpc.sentence == of_all.sentence == found.sentence == answer.sentence
     assert over_rpc.outcome == of_all.outcome == found.outcome == outcome
     url = str(faces.rest.base_url)
-    printed = CliRunner().invoke(app, ["ask", scene, text, "--server", url])
+    printed = invoke("ask", scene, text, "--server", url)
     assert printed.stdout.splitlines()[0] == answer.sentence

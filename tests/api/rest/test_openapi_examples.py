@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import httpx
@@ -36,9 +37,13 @@ _WITHOUT_CONTENT = {"application/offset+octet-stream"}
 
 def _valid(value: Any, schema: dict[str, Any]) -> None:
     """Fail unless a value is of a schema of the document."""
-    whole = {**schema, "components": _DOCUMENT["components"]}
-    validator = jsonschema_rs.Draft202012Validator(whole)
-    assert [f"{error.instance_path}: {error.message}" for error in validator.iter_errors(value)] == []
+    errors = _validator(json.dumps(schema)).iter_errors(value)
+    assert [f"{error.instance_path}: {error.message}" for error in errors] == []
+
+
+@cache
+def _validator(schema: str) -> jsonschema_rs.Draft202012Validator:
+    return jsonschema_rs.Draft202012Validator({**json.loads(schema), "components": _DOCUMENT["components"]})
 
 
 def _examples(content: dict[str, Any]) -> Iterator[Any]:

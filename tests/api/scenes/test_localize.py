@@ -11,9 +11,7 @@ import httpx
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.answering.localizing import MAX_PHOTOS_BYTES
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
@@ -35,6 +33,7 @@ from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
 from tests.api.scenes.test_observations import add_room
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.api.uploaded import huge_png
+from tests.commands import invoke
 from tests.localization.textured_room import looking, renderer, textured_room, through_lens
 from tests.scenes import store_scene
 
@@ -75,7 +74,7 @@ def test_every_face_says_the_same_place(
         path.write_bytes(content)
     assert_same(client.localize(room_id, paths, focals=(420.0, 30.0)), truth)
     options = ["--focal", "420", "--focal", "30", "--json", "--server", str(faces.rest.base_url)]
-    printed = CliRunner().invoke(app, ["scenes", "localize", room_id, *map(str, paths), *options])
+    printed = invoke("scenes", "localize", room_id, *map(str, paths), *options)
     assert printed.exit_code == 1  # one has no place
     assert_same(from_plain(Localization, json.loads(printed.stdout)), truth)
 

@@ -13,9 +13,7 @@ import grpc
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.editing import observing
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.settings import PhotoSettings
@@ -43,6 +41,7 @@ from tests.api.calls import CALLS
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG, image_file
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.commands import invoke
 from tests.localization.textured_room import looking, renderer, textured_room
 from tests.scenes import add_photos, store_scene
 
@@ -140,7 +139,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     for number, content in enumerate(drawn_photos(block=True)):
         (path / f"{number}.png").write_bytes(content)
     words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
-    printed = CliRunner().invoke(app, [*words, "--seen-at", "2026-03-03T18:00:00"])
+    printed = invoke(*words, "--seen-at", "2026-03-03T18:00:00")
     later = from_json(Observation, printed.stdout)
     assert later.changes == () and gone.thing_id in later.looked_at and later.seen_at > made.seen_at
 
@@ -156,7 +155,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     listed = faces.rpc.ListObservations(to_proto(ListObservationsRequest(room_id)))
     assert_same(from_proto(ObservationList, listed).observations, whole)
     assert_same(client.observation(room_id, made.id), made)
-    shown = CliRunner().invoke(app, ["scenes", "observations", room_id, "--server", str(faces.rest.base_url)])
+    shown = invoke("scenes", "observations", room_id, "--server", str(faces.rest.base_url))
     assert gone.sentence in shown.stdout and "None of the 4 things" in shown.stdout
 
     client.undo_edit(room_id)

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.photo_check import check_photos
 from fastsplat_contract.errors import InvalidInputError
+from tests.commands import invoke
 
 
 def _textured(seed: int, side: int = 900) -> np.ndarray:
@@ -51,7 +50,7 @@ def test_each_defect_is_named_and_the_folder_is_left_alone(tmp_path: Path) -> No
         assert found[name].not_placed is None and not found[name].defects and not found[name].advice
     assert any("8 different photos are few" in sentence for sentence in checked.advice) and not checked.is_good
     assert checked.size == (600, 400)
-    result = CliRunner().invoke(app, ["check", str(photos)])
+    result = invoke("check", str(photos))
     assert re.search(r"takes about \d+ (s|min) on this machine", result.stderr)
     assert result.exit_code == 1 and "elsewhere.png: It shares nothing" in result.stdout
 

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.capture.world.scale_tags import find_tags
 from fastsplat.service.capture.world.tag_sheet import A4_MM, pixels_per_mm, tag_pages
 from fastsplat_contract.errors import InvalidInputError
+from tests.commands import invoke
 
 
 @pytest.mark.parametrize("side_m", [0.03, 0.08, 0.15])
@@ -29,7 +28,7 @@ def test_tags_on_the_page_have_their_side_and_are_all_there(side_m: float) -> No
 
 
 def test_the_command_writes_a4_pages_with_the_servers_side(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["tags", str(tmp_path / "tags.pdf"), "--count", "5"])
+    result = invoke("tags", str(tmp_path / "tags.pdf"), "--count", "5")
     assert result.exit_code == 0, result.output
     assert "5 tags of 80 mm on 2 pages" in result.output
     boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", (tmp_path / "tags.pdf").read_bytes())
@@ -38,7 +37,7 @@ def test_the_command_writes_a4_pages_with_the_servers_side(tmp_path: Path) -> No
 
 
 def test_a_side_that_the_server_does_not_expect_is_said(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["tags", str(tmp_path / "tags.pdf"), "--side-mm", "50"])
+    result = invoke("tags", str(tmp_path / "tags.pdf"), "--side-mm", "50")
     assert "FASTSPLAT_CAPTURE__TAG_SIDE_M=0.05" in result.output
 
 

@@ -50,7 +50,7 @@ def scene() -> Scene:
     return replace(made, gaussians=gaussians, evidence=evidence_from_dense(sums))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
     labeled = SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
     return labeled.after(labeled.things.scene)

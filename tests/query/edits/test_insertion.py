@@ -62,7 +62,7 @@ def test_a_thing_comes_again_under_new_ids_and_one_label() -> None:
     index, aside = opened(scene), np.eye(4)
     aside[2, 3] = 1.0
     for ids in ((1, 2), (1, 2, 3)):
-        index = opened(apply_edit(index, insert(aside, things=(1,)), source=opened(scene)))
+        index = opened(apply_edit(index, insert(aside, thing_ids=(1,)), source=opened(scene)))
         (mugs,) = index.ask(["mugs"])
         assert mugs.thing_ids == tuple(i for i in (*ids, max(ids) + 1) if i != 2)
     assert len(index.scene.dictionary) == 2 and len(index.scene.evidence or ()) == len(index.scene.gaussians)
@@ -74,7 +74,7 @@ def test_what_cannot_be_inserted_is_refused() -> None:
     with pytest.raises(NotFoundError, match="mug"):
         apply_edit(index, insert(np.eye(4), label="mug"), source=source)
     with pytest.raises(NotFoundError, match="thing 2"):
-        apply_edit(index, insert(np.eye(4), things=(2,)), source=source)
+        apply_edit(index, insert(np.eye(4), thing_ids=(2,)), source=source)
     with pytest.raises(InvalidInputError, match="an edit speaks"):
         apply_edit(index, insert(np.eye(4)), source=source)
     with pytest.raises(InvalidInputError, match="source"):

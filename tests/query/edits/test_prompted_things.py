@@ -24,7 +24,7 @@ _PROMPT = ThingPrompt(view="0.jpg", pixels=(Pixel(1, 1),))
 _ALL = np.arange(_BOX.count)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index() -> SceneIndex:
     """Thing 1 is a mug, thing 2 a book far from it."""
     settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")

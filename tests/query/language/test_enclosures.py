@@ -9,37 +9,32 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.language.sentences.enclosures import is_kept_shut, width_needed
 from fastsplat.service.query.measures.next_viewpoints import next_photos
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
+from fastsplat.service.scene.artefact.scene import SceneFacts
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
-from tests.query.conftest import PLAIN, DrawnEncoder
+from tests.query.conftest import plain_index_of
 from tests.query.cupboard_rooms import with_something_shut, without
 from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
 
 _ROOMS = range(200, 212)
 
 
-def opened(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), PLAIN)
-
-
 def test_what_would_fit_into_something_shut_is_never_said_to_be_absent() -> None:
     for seed in _ROOMS:
-        spoon, piano = opened(with_something_shut(seed)).ask(["spoon", "piano"])
+        spoon, piano = plain_index_of(with_something_shut(seed)).ask(["spoon", "piano"])
         assert spoon.outcome == "not_seen" and spoon.probability is None and spoon.is_absent
         assert "looks into" not in piano.sentence  # 0.06 to 1 m³ hold none
 
 
 def test_where_all_is_seen_or_solid_absence_is_said() -> None:
     for seed in _ROOMS:
-        assert opened(without(seed)).ask(["spoon"])[0].outcome == "not_here"
+        assert plain_index_of(without(seed)).ask(["spoon"])[0].outcome == "not_here"
 
 
 @pytest.mark.parametrize("stored", [False, True])
 def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool) -> None:
-    index = opened(with_something_shut(0))
-    index = opened(index.things.scene) if stored else index
+    index = plain_index_of(with_something_shut(0))
+    index = plain_index_of(index.things.scene) if stored else index
     (spoon,) = index.ask(["spoon"])
     (hollow,) = (each for each in index.things.unseen.hollows if each.volume > 0.1)
     expected = f'; no photo looks into "cupboard" ({hollow.volume:.1g} m³); look into it, from where {hollow.view} was '
@@ -50,18 +45,18 @@ def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool
 
 
 def test_one_is_sent_around_a_screen_to_what_it_hides() -> None:
-    index = opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner()))
+    index = plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], from_corner()))
     photo = next_photos(index)[0]
     assert photo.reason == "hidden" and photo.advice.endswith("and look behind the screen.")
     again = [*from_corner(), replace(photo.camera, name="again.jpg")]
-    before, after = (opened(scene_of([*WALLS, *THINGS, SCREEN], each)) for each in (from_corner(), again))
+    before, after = (plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], each)) for each in (from_corner(), again))
     assert after.things.unseen.share < before.things.unseen.share
-    there = opened(scene_of([*WALLS, *THINGS], from_corner()))
+    there = plain_index_of(scene_of([*WALLS, *THINGS], from_corner()))
     assert "hidden" not in {each.reason for each in next_photos(there)}
 
 
 def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
-    index = opened(opened(with_something_shut(0)).things.scene)
+    index = plain_index_of(plain_index_of(with_something_shut(0)).things.scene)
     (cupboard,) = index.ask(["cupboard"])[0].thing_ids
     named = index.after(apply_edit(index, Edit("name", thing_ids=(cupboard,), name="tree stump")))
     assert named.ask(["spoon"])[0].outcome == "not_here"
@@ -71,14 +66,14 @@ def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
     assert bare.id == cupboard
     table = tuple(bare if each.id == cupboard else each for each in things.table)
     scene = replace(index.things.scene, things=replace(things, table=table), facts=SceneFacts(searched_for=("spoon",)))
-    (spoon,) = opened(scene).ask(["spoon"])
+    (spoon,) = plain_index_of(scene).ask(["spoon"])
     assert spoon.outcome == "not_seen" and "looks into an unnamed thing (" in spoon.sentence
 
 
 def test_a_closed_carton_on_a_table_may_hold_what_is_smaller() -> None:
     table = BoxShell("table", (0, 0, -0.02), (2.4, 1.6, 0.04), count=3000)
     carton = BoxShell("carton", (0.7, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
-    index = opened(scene_of([table, *THINGS, carton], orbit(16, 1.6, 1.0)))
+    index = plain_index_of(scene_of([table, *THINGS, carton], orbit(16, 1.6, 1.0)))
     spoon, piano = index.ask(["spoon", "piano"])
     assert (spoon.outcome, piano.outcome) == ("not_seen", "not_here")
     assert not index.things.unseen.hides
@@ -86,7 +81,7 @@ def test_a_closed_carton_on_a_table_may_hold_what_is_smaller() -> None:
 
 def test_what_asks_for_a_place_is_not_answered_by_another_one() -> None:
     """A mug is here, and not on the book: what may be in the cupboard would not be on the book either."""
-    (answer,) = opened(with_something_shut(0)).ask(["the mug on the book"])
+    (answer,) = plain_index_of(with_something_shut(0)).ask(["the mug on the book"])
     assert answer.outcome == "not_here"
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -24,12 +23,10 @@ _FIRST = BoxShell("x", (0.12, 0.0, 0.06), count=100)
 _SECOND = BoxShell("y", (-0.12, 0.0, 0.03), count=100)
 
 
-@pytest.fixture
-def index(lexicon: Lexicon, models_dir: Path) -> SceneIndex:
+@pytest.fixture(scope="module")
+def index(lexicon: Lexicon, minilm: TextEncoder) -> SceneIndex:
     """Two things without names."""
-    return SceneIndex(
-        _unnamed(), open_text_encoder("minilm_l6_int8", models_dir, threads=1), QuerySettings(), lexicon=lexicon
-    )
+    return SceneIndex(_unnamed(), minilm, QuerySettings(), lexicon=lexicon)
 
 
 def _unnamed() -> Scene:

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.compounds import Compounds
 from fastsplat.service.query.language.meaning.embeddings import TextCache, text_caches
 from fastsplat.service.query.language.meaning.label_meanings import BASE, LabelMeanings
@@ -213,17 +213,14 @@ def test_a_lexicon_is_off_by_its_setting_or_where_it_was_never_fetched(tmp_path:
 
 
 @pytest.fixture(scope="session")
-def ask(models_dir: Path, lexicon: Lexicon) -> Callable[[Sequence[str], str], Answer]:
+def ask(minilm: TextEncoder, lexicon: Lexicon) -> Callable[[Sequence[str], str], Answer]:
     """The default encoder and WordNet over a dictionary."""
-    from benchmarks.absence.__main__ import _scene_of
-
-    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=1)
     made: dict[tuple[str, ...], SceneIndex] = {}
 
     def ask(labels: Sequence[str], text: str) -> Answer:
         key = tuple(labels)
         if key not in made:
-            made[key] = SceneIndex(_scene_of(key, encoder, QuerySettings()), encoder, lexicon=lexicon)
+            made[key] = SceneIndex(make_scene(key, code=2), minilm, lexicon=lexicon)
         return made[key].ask([text])[0]
 
     return ask

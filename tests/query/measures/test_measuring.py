@@ -30,7 +30,7 @@ _HERE = Place(point=Vector3(-0.5, 0.0, 0.0))
 _THERE = Place(point=Vector3(0.5, 0.0, 0.0))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index() -> SceneIndex:
     sharp = Camera(768, 576, 720.0, 720.0, 384.0, 288.0)
     cameras = [replace(posed, camera=sharp) for posed in orbit(8, 2.5, 1.8)]

@@ -6,20 +6,14 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.measures.next_viewpoints import next_photos
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
 from fastsplat_contract.photos.next_photos import NextPhoto
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 from tests.scenes import labelled_scene
 
 _CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
-
-
-def _index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings())
 
 
 def _ring(degrees: list[float], radius: float = 3.0) -> list[PosedCamera]:
@@ -44,7 +38,7 @@ def _angle(photo: NextPhoto) -> float:
 
 
 def test_one_stands_beside_the_edges_of_a_gap() -> None:
-    photos = next_photos(_index(_scene(_ring([float(a) for a in range(0, 240, 20)]))))
+    photos = next_photos(index_of(_scene(_ring([float(a) for a in range(0, 240, 20)]))))
     assert [photo.reason for photo in photos[:2]] == ["gap", "gap"]
     assert sorted(round(_angle(photo)) for photo in photos[:2]) == [245, 335]  # 25° beside 220° and 0°
     assert sorted(photo.near for photo in photos[:2]) == ["000.jpg", "220.jpg"]
@@ -57,20 +51,20 @@ def test_one_stands_beside_the_edges_of_a_gap() -> None:
 
 
 def test_left_and_right_are_as_in_the_photo() -> None:
-    photos = {photo.near: photo for photo in next_photos(_index(_scene(_ring([0.0, 20, 40, 60, 80]))))}
+    photos = {photo.near: photo for photo in next_photos(index_of(_scene(_ring([0.0, 20, 40, 60, 80]))))}
     # Seen from outside towards the middle, growing angles are to the right.
     assert "right of 080.jpg" in photos["080.jpg"].advice and "left of 000.jpg" in photos["000.jpg"].advice
 
 
 def test_a_whole_ring_needs_no_more() -> None:
-    assert next_photos(_index(_scene(_ring([float(a) for a in range(0, 360, 20)])))) == ()
+    assert next_photos(index_of(_scene(_ring([float(a) for a in range(0, 360, 20)])))) == ()
 
 
 def test_nobody_is_sent_into_a_wall() -> None:
     cameras = _ring([float(a) for a in range(0, 240, 20)])
     angle = np.radians(245)
     wall = np.array([3 * np.cos(angle), 3 * np.sin(angle), 1.0]) + np.random.default_rng(0).normal(0, 0.1, (80, 3))
-    for photo in next_photos(_index(_scene(cameras, wall))):
+    for photo in next_photos(index_of(_scene(cameras, wall))):
         assert abs(_angle(photo) - 245) > 5 or photo.reason != "gap"
 
 
@@ -81,7 +75,7 @@ def test_what_few_photos_see_is_seen_from_another_side() -> None:
     away[:3, :3] = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     away[:3, 3] = [2.0, 0.0, 0.0]
     patch = np.array([6.0, 0.0, 0.0]) + np.random.default_rng(1).normal(0, 0.1, size=(150, 3))
-    photos = next_photos(_index(_scene([*cameras, PosedCamera(_CAMERA, away, "away.jpg")], patch)))
+    photos = next_photos(index_of(_scene([*cameras, PosedCamera(_CAMERA, away, "away.jpg")], patch)))
     assert photos and all(photo.reason == "few_directions" for photo in photos)
     first = photos[0]
     assert first.near == "away.jpg"
@@ -91,5 +85,5 @@ def test_what_few_photos_see_is_seen_from_another_side() -> None:
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_scenes_of_no_or_one_camera_are_no_error(count: int) -> None:
-    photos = next_photos(_index(_scene(_ring([0.0][:count]))))
+    photos = next_photos(index_of(_scene(_ring([0.0][:count]))))
     assert len(photos) <= 3 and (count or not photos)

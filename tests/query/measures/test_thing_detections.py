@@ -33,7 +33,7 @@ _ALL = (_TABLE, _BOOK, _DIE)
 Made = Callable[..., SceneIndex]
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def made() -> Made:
     encoder = DrawnEncoder()
     return lambda scene: SceneIndex(scene, encoder, QuerySettings(backend="cpu"))

@@ -9,12 +9,10 @@ import pytest
 
 from fastsplat.service.query.measures.measuring import measure
 from fastsplat.service.query.measures.thing_extents import thing_extents, without_strays
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.places import Place
 from tests.query.box_scenes import BoxShell, orbit, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 
 _SIZE = (0.4, 0.2, 0.3)
 _COUNT = 4_000
@@ -33,20 +31,16 @@ def _strewn(share: float, seed: int = 0) -> tuple[Scene, np.ndarray]:
     return replace(scene, gaussians=replace(scene.gaussians, means=means)), off
 
 
-def _index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
-
-
 @pytest.mark.parametrize("share", [0.0, 0.01, 0.02])
 def test_strays_change_neither_size_nor_distance(share: float) -> None:
-    index = _index(_strewn(share)[0])
+    index = index_of(_strewn(share)[0])
     for thing in (1, 2):
         sides = measure(index, [Place(thing_id=thing)], "1").sides
         for side, true in zip(sorted(sides), sorted(_SIZE), strict=True):
             assert side.value == pytest.approx(true, abs=0.025) and side.low <= true <= side.high
     between = measure(index, [Place(thing_id=1), Place(thing_id=2)], "1")
     assert between.distance is not None and between.center_distance is not None
-    plain = measure(_index(_strewn(0.0)[0]), [Place(thing_id=1), Place(thing_id=2)], "1")
+    plain = measure(index_of(_strewn(0.0)[0]), [Place(thing_id=1), Place(thing_id=2)], "1")
     assert plain.distance is not None
     assert between.distance.value == pytest.approx(plain.distance.value, abs=0.025)
     assert between.center_distance.low <= 1.0 <= between.center_distance.high
@@ -71,8 +65,8 @@ def test_few_gaussians_are_all_kept() -> None:
 def test_the_box_does_not_depend_on_the_scenes_frame() -> None:
     scene, _ = _strewn(0.01)
     moved = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means + np.float32(3.0)))
-    first = thing_extents(_index(scene), 1)
-    second = thing_extents(_index(moved), 1)
+    first = thing_extents(index_of(scene), 1)
+    second = thing_extents(index_of(moved), 1)
     assert first is not None and second is not None
     assert second.box.size == pytest.approx(first.box.size, abs=1e-4)
     assert np.subtract(second.box.center.position, first.box.center.position) == pytest.approx(3.0, abs=1e-3)

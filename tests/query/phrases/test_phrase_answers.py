@@ -11,14 +11,13 @@ from benchmarks.relations.drawing import Room, box, crate, drawn_frame, scene_of
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
 from fastsplat_contract.messages.queries import Answer
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 from tests.query.decisions import alike
 
 _WORLD = drawn_frame(np.random.default_rng(3))
@@ -51,13 +50,9 @@ def scene() -> Scene:
     return scene_of(_room(), 0, _WORLD)
 
 
-def make(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
-
-
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
-    return make(scene)
+    return index_of(scene)
 
 
 def _answer(index: SceneIndex, text: str, asker: np.ndarray | None = _ASKER) -> Answer:
@@ -117,7 +112,7 @@ def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwis
     room.place("ball", box((0.1, 0.1, 0.1)), (0, 0, 0), 0.0, _BLUE)
     large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
     room.place("crate", box((0.1, 0.1, 0.1)), (-far, 0, 0), 0.0, _WOOD)
-    answer = _answer(make(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
+    answer = _answer(index_of(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
     assert (answer.thing_ids == (large,) and answer.outcome == "here") == nearest
     assert _reason(answer) == (None if nearest else "too_close")
 
@@ -186,7 +181,7 @@ def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> No
 
 @pytest.mark.parametrize("text", ["the mug on the table", "what is under the table?", "the tallest mug"])
 def test_without_a_vertical_nothing_is_on_anything(text: str) -> None:
-    assert _reason(_answer(make(scene_of(_room(), 0, _WORLD, cameras=False)), text)) == "vertical_unknown"
+    assert _reason(_answer(index_of(scene_of(_room(), 0, _WORLD, cameras=False)), text)) == "vertical_unknown"
 
 
 @pytest.mark.parametrize(
@@ -201,7 +196,7 @@ def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneInde
 
 
 def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> None:
-    for each, unit in ((index, "m"), (make(replace(index.scene, scale="ARBITRARY")), "unit")):
+    for each, unit in ((index, "m"), (index_of(replace(index.scene, scale="ARBITRARY")), "unit")):
         phrase = _answer(each, "the mug on the table").phrase
         assert phrase is not None and phrase.conditions == ("on the table",) and phrase.head == "mug"
         own = {witness.measure: witness for witness in phrase.witnesses if witness.thing_id == _RED_MUG}
@@ -215,7 +210,7 @@ def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> No
     room = Room()
     for at, color in enumerate((_WHITE, (0.9, 0.35, 0.15), (0.62, 0.36, 0.28))):
         room.place("book", box((0.2, 0.15, 0.06)), (at, 0, 0), 0.2, color)
-    index = make(scene_of(room, 0, _WORLD))
+    index = index_of(scene_of(room, 0, _WORLD))
     for text in ("the red book", "what is red?"):
         answer = _answer(index, text)
         assert (answer.outcome, answer.thing_ids[:1]) == ("probably_here", (3,)) and 1 not in answer.thing_ids
@@ -245,14 +240,14 @@ def test_the_scale_of_a_scene_changes_no_answer(scene: Scene, index: SceneIndex,
     for pose in (*poses, asker):
         pose[:3, 3] *= factor
     cameras = tuple(replace(camera, world_from_camera=pose) for camera, pose in zip(scene.cameras, poses, strict=True))
-    scaled = make(replace(scene, gaussians=gaussians, cameras=cameras))
+    scaled = index_of(replace(scene, gaussians=gaussians, cameras=cameras))
     for text in ("what is on the table?", "mug next to the lamp", "the mug left of the lamp", "the nearest mug"):
         assert _answer(scaled, text, asker).thing_ids == _answer(index, text).thing_ids
 
 
 def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
     assert scene.things is not None
-    owner = make(scene).things.owner
+    owner = index_of(scene).things.owner
     rows = [np.flatnonzero(owner == mug)[:40] for mug in (_RED_MUG, _BLUE_MUG)]
     table_of_parts = (
         Thing(20, "handle", "person", 1.0, parent=_RED_MUG),
@@ -270,7 +265,7 @@ def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
         weight=np.zeros((len(dictionary) + 1, 0), np.float32),
         bias=np.zeros(len(dictionary) + 1, np.float32),
     )
-    parted = make(
+    parted = index_of(
         replace(
             scene,
             things=replace(scene.things, parts=parts),
@@ -288,7 +283,7 @@ def test_a_question_about_all_pairs_of_many_things_is_refused() -> None:
     room = Room()
     for number in range(70):
         room.place("mug", box((0.09, 0.09, 0.1)), (0.3 * (number % 10), 0.3 * (number // 10), 0), 0.0, _RED)
-    crowded = make(scene_of(room, 0, _WORLD))
+    crowded = index_of(scene_of(room, 0, _WORLD))
     with pytest.raises(LimitExceededError) as caught:
         _answer(crowded, "the thing nearest to something")
     assert caught.value.field == "texts"
@@ -303,7 +298,7 @@ def test_a_text_of_two_readings_is_answered_if_one_of_them_makes_sense() -> None
     room.place("table", table((1.4, 0.8, 0.75)), (0, 4, 0), 0.0, _WOOD)
     with_lamp = room.place("mug", box((0.09, 0.09, 0.1)), (0, 4, 0.75), 0.0, _RED)
     room.place("desk lamp", box((0.15, 0.15, 0.4)), (0.2, 4, 0.75), 0.0, _WHITE)
-    index = make(scene_of(room, 0, _WORLD))
+    index = index_of(scene_of(room, 0, _WORLD))
     assert _answer(index, "the mug on a table next to the street lamp").thing_ids == (beside_lamp,)
     assert _answer(index, "the mug on a table next to the desk lamp").thing_ids == (with_lamp,)
     both = "the mug on a table next to something"

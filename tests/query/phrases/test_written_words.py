@@ -45,7 +45,7 @@ def scene() -> Scene:
     return replace(made, things=replace(made.things, table=table_))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
     return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
 

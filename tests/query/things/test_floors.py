@@ -9,8 +9,6 @@ import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.goals import goal_near
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap, occupancy_map
 from fastsplat.service.query.things.floors import floor_ids, names_a_floor, names_of_others
@@ -21,7 +19,7 @@ from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.messages.scenes import Edit, Scale
 from fastsplat_contract.messages.things import SceneThing
 from tests.query.box_scenes import BoxShell, orbit, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 from tests.query.room import Solid, around, floor, views_of
 
 _SLAB = BoxShell("floor", (0.0, 0.0, -0.01), (1.0, 1.0, 0.02), count=400)
@@ -34,10 +32,6 @@ def _scene(name: str, source: NameSource | None, surface: SurfaceKind, height: f
     members = evidence_of(np.arange(count), np.ones(count, np.int64), np.full(count, 4096), count)
     thing = Thing(1, name, source, 0.9 if name else 0.0, surface=surface)
     return replace(bare, things=Things((thing,), members), scale=scale)
-
-
-def _index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings())
 
 
 @pytest.mark.parametrize("surface", ["floor", "horizontal surface"])
@@ -57,7 +51,7 @@ def _index(scene: Scene) -> SceneIndex:
 def test_a_name_and_the_height_of_the_cameras_say_what_is_a_floor(
     name: str, source: NameSource, height: float, scale: Scale, is_floor: bool, surface: SurfaceKind
 ) -> None:
-    index = _index(_scene(name, source, surface, height, scale))
+    index = index_of(_scene(name, source, surface, height, scale))
     (thing,) = index.things.present
     assert thing.surface == ("floor" if is_floor else "horizontal surface")
     assert (index.things.listed[0].kind, index.things.listed[0].surface) == ("surface", thing.surface)
@@ -66,14 +60,14 @@ def test_a_name_and_the_height_of_the_cameras_say_what_is_a_floor(
 
 @pytest.mark.parametrize(("height", "is_floor"), [(0.4, False), (1.5, True)])
 def test_what_nobody_named_is_a_floor_if_it_lies_low_enough(height: float, is_floor: bool) -> None:
-    (thing,) = _index(_scene("", None, "floor", height)).things.present
+    (thing,) = index_of(_scene("", None, "floor", height)).things.present
     assert (thing.surface == "floor") == is_floor
-    (thing,) = _index(_scene("", None, "horizontal surface", height)).things.present
+    (thing,) = index_of(_scene("", None, "horizontal surface", height)).things.present
     assert thing.surface == "horizontal surface"
 
 
 def test_naming_a_thing_changes_whether_it_is_a_floor_and_back() -> None:
-    index = _index(_scene("", None, "floor", 1.5))
+    index = index_of(_scene("", None, "floor", 1.5))
     for name, surface in (("dining table", "horizontal surface"), ("floor", "floor"), ("rug", "floor"), ("", "floor")):
         edit = Edit("name", thing_ids=(1,), name=name) if name else Edit("unname", thing_ids=(1,))
         index = index.after(apply_edit(index, edit, index.scene.things, index.scene.things))
@@ -86,7 +80,7 @@ def test_walls_and_lamps_are_no_floors_by_their_names() -> None:
     assert names_a_floor(["living-room carpet"]) and names_a_floor(["Rug"])
     for name in ("floor lamp", "table", "tile", "place mat", "floor plan", "", "groundhog"):
         assert not names_a_floor([name]), name
-    (wall,) = _index(_scene("carpet", "person", "wall", 1.5)).things.present
+    (wall,) = index_of(_scene("carpet", "person", "wall", 1.5)).things.present
     assert wall.surface == "wall" and floor_ids([wall], Dictionary(())) == []
 
 

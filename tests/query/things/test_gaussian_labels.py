@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.artefact.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.geometry.camera import PosedCamera
-from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
+from tests.query.conftest import make_scene, plain_index_of
 
 
 def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
@@ -32,13 +31,9 @@ def as_evidence(scene: Scene) -> Scene:
     return with_evidence(scene, sure(classes, len(classes)))
 
 
-def ask(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), PLAIN)
-
-
 def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) -> None:
     scene = make_scene(per_label=3)
-    codes, evidence = ask(scene), ask(as_evidence(scene))
+    codes, evidence = plain_index_of(scene), plain_index_of(as_evidence(scene))
     np.testing.assert_array_equal(codes.gaussian_classes, evidence.gaussian_classes)
     np.testing.assert_array_equal(codes.label_map(front), evidence.label_map(front))
     for label in ("mug", "spoon", "bed"):
@@ -77,8 +72,8 @@ def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(fr
     )
     codes = replace(scene, gaussians=gaussians, head=head)
     np.testing.assert_array_equal(label_gaussians(codes).classes, rows)
-    assert 2 in ask(codes).label_map(front)
-    shown = np.unique(ask(with_evidence(codes, sure(rows, 80))).label_map(front))
+    assert 2 in plain_index_of(codes).label_map(front)
+    shown = np.unique(plain_index_of(with_evidence(codes, sure(rows, 80))).label_map(front))
     assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
 
 
@@ -86,14 +81,14 @@ def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> No
     never = with_evidence(make_scene(), no_evidence(4))
     found = label_gaussians(never)
     assert not found.classes.any() and not found.confidence.any()
-    index = ask(never)
+    index = plain_index_of(never)
     assert not index.label_map(front).any()
     seen = index.mask2d(index.ask(["mug"])[0], front)
     assert not seen.mask.any() and not seen.relevancy.any() and seen.rgb.any()
 
 
 def test_every_pixel_undetected_is_a_scene_of_nothing(front: PosedCamera) -> None:
-    index = ask(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
+    index = plain_index_of(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
     assert not index.gaussian_classes.any() and not index.label_map(front).any()
     (answer,) = index.ask(["mug"])
     assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
@@ -102,7 +97,7 @@ def test_every_pixel_undetected_is_a_scene_of_nothing(front: PosedCamera) -> Non
 
 def test_a_scene_without_labels(front: PosedCamera) -> None:
     for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
-        index = ask(scene)
+        index = plain_index_of(scene)
         (answer,) = index.ask(["mug"])
         assert answer.matches == () and answer.is_absent
         assert not index.gaussian_classes.any() and not index.label_map(front).any()
@@ -123,7 +118,7 @@ def test_ten_thousand_labels(front: PosedCamera, evidence: bool) -> None:
         label_embeddings=np.zeros((10_000, 16), np.float32),
         head=SemanticHead(weight, bias),
     )
-    index = ask(as_evidence(scene) if evidence else scene)
+    index = plain_index_of(as_evidence(scene) if evidence else scene)
     assert index.gaussian_classes.tolist() == [0, 1, 5000, 10_000]
     assert set(np.unique(index.label_map(front)).tolist()) == {0, 1, 5000, 10_000}
     (answer,) = index.ask(["thing 9999x"])
@@ -140,10 +135,10 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
     counts = rng.integers(1, 5 * UNIT, len(rows))
     counts[rng.random(len(rows)) < 0.3] = UNIT  # some ties
     scene = with_evidence(scene, evidence_of(rows, names, counts, 52))
-    at_once = ask(scene)
+    at_once = plain_index_of(scene)
     expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["thing 3x"])[0], front)
     monkeypatch.setattr(share_maps, "_CHANNELS", 5)
-    in_pieces = ask(scene)
+    in_pieces = plain_index_of(scene)
     np.testing.assert_array_equal(expected[0], in_pieces.label_map(front))
     seen = in_pieces.mask2d(in_pieces.ask(["thing 3x"])[0], front)
     np.testing.assert_array_equal(expected[1].mask, seen.mask)
@@ -151,7 +146,7 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
 
 
 def test_relevancy_of_evidence_is_the_expected_relevancy(front: PosedCamera) -> None:
-    index = ask(as_evidence(make_scene()))
+    index = plain_index_of(as_evidence(make_scene()))
     (answer,) = index.ask(["mug"])
     by_id = {match.label_id: match.relevancy for match in answer.matches}
     seen = index.mask2d(answer, front)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from hypothesis import strategies as st
 from benchmarks.relations.drawing import Room, box, scene_of, table
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label_key
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.ranked_scene import StandingQuery
@@ -132,12 +131,11 @@ _WORDS = ("mug", "coffee", "tea", "fruit", "sofa", "something to read", "furnitu
 
 
 @pytest.mark.parametrize("name", ["cup", "banana", "couch", "book", "dining table"])
-def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexicon: Lexicon, name: str) -> None:
+def test_words_that_lead_to_a_name_get_its_kind_of_answer(minilm: TextEncoder, lexicon: Lexicon, name: str) -> None:
     """How sure a name is changes what is said of it and of the words for it alike, and only in the probability."""
-    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=1)
 
     def answers(thing: Thing) -> list[Answer]:
-        index = SceneIndex(_scene((thing,), []), encoder, QuerySettings(backend="reference"), lexicon=lexicon)
+        index = SceneIndex(_scene((thing,), []), minilm, QuerySettings(backend="reference"), lexicon=lexicon)
         return list(index.ask((name, *_WORDS)))
 
     sure = answers(Thing(1, name, "person", 1.0))
@@ -217,7 +215,7 @@ def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_chang
     assert index.after(replace(scene, scale="ARBITRARY")).ranked.sizes == {}
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def room() -> SceneIndex:
     """A lamp, an unnamed thing beside it, an unnamed one far away, and four mugs that are unnamed, too."""
     room = Room()

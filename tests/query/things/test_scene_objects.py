@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.objects.boxes import oriented_box
 from fastsplat_contract.errors import InvalidInputError
@@ -19,15 +19,11 @@ from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.scenes import Edit
 from fastsplat_contract.messages.things import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
-from tests.query.conftest import PLAIN, DrawnEncoder
+from tests.query.conftest import plain_index_of
 
 MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
 BOOK = BoxShell("book", (-0.2, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=500)
 TABLE = BoxShell("table", (0.0, 0.0, -0.02), (1.2, 0.8, 0.02), count=2000)
-
-
-def opened(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
 def named(index: SceneIndex, label: str) -> tuple[SceneThing, ...]:
@@ -35,7 +31,7 @@ def named(index: SceneIndex, label: str) -> tuple[SceneThing, ...]:
 
 
 def test_each_thing_is_one_object_with_its_place_and_size() -> None:
-    index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
+    index = plain_index_of(scene_of([MUG, BOOK, TABLE], orbit()))
     assert [(thing.name, thing.label_id) for thing in index.things.listed] == [("mug", 1), ("book", 2), ("table", 3)]
     for thing, truth in zip(index.things.listed, (MUG, BOOK, TABLE), strict=True):
         assert thing.meters and thing.gaussian_count == truth.count
@@ -50,10 +46,10 @@ def test_each_thing_is_one_object_with_its_place_and_size() -> None:
 
 
 def test_two_mugs_are_two_objects() -> None:
-    index = opened(scene_of([MUG, TABLE], orbit()))
+    index = plain_index_of(scene_of([MUG, TABLE], orbit()))
     aside = np.eye(4)
     aside[:3, 3] = (0.16, 0, 0)
-    twice = opened(apply_edit(index, Edit("duplicate", label="mug", transform=pose_of(aside))))
+    twice = plain_index_of(apply_edit(index, Edit("duplicate", label="mug", transform=pose_of(aside))))
     first, second = named(twice, "mug")
     np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
     np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
@@ -64,7 +60,7 @@ def test_two_mugs_are_two_objects() -> None:
 def test_the_objects_of_an_answer_lie_inside_its_mask() -> None:
     stray = BoxShell("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
     small = replace(MUG, centre=(0.6, 0.1, 0.04), count=100)
-    index = opened(scene_of([small, MUG, stray, BOOK, TABLE]))
+    index = plain_index_of(scene_of([small, MUG, stray, BOOK, TABLE]))
     for answer in index.ask(["where are the mugs?", "book", "submarine"]):
         mask = index.mask3d(answer)
         things = index.objects_of(answer)
@@ -78,7 +74,7 @@ def test_the_objects_of_an_answer_lie_inside_its_mask() -> None:
 def test_a_speck_is_no_object_and_a_large_rest_is() -> None:
     for count, objects in ((14, 1), (16, 2)):
         far = BoxShell("mug", (1.0, 0, 0), (0.02, 0.02, 0.02), count=count)
-        assert len(named(opened(scene_of([MUG, far])), "mug")) == objects
+        assert len(named(plain_index_of(scene_of([MUG, far])), "mug")) == objects
 
 
 def test_a_giant_between_two_things_does_not_join_them() -> None:
@@ -88,7 +84,7 @@ def test_a_giant_between_two_things_does_not_join_them() -> None:
     gaussians = scene.gaussians
     log_scales = gaussians.log_scales.copy()
     log_scales[-1] = np.log(0.5)
-    assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).things.listed) == 2
+    assert len(plain_index_of(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).things.listed) == 2
 
 
 def test_dense_clumps_hang_together_with_what_they_touch() -> None:
@@ -97,13 +93,13 @@ def test_dense_clumps_hang_together_with_what_they_touch() -> None:
     rng = np.random.default_rng(0)
     means[300:] = np.repeat(means[:30], 30, axis=0) + rng.normal(0, 1e-5, (900, 3))  # each has neighbours of its own
     gaussians = replace(scene.gaussians, means=means, log_scales=scene.gaussians.log_scales + np.float32(np.log(2)))
-    assert len(opened(replace(scene, gaussians=gaussians)).things.listed) == 1
+    assert len(plain_index_of(replace(scene, gaussians=gaussians)).things.listed) == 1
 
 
 def test_gaussians_in_one_place_are_one_object() -> None:
     scene = scene_of([replace(MUG, count=20_000)])
     gaussians = replace(scene.gaussians, means=np.ones_like(scene.gaussians.means))
-    (mug,) = opened(replace(scene, gaussians=gaussians)).things.listed
+    (mug,) = plain_index_of(replace(scene, gaussians=gaussians)).things.listed
     assert mug.gaussian_count == 20_000
     np.testing.assert_allclose(mug.box.size, 0, atol=1e-6)
 
@@ -115,12 +111,12 @@ def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_ha
     means = scene.gaussians.means.copy()
     means[20] = np.nan
     gaussians = replace(scene.gaussians, logit_opacities=logit_opacities, means=means)
-    index = opened(replace(scene, gaussians=gaussians))
+    index = plain_index_of(replace(scene, gaussians=gaussians))
     (mug,) = index.things.listed
     assert mug.gaussian_count == MUG.count - 1 and not index.things.rows([mug.id])[20]
     seen = np.setdiff1d(np.arange(MUG.count), [*range(10), 20])
     rest = {name: array[seen] for name, array in vars(scene.gaussians).items()}
-    (alone,) = opened(replace(scene, gaussians=Gaussians(**rest))).things.listed
+    (alone,) = plain_index_of(replace(scene, gaussians=Gaussians(**rest))).things.listed
     assert mug.box == alone.box and mug.centroid == alone.centroid
 
 
@@ -129,13 +125,13 @@ def test_nothing_has_no_objects() -> None:
     unlabelled = replace(scene.gaussians, codes=np.zeros_like(scene.gaussians.codes))
     none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
     for gaussians in (unlabelled, replace(scene.gaussians, **none)):
-        index = opened(replace(scene, gaussians=gaussians))
+        index = plain_index_of(replace(scene, gaussians=gaussians))
         assert index.things.listed == () and named(index, "mug") == ()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_gaussians_still_have_a_box(count: int) -> None:
-    (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).things.listed
+    (mug,) = plain_index_of(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).things.listed
     assert mug.gaussian_count == count
     assert np.isfinite([*mug.box.center.position, *mug.box.size, *mug.box.center.orientation]).all()
     assert np.linalg.norm(mug.box.center.orientation) == pytest.approx(1)
@@ -144,7 +140,7 @@ def test_few_gaussians_still_have_a_box(count: int) -> None:
 def test_ids_survive_files_and_other_indices(tmp_path: Path) -> None:
     scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
     write_scene(scene, tmp_path / "scene")
-    before, after = opened(scene), opened(read_scene(tmp_path / "scene"))
+    before, after = plain_index_of(scene), plain_index_of(read_scene(tmp_path / "scene"))
     np.testing.assert_array_equal(before.things.owner, after.things.owner)
     assert before.things.listed == after.things.listed
 
@@ -155,9 +151,9 @@ def test_boxes_move_along_with_the_scene(seed: int) -> None:
     scene = scene_of([MUG, BOOK, TABLE], orbit())
     moved = scene
     for label in ("mug", "book", "table"):
-        moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose_of(pose)))
+        moved = apply_edit(plain_index_of(moved), Edit("move", label=label, transform=pose_of(pose)))
     moved = with_cameras_moved(moved, pose)
-    still, there = opened(scene), opened(moved)
+    still, there = plain_index_of(scene), plain_index_of(moved)
     np.testing.assert_array_equal(still.things.owner, there.things.owner)
     for a, b in zip(still.things.listed, there.things.listed, strict=True):
         assert a.id == b.id and still.things.best_views([a.id]) == there.things.best_views([b.id])
@@ -172,9 +168,9 @@ def test_boxes_move_along_with_the_scene(seed: int) -> None:
 def test_boxes_without_cameras_follow_the_spread() -> None:
     flat = BoxShell("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
     pose = rigid(7)
-    (a,) = opened(scene_of([flat])).things.listed
-    (b,) = opened(
-        apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose_of(pose)))
+    (a,) = plain_index_of(scene_of([flat])).things.listed
+    (b,) = plain_index_of(
+        apply_edit(plain_index_of(scene_of([flat])), Edit("move", label="book", transform=pose_of(pose)))
     ).things.listed
     np.testing.assert_allclose(a.box.size, flat.size, rtol=0.1, atol=2e-3)
     np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
@@ -198,19 +194,19 @@ def test_best_views_look_at_the_thing_and_nothing_stands_between() -> None:
         look((0, -1.0, 0.1), (0, -2, 0.1), "away.jpg"),
         look((1.0, -0.2, 0.1), (0, 0, 0.1), ""),
     ]
-    index = opened(scene_of([mug, wall], cameras))
+    index = plain_index_of(scene_of([mug, wall], cameras))
     assert named(index, "mug")[0].best_views == ("near.jpg", "far.jpg")
-    many = opened(scene_of([mug], orbit(100)))
+    many = plain_index_of(scene_of([mug], orbit(100)))
     assert len(named(many, "mug")[0].best_views) == 5
-    assert named(opened(scene_of([mug])), "mug")[0].best_views == ()
+    assert named(plain_index_of(scene_of([mug])), "mug")[0].best_views == ()
 
 
 def test_an_answer_of_another_scene_has_no_objects_here() -> None:
-    (foreign,) = opened(scene_of([replace(MUG, label=f"l{i}x", count=3) for i in range(5)])).ask(["l4x"])
+    (foreign,) = plain_index_of(scene_of([replace(MUG, label=f"l{i}x", count=3) for i in range(5)])).ask(["l4x"])
     with pytest.raises(InvalidInputError):
-        opened(scene_of([MUG])).objects_of(foreign)
+        plain_index_of(scene_of([MUG])).objects_of(foreign)
 
 
 def test_objects_need_no_renderer() -> None:
-    index = opened(scene_of([MUG, TABLE], orbit()))
+    index = plain_index_of(scene_of([MUG, TABLE], orbit()))
     assert named(index, "mug") and index._renderer is None

@@ -10,14 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.scene.artefact.scene import Scene, SurfaceKind
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
-from tests.query.conftest import PLAIN, DrawnEncoder
+from tests.query.conftest import plain_index_of
 from tests.query.walled_room import HEIGHT, SCREEN, THINGS, WALLS, from_corner
 
 CARTON = BoxShell("carton", (0.9, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
@@ -133,16 +132,12 @@ def test_nothing_is_said_of_what_nobody_photographed() -> None:
     assert unseen_space(scene_of(THINGS, orbit()), np.zeros(900, np.int32), {}) == ALL_SEEN
 
 
-def opened(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), PLAIN)
-
-
 @pytest.mark.parametrize("stored", [False, True])
 def test_an_absence_is_said_only_where_enough_is_seen(stored: bool) -> None:
     for cameras, outcome in ((from_corner(), "not_seen"), ([*from_corner(), *from_behind()], "not_here")):
-        index = opened(scene_of([*WALLS, *THINGS, SCREEN], cameras))
+        index = plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], cameras))
         if stored:
-            index = opened(index.things.scene)
+            index = plain_index_of(index.things.scene)
         piano, mug = index.ask(["piano", "mug"])
         assert (piano.outcome, mug.outcome) == (outcome, "here")
         assert piano.is_absent and not piano.thing_ids and not piano.relevant_ids
@@ -155,7 +150,7 @@ def test_an_absence_is_said_only_where_enough_is_seen(stored: bool) -> None:
 
 
 def test_a_name_changes_nothing_that_was_seen() -> None:
-    index = opened(opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner())).things.scene)
+    index = plain_index_of(plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], from_corner())).things.scene)
     (screen,) = index.ask(["screen"])[0].thing_ids
     named = index.after(apply_edit(index, Edit("name", thing_ids=(screen,), name="room divider")))
     assert named.things.unseen is index.things.unseen

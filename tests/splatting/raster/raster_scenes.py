@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import torch
 from torch import Tensor
@@ -93,6 +94,12 @@ def render_with_gradients(view: View, backend: Backend, dtype: torch.dtype) -> t
         rendering, image=rendering.image.detach(), alpha=rendering.alpha.detach(), depth=rendering.depth.detach()
     )
     return rendering, {name: part.grad for name, part in parts.items() if part.grad is not None}
+
+
+@cache
+def by_reference(seed: int, **shape: int) -> tuple[Rendering, dict[str, Tensor]]:
+    """The same of `crowded(seed, ...)` in float64 by the reference: once for all instruction sets."""
+    return render_with_gradients(crowded(seed, **shape), "reference", torch.float64)
 
 
 def relative(value: Tensor, truth: Tensor) -> float:

@@ -11,12 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import load_settings
+from tests.commands import invoke
 from tests.instances.made_table import made_table
 from tests.scenes import store_scene
 
@@ -61,7 +60,7 @@ def test_a_scene_is_searched_from_the_command_line(service: SceneService, test_d
     encoder = open_text_encoder("minilm_l6_int8", load_settings().models)
     scene, truth = made_table(test_data / "tabletop", range(0, 40, 20), encoder)
     scene_id = store_scene(service._store, scene)
-    looked = CliRunner().invoke(app, ["things", "look-again", scene_id, "banana", "orange", "--watch", "--json"])
+    looked = invoke("things", "look-again", scene_id, "banana", "orange", "--watch", "--json")
     assert looked.exit_code == 0, looked.output
     result = json.loads(looked.stdout)["look_again"]
     assert result["rendered"] and len(result["views"]) == 1 and result["texts"] == ["banana", "orange"]
@@ -78,5 +77,5 @@ def test_a_scene_is_searched_from_the_command_line(service: SceneService, test_d
     assert ply[0].samefile(ply[1])  # the Gaussians are the same
     service.versions.undo(scene_id)
     assert not any(thing.name for thing in service.answers.list_things(scene_id).things)
-    unknown = CliRunner().invoke(app, ["things", "look-again", scene_id, "flux capacitor"])
+    unknown = invoke("things", "look-again", scene_id, "flux capacitor")
     assert unknown.exit_code != 0 and "does not know: flux capacitor" in str(unknown.exception)

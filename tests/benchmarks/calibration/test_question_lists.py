@@ -26,7 +26,12 @@ from benchmarks.absence.questions import (
 from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
 from benchmarks.calibration.separation import equal_loss
-from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.common.dictionary import dictionary_of, label_key
+
+
+def test_no_scene_has_a_name_twice() -> None:
+    for scene in read_scenes():
+        assert len(dictionary_of(scene.labels)) == len(scene.labels)
 
 
 def test_no_question_stands_in_two_lists() -> None:
