@@ -168,6 +168,6 @@ def _check_whole(index: SceneIndex, things: Sequence[int]) -> None:
         if thing_id not in whole:
             raise InvalidInputError(
                 f"thing {thing_id} is a part of another one",
-                field=f"things[{number}]",
+                field=f"thing_ids[{number}]",
                 hint="Parts alone are exported as ply, spz or sog.",
             )

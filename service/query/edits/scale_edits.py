@@ -81,7 +81,7 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
     if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
         raise InvalidInputError(
             f"the size of thing {known.thing_id} is too unsure to scale by",
-            field=f"known_sizes[{number}].thing",
+            field=f"known_sizes[{number}].thing_id",
             hint="Use a larger thing, or a length between two places.",
         )
     return ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95)

@@ -109,7 +109,7 @@ def check_no_parts(things: Things, thing_ids: Sequence[int]) -> None:
         if thing_id in parents:
             raise InvalidInputError(
                 f"{thing_id} is a part of thing {parents[thing_id]}",
-                field=f"things[{number}]",
+                field=f"thing_ids[{number}]",
                 hint="Send ids of whole things.",
             )
 

@@ -121,7 +121,7 @@ def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index
         ((), InvalidInputError, "places"),
         ((_HERE,) * 3, InvalidInputError, "places"),
         ((Place(),), InvalidInputError, "places[0].pixel"),
-        ((_HERE, Place(point=Vector3(0, 0, 0), thing_id=1)), InvalidInputError, "places[1].thing"),
+        ((_HERE, Place(point=Vector3(0, 0, 0), thing_id=1)), InvalidInputError, "places[1].thing_id"),
         ((Place(pixel=Pixel(1.0, 1.0)),), InvalidInputError, "places[0].view"),
         ((Place(view="0.jpg", thing_id=1),), InvalidInputError, "places[0].view"),
         ((Place(view="0.jpg", pixel=Pixel(768.0, 1.0)),), InvalidInputError, "places[0].pixel"),
@@ -145,7 +145,10 @@ def test_a_place_that_is_none_is_refused(
         (Edit("scale"), "known_lengths"),
         (Edit("scale", thing_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "label"),
         (Edit("scale", known_lengths=(KnownLength(_HERE, _HERE, 1.0),)), "known_lengths[0].second"),
-        (Edit("scale", known_lengths=(KnownLength(_HERE, Place(thing_id=1), 1.0),)), "known_lengths[0].second.thing"),
+        (
+            Edit("scale", known_lengths=(KnownLength(_HERE, Place(thing_id=1), 1.0),)),
+            "known_lengths[0].second.thing_id",
+        ),
         (Edit("remove", thing_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "known_lengths"),
     ],
 )
@@ -187,4 +190,4 @@ def test_a_thing_too_faint_to_be_seen_is_refused(index: SceneIndex, places: tupl
     faint = replace(index.things.scene, gaussians=replace(gaussians, logit_opacities=logits))
     with pytest.raises(NotFoundError, match="too faint") as caught:
         _measured(index.after(faint), *places)
-    assert caught.value.field == f"places[{places.index(Place(thing_id=1))}].thing"
+    assert caught.value.field == f"places[{places.index(Place(thing_id=1))}].thing_id"

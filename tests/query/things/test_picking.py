@@ -29,19 +29,20 @@ FRONT = look((0.0, -0.6, 0.35), (0, 0, 0.04), "front.jpg")
 MUG, SPREAD, HALF, BOTH = 3, 5, 6, 9
 
 
-def scene_with(*, thing: float = 0.8, part: float = 0.8, group: float = 0.8) -> Scene:
-    """A mug, thing 3, whose upper half is part 6, and a book, thing 5, in group 9; with these shares of consensus."""
+def scene_with(**other: float) -> Scene:
+    """A mug, thing 3, whose upper half is part 6, and a book, thing 5, in group 9; consensus of .8, or another by level."""
+    consensus = {"thing": 0.8, "part": 0.8, "group": 0.8, **other}
     scene = scene_of([CUP, BOOK], orbit())
     count = len(scene.gaussians)
     owner = np.repeat([MUG, SPREAD], [CUP.count, BOOK.count])
     upper = np.flatnonzero((owner == MUG) & (scene.gaussians.means[:, 2] > 0.06))
     parts = Parts(
-        (Thing(HALF, parent=MUG, consensus=part),),
+        (Thing(HALF, parent=MUG, consensus=consensus["part"]),),
         evidence_of(upper, np.full(len(upper), HALF), np.full(len(upper), 50 * UNIT), count),
     )
     membership = evidence_of(np.arange(count), owner, np.full(count, 50 * UNIT), count)
-    groups = (ThingGroup(BOTH, (MUG, SPREAD), group),)
-    table = (Thing(MUG, consensus=thing), Thing(SPREAD, consensus=thing))
+    groups = (ThingGroup(BOTH, (MUG, SPREAD), consensus["group"]),)
+    table = tuple(Thing(number, consensus=consensus["thing"]) for number in (MUG, SPREAD))
     return replace(
         scene,
         gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
