@@ -26,8 +26,8 @@ _EVENTS: dict[str, frozenset[ChangeKind]] = {
 """Events that a word asks for; a thing replaced by something else is gone."""
 _ANYTHING = "|".join(sorted(_EVENTS, key=len, reverse=True))
 _WHAT = re.compile(
-    rf"(?:what|what else|which (?:thing|object)s?|(?:is|has|have|did|was|are) (?:anything|something))(?: has| have| is| are| was)?"
-    rf"(?: been| got)? (?P<event>{_ANYTHING}|move|change)(?: (?:here|in (?:the|this) \w+))?(?: since (?P<when>.+))?"
+    rf"(?:what|what else|which (?:thing|object)s?|(?:is|has|have|did|was|are) (?:anything|something))"
+    rf"(?: has| have| is| are| was)?(?: been| got)? (?P<event>{_ANYTHING}|move|change)(?: (?:here|in (?:the|this) \w+))?(?: since (?P<when>.+))?"
 )
 _WHERE = re.compile(r"where (?:was|were) (?P<rest>.+)")
 _MOST_WORDS = 4
