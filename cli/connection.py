@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.demo.command import demo
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.backup_commands import backup, restore
 from fastsplat.cli.operating.check import check
 from fastsplat.cli.operating.doctor import doctor
@@ -37,7 +38,6 @@ from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a gr
 from fastsplat.cli.scenes.ask_command import ask
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.scenes.thing_commands import things_app
-from fastsplat.cli.settings import load_settings
 from fastsplat.service.common.process import die_with_named_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 

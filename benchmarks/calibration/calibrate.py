@@ -52,7 +52,7 @@ from fastsplat.service.query.language.meaning.probability import (
 from fastsplat.service.query.language.meaning.relevancy import entries, relevancy_scores
 from fastsplat.service.query.language.ranking import RELATED_PROBABILITY, text_similarity
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 
 F64 = NDArray[np.float64]
 _FIT, _CONFORMAL, _JUDGE = 0, (1, 2), 3

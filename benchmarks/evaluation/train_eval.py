@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.training import training_capture
-from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.provenance import peak_megabytes
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import Dictionary

@@ -14,9 +14,9 @@ from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
 from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import ROOT
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.jobs.pipeline import build_scene, capture_folder

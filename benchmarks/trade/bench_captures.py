@@ -13,13 +13,13 @@ import numpy as np
 from benchmarks.evaluation.validation_split import Split
 from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import capture_split, split_views
 

@@ -13,9 +13,9 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.browser import serve_in_browser
 from fastsplat.cli.operating.models import pull_with_progress
-from fastsplat.cli.settings import load_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError
 
 FOLDER = Path("demo-output")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import local_store
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import size
 from fastsplat_contract.errors import ResourceError
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.serve_command import serve
-from fastsplat.cli.settings import load_settings
 
 if TYPE_CHECKING:
     from fastsplat.service.settings import Settings

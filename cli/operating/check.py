@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import duration
 
 

@@ -25,7 +25,7 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
     Raises:
         InvalidInputError: an unknown kind of device, one named twice, or no worker.
     """
-    from fastsplat.service.common.settings import environment_variable
+    from fastsplat.service.common.setting_groups import environment_variable
     from fastsplat.service.settings import JobSettings
 
     names = [name.strip() for name in devices.split(",")] if devices else [""]

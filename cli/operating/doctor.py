@@ -15,7 +15,7 @@ import numpy as np
 import typer
 
 from fastsplat.cli.connection import local_store
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, NotFoundError, SceneFileError
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import link_to_share
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.settings import load_settings
 from fastsplat.cli.short_ids import LEAST, SHOWN
 from fastsplat.cli.tables import Column, day, table
 from fastsplat_contract.server.keys import KeyList, Role

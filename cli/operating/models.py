@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import Column, table
 from fastsplat_contract.errors import FastSplatError
 

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.logs import log_to_stderr
-from fastsplat.cli.settings import load_settings
 
 Devices = Annotated[
     str,

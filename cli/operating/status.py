@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.session import Session
-from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import duration, facts, minute, size
 from fastsplat_contract.server.server_status import (
     DiskHealth,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import InvalidInputError
 
 

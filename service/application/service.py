@@ -48,8 +48,8 @@ from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.jobs.needed_models import check_models
 from fastsplat.service.settings import Settings

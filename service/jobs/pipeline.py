@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import PresetName as PresetName
 from fastsplat_contract.jobs.operations import SceneOptions

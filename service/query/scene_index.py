@@ -17,8 +17,8 @@ from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
 from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedScene
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
 from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.names.thing_names import names_of

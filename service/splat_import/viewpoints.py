@@ -14,8 +14,8 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
 from fastsplat_contract.geometry.poses import look_at

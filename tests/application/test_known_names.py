@@ -15,9 +15,9 @@ import pytest
 from sqlalchemy import func, select
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Thing, Things
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of

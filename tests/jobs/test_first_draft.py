@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.jobs import things_of_photos
 from fastsplat.service.jobs.draft_scenes import first_draft
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.scene.artefact.drafts import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.labels.blending import thing_map

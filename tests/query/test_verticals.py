@@ -17,8 +17,8 @@ from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.next_viewpoints import next_photos
 from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.measures.thing_extents import thing_extents
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of

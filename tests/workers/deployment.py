@@ -20,9 +20,9 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.settings import settings_of
+from fastsplat.service.common.setting_groups import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions

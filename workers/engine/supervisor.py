@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.common.setting_groups import environment_variable
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.queue.claims import Claim, FencedError, JobRequest

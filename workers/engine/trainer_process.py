@@ -14,7 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from fastsplat.service.common.process import PARENT_VARIABLE
-from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.common.setting_groups import environment_variable
 from fastsplat.service.settings import Settings
 from fastsplat.workers.job.protocol import Event, Job, read_event
 

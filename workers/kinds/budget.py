@@ -14,7 +14,7 @@ from fastsplat.service.planning.cost_model import Speed, scene_size
 from fastsplat.service.planning.job_time import PACED, JobTime, PhotoSet, job_seconds, photo_set, placed_seconds
 from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.time_budget import StagePlan, plan_training
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import intact, stage_seconds
 from fastsplat_contract.errors import InvalidInputError, NotFoundError

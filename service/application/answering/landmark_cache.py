@@ -20,7 +20,7 @@ from fastsplat.service.localization.landmarks import (
     Photo,
     find_landmarks,
 )
-from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.localization.localization_settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat_contract.errors import NotReadyError

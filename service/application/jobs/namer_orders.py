@@ -10,7 +10,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.validate import check_request_id
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
-from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.common.setting_groups import environment_variable
 from fastsplat.service.settings import NamerSettings, Settings
 from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.service.store.store import Store

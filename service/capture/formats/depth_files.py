@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import open_map, read_size, too_many_pixels
 from fastsplat.service.capture.formats.lzfse_files import unpack_lzfse
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 
 ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"

@@ -17,14 +17,14 @@ from fastsplat.service.instances.discovery.refinement import MaskedView, refined
 from fastsplat.service.instances.discovery.selection import Selection, select_things
 from fastsplat.service.instances.discovery.surfaces import surface_kinds
 from fastsplat.service.instances.discovery.thing_parts import find_parts
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Thing, ThingGroup, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend, Splats
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.training_views import training_size
 
 _MOST = 0.7  # share of a thing's weight in a candidate that makes it a member

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastsplat.service.instances.discovery.candidates import F32, Candidate, common_weights
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 
 _LEAST_SUPPORT = 0.35  # candidates with less support are chance
 _LEAST_CONSENSUS = 0.4  # least consensus of a thing; candidates with less may be parts

@@ -11,7 +11,7 @@ from fastsplat.service.instances.discovery.candidates import F32, Candidate
 from fastsplat.service.instances.discovery.hierarchy import find_hierarchy
 from fastsplat.service.instances.discovery.ownership import NOBODY, STRAY_SHARE, Owners, assign_owners, without_strays
 from fastsplat.service.instances.discovery.surfaces import Plane, find_surfaces, join_surfaces, lies_off
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import Gaussians
 
 _GROWN_SHARE = 0.6  # vote share of a Gaussian that joined a surface by its place alone

@@ -9,7 +9,7 @@ import numpy as np
 
 from fastsplat.service.instances.discovery.candidates import F32, Candidate
 from fastsplat.service.instances.discovery.ownership import NOBODY, Owners, membership_of
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import Parts, Thing
 
 _PIXELS = 64.0  # membership evidence in pixels; large against the prior, so that vote shares become probabilities

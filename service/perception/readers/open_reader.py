@@ -6,8 +6,8 @@ from pathlib import Path
 
 from fastsplat.service.perception.models.model_files import checked_file
 from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.readers.ppocr import PpOcr
-from fastsplat.service.perception.settings import PerceptionSettings
 
 
 def open_reader(settings: PerceptionSettings, models: Path) -> PpOcr:

@@ -29,7 +29,7 @@ from fastsplat.service.query.language.words.judgement import Judgement, Mask, Ra
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, parse_noun_phrase
 from fastsplat.service.query.language.words.query_text import TextQuery
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat_contract.messages.queries import Answer, AnswerMethod, Match

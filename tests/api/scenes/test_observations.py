@@ -18,9 +18,9 @@ from typer.testing import CliRunner
 from fastsplat.cli.main import app
 from fastsplat.service.application.editing import observing
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import from_json

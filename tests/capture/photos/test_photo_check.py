@@ -12,7 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.uploads.photo_check import check_photos
 from fastsplat_contract.errors import InvalidInputError
 

@@ -22,8 +22,8 @@ from fastsplat.service.query.language.meaning.embeddings import TextCache, text_
 from fastsplat.service.query.language.meaning.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.language.meaning.meaning import FILE, MeaningModel, expanded, model_for
 from fastsplat.service.query.language.words.name_matching import NameIndex
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import ModelUnavailableError
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import DrawnEncoder, make_scene

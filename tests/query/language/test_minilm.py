@@ -21,8 +21,8 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.language.meaning.calibration import calibration_for
 from fastsplat.service.query.language.meaning.embeddings import TextCache, embed_labels
 from fastsplat.service.query.language.meaning.probability import label_set
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import make_scene
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.measures.next_viewpoints import next_photos
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at

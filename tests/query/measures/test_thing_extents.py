@@ -9,8 +9,8 @@ import pytest
 
 from fastsplat.service.query.measures.measuring import measure
 from fastsplat.service.query.measures.thing_extents import thing_extents, without_strays
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.places import Place
 from tests.query.box_scenes import BoxShell, orbit, scene_of

@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.relations.drawing import Room, box, crate, drawn_frame, scene_of, table
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import LimitExceededError

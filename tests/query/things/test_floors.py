@@ -9,8 +9,8 @@ import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.goals import goal_near
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap, occupancy_map
 from fastsplat.service.query.things.floors import floor_ids, names_a_floor, names_of_others

@@ -19,8 +19,8 @@ from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.names_by_looks import KnownThing
 from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion

@@ -31,7 +31,6 @@ from fastsplat.service.splatting.exposure.photometric_training import (
     start_corrections,
 )
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state
 from fastsplat.service.splatting.training import optimization
 from fastsplat.service.splatting.training import train as train_module
@@ -40,6 +39,7 @@ from fastsplat.service.splatting.training.previews import TrainingWatch
 from fastsplat.service.splatting.training.quality import color_corrected
 from fastsplat.service.splatting.training.recorder import Recorder
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat_contract.errors import CancelledError
 from tests.splatting.training.conftest import exposed, repainted, stopping_at

@@ -20,7 +20,7 @@ from fastsplat.service.planning.job_time import PhotoSet, job_seconds
 from fastsplat.service.planning.presets import PRESETS, apply_preset, chosen_settings
 from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.kinds.budget import job_time, make_plan, stored_plan
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

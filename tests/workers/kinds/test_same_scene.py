@@ -13,8 +13,8 @@ import pytest
 
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.train_eval import train_on_split
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
@@ -25,7 +25,7 @@ from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import finish_stage, start_stage
 from fastsplat.workers.kinds.create_scene_stages import STAGES

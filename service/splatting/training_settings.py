@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import Options, SettingGroup
+from fastsplat.service.common.setting_groups import Options, SettingGroup
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 
 FEWEST_STEPS = 250

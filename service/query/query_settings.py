@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from fastsplat.service.common.settings import Options, SettingGroup
+from fastsplat.service.common.setting_groups import Options, SettingGroup
 
 
 def _one_slot(template: str) -> str:

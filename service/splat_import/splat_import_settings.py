@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import Options, SettingGroup
+from fastsplat.service.common.setting_groups import Options, SettingGroup
 
 
 class SplatImportOptions(Options):

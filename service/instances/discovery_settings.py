@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import Options, SettingGroup
+from fastsplat.service.common.setting_groups import Options, SettingGroup
 
 
 class DiscoveryOptions(Options):

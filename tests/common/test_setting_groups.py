@@ -13,7 +13,7 @@ import pytest
 from pydantic import BaseModel, Field
 
 from docs.settings_page import PAGE, settings_page
-from fastsplat.service.common.settings import (
+from fastsplat.service.common.setting_groups import (
     ENV_PREFIX,
     OTHER_VARIABLES,
     SettingGroup,
@@ -22,7 +22,7 @@ from fastsplat.service.common.settings import (
     settings_of,
 )
 from fastsplat.service.settings import JobSettings, Settings, load_settings
-from fastsplat.service.splatting.settings import LearningRates
+from fastsplat.service.splatting.training_settings import LearningRates
 from fastsplat_contract.errors import InvalidInputError
 
 ROOT = Path(__file__).parent.parent.parent

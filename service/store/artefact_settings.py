@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import SettingGroup
+from fastsplat.service.common.setting_groups import SettingGroup
 
 
 class ArtefactSettings(SettingGroup, section="artefacts"):

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from benchmarks.evaluation.datasets.dataset import Dataset, QueryTruth, TrueView
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.messages.queries import Answer
