@@ -12,7 +12,7 @@ from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.image_text import find_image_text
 from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
-from fastsplat.service.perception.readers.open_reader import find_reader
+from fastsplat.service.perception.readers.ppocr import find_reader
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Gaussians, Things
 from fastsplat.service.settings import Settings

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
+from fastsplat.service.localization.changed_space import FEWEST_VIEWS, ChangedPiece, changed_pieces
 from fastsplat.service.localization.later_views import LaterView
-from fastsplat.service.localization.lost_things import STEPS, Lost, lost_pieces, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import Comparison
 from fastsplat_contract.photos.localization import ChangeKind, DifferenceKind
 
@@ -28,6 +27,18 @@ _NEARER = 0.15
 """Similarity deducted per length of the place between both: things seldom move far."""
 _LAB = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))
 _CELLS = (4, 10, 10)
+
+_FEWEST_PIXELS = 30
+_SURE_SHARE = 0.5
+"""Least share of a thing's pixels with a sure depth; other views do not count."""
+_LOST_SHARE = 0.5
+"""Least share of a thing's pixels that the median photo does not show."""
+_BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
+_ENOUGH = 0.05
+_LEAST_STEP = 1e-3
+_TOUCHING = np.ones((15, 15), np.uint8)  # regions up to 7 pixels apart touch
+_STEPS = 2.5
+"""`_step_ratio` of a new object: about 5 on a plain surface; a gap gives 1."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +89,7 @@ def find_changes(
         surfaces: ids of floors, walls and tables, which are never gone.
     """
     lost, seen = lost_things(views, boxes, surfaces)
-    lost += lost_pieces(views, lost, place)
+    lost += _lost_pieces(views, lost, place)
     comparisons = [view.comparison for view in views]
     maps = [
         (view.only_in_photo, view.unknown(aside, view.comparison.covered))
@@ -113,7 +124,7 @@ def _events(
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
             views = tuple(sorted({*one.views, *piece.views}))
             events.append(Change("moved", one.thing, views, sure, one.box, piece.box, regions))
-        elif one.step > STEPS:
+        elif one.step > _STEPS:
             events.append(Change("changed", one.thing, one.views, sure, one.box, one.box, regions))
         else:
             events.append(Change("gone", one.thing, one.views, sure, one.box, None, regions))
@@ -158,3 +169,147 @@ def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
 def _likeness(one: F64, other: F64) -> float:
     """Bhattacharyya coefficient (1943) of two histograms, 0..1."""
     return float(np.sqrt(one * other).sum())
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A thing or surface piece that is not where it was."""
+
+    thing: int  # its id; 0 if it is none of the scene's things
+    box: F64  # [2, 3], lowest and highest corners, scene units
+    views: tuple[int, ...]  # rows of the photos that agree
+    pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
+    share: float  # of its pixels that the photos do not show
+    step: float  # see `_step_ratio`; above `_STEPS`, something else stands there
+
+
+def lost_things(
+    views: Sequence[LaterView], boxes: Mapping[int, F64], surfaces: frozenset[int]
+) -> tuple[list[Lost], list[int]]:
+    """Finds lost things, and the ids of things that at least two photos should show.
+
+    A thing is lost if the median photo lacks the colors of half of its pixels.
+
+    Args:
+        boxes: [2, 3] of each thing.
+        surfaces: ids that are never lost.
+    """
+    shares: dict[int, list[tuple[int, float]]] = {thing: [] for thing in sorted(boxes)}
+    most = max([*boxes, *(int(view.things.max(initial=0)) for view in views)], default=0) + 1
+    for row, view in enumerate(views):
+        ids = np.where(view.comparison.sure, view.things, 0)
+        pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.things))
+        changed = np.bincount(ids[view.missing], minlength=most)
+        for thing, own in shares.items():
+            if pixels[thing] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[thing]):
+                own.append((row, float(changed[thing] / pixels[thing])))
+    seen = [thing for thing, own in shares.items() if len(own) >= FEWEST_VIEWS]
+    lost = []
+    for thing in (each for each in seen if each not in surfaces):
+        share = float(np.median([each for _, each in shares[thing]]))
+        agreeing = tuple(row for row, each in shares[thing] if each >= _LOST_SHARE)
+        if share >= _LOST_SHARE and len(agreeing) >= FEWEST_VIEWS:
+            own_pixels = tuple(views[row].things == thing for row in agreeing)
+            step = _step_ratio(agreeing, own_pixels, views)
+            lost.append(Lost(thing, boxes[thing], agreeing, own_pixels, share, step))
+    return lost, seen
+
+
+def _lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
+    """Finds lost surface pieces that are none of the scene's things.
+
+    The photos lack their colors, and the color step at their border is not many times the scene's.
+
+    Args:
+        lost: things, whose pixels are explained.
+        place: [2, 3], bounds of the searched space.
+    """
+    comparisons = [view.comparison for view in views]
+    maps = [
+        (view.only_in_scene, view.unknown(aside, view.comparison.sure))
+        for view, aside in zip(views, pixels_of(views, lost), strict=True)
+    ]
+    found = []
+    for piece in changed_pieces(comparisons, maps, place, on_surface=True):
+        step = _step_ratio(piece.views, piece.pixels, views)
+        if step < _STEPS:
+            found.append(Lost(0, piece.box, piece.views, piece.pixels, piece.share, step))
+    return found
+
+
+def whole(lost: Sequence[Lost]) -> list[Lost]:
+    """Drops pieces that touch a kept item in half of the photos of both.
+
+    One object is often several of the scene's things, or extends beyond them.
+    """
+    kept: list[Lost] = []
+    for one in lost:
+        if one.thing or not any(_touches(one, other) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _touches(one: Lost, other: Lost) -> bool:
+    pixels = dict(zip(other.views, other.pixels, strict=True))
+    both = [(own, pixels[view]) for view, own in zip(one.views, one.pixels, strict=True) if view in pixels]
+    touching = [bool((cv2.dilate(own.astype(np.uint8), _TOUCHING)[its] > 0).any()) for own, its in both]
+    return bool(both) and 2 * sum(touching) >= len(both)
+
+
+def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
+    """Masks lost things and all surface in lost pieces' boxes, [H, W] per photo."""
+    taken = sorted({each.thing for each in lost if each.thing})
+    boxes = [each.box for each in lost if not each.thing]
+    maps = [np.isin(view.things, taken) for view in views]
+    for view, own in zip(views, maps, strict=True):
+        points = _surface(view.comparison) if boxes else np.zeros(0)
+        for low, high in boxes:
+            own |= ((points >= low) & (points <= high)).all(axis=2)
+    return maps
+
+
+def _surface(comparison: Comparison) -> F64:
+    """World point of each pixel, float64 [H, W, 3]; NaN where nothing is."""
+    depth, pose = np.where(comparison.depth > 0, comparison.depth, np.nan), comparison.posed.world_from_camera
+    rows, columns = np.indices(depth.shape) + 0.5
+    local = comparison.posed.camera.rays(columns, rows) * depth[..., None]
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float64)
+
+
+def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:
+    """Ratio of color steps at a region's border, photo to scene, in the median photo.
+
+    1 if nothing around the region is unchanged.
+
+    Args:
+        pixels: [H, W] for each of `rows`, the region.
+    """
+    ratios = []
+    for row, own in zip(rows, pixels, strict=True):
+        pictures = views[row].comparison.photo, views[row].comparison.shown
+        in_photo, in_scene = (_step(each, own, views[row].same) + _LEAST_STEP for each in pictures)
+        ratios.append(in_photo / in_scene)
+    return float(np.median(ratios))
+
+
+def _step(picture: F32, own: Bools, free: Bools) -> float:
+    """Lower quartile of color differences across a region's border, 0..1, by local means.
+
+    A quartile, as a thing has a border all around while a pattern has edges only somewhere. Only `free` surroundings
+    count.
+    """
+    region = own.astype(np.uint8)
+    near = cv2.dilate(region, np.ones((_BORDER_PX, _BORDER_PX))) > 0
+    around = (cv2.dilate(region, np.ones((_RING_PX, _RING_PX))) > 0) & ~near & free
+    inner = cv2.erode(region, np.ones((3, 3))) > 0
+    (inside, weight), (outside, weight_out) = (_local_mean(picture, part) for part in (own, around))
+    border = near & ~inner & (weight > _ENOUGH) & (weight_out > _ENOUGH)
+    return float(np.quantile(np.abs(inside - outside).max(axis=2)[border], 0.25)) if border.any() else 0.0
+
+
+def _local_mean(picture: F32, part: Bools) -> tuple[F32, F32]:
+    """Local mean of a picture's part, [H, W, 3], and its weight, [H, W]."""
+    size = _MEAN_PX, _MEAN_PX
+    weight = cv2.blur(part.astype(np.float32), size)
+    mean = cv2.blur(picture * part[..., None], size) / np.maximum(weight, 1e-6)[..., None]
+    return np.asarray(mean, np.float32), np.asarray(weight, np.float32)

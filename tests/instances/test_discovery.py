@@ -15,8 +15,7 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery.discovery import Discovery, discover_things
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.instances.naming.name_calibration import name_probability
-from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_things
+from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_probability, name_things
 from fastsplat.service.instances.naming.thing_appearances import with_appearances
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder

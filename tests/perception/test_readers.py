@@ -13,8 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from fastsplat.service.capture.world.scale_tags import draw_tag
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.readers.open_reader import find_reader, open_reader
-from fastsplat.service.perception.readers.ppocr import PpOcr
+from fastsplat.service.perception.readers.ppocr import PpOcr, find_reader, open_reader
 from fastsplat.service.perception.readers.printed_codes import read_codes
 from fastsplat_contract.errors import ModelUnavailableError
 

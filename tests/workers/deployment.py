@@ -45,7 +45,7 @@ if PARENT_VARIABLE in os.environ:
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.kinds.job_kinds import KINDS
-from fastsplat.workers.engine.worker_process import run
+from fastsplat.workers.engine.worker import run
 if {elsewhere}:
     fastsplat.workers.engine.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.captures import View
 from fastsplat.service.instances.discovery.candidates import F32, Candidate, find_candidates
 from fastsplat.service.instances.discovery.lifting import lift_masks
-from fastsplat.service.instances.discovery.ownership import Owners
+from fastsplat.service.instances.discovery.ownership import NOBODY, Owners, membership_of
 from fastsplat.service.instances.discovery.refinement import MaskedView, refined_membership
 from fastsplat.service.instances.discovery.selection import Selection, select_things
 from fastsplat.service.instances.discovery.surfaces import surface_kinds
-from fastsplat.service.instances.discovery.thing_parts import find_parts
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Parts, Thing, ThingGroup, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
@@ -28,6 +27,9 @@ from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.training_views import training_size
 
 _MOST = 0.7  # share of a thing's weight in a candidate that makes it a member
+
+_PIXELS = 64.0  # membership evidence in pixels; large against the prior, so that vote shares become probabilities
+_MOST_OF_PART = 0.8  # a candidate with more of its thing's weight is the thing itself
 
 
 def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
@@ -175,3 +177,40 @@ def _described(
     groups = find_groups(selection.groups, numbers_of_things, size, first)
     members = evidence_of(rows, ids[membership.labels], membership.counts, len(membership))
     return Things(table, members, first + len(groups), parts, groups=groups)
+
+
+def find_parts(
+    candidates: Sequence[tuple[Candidate, int]], owners: Owners, size: F32, settings: DiscoverySettings, first_id: int
+) -> Parts | None:
+    """Finds the parts of things, the largest first; None if there are none.
+
+    A part has the Gaussians of its candidate that its thing owns; where parts overlap, the smaller one has them. Parts
+    lighter than `min_weight_px`, or with most of their thing, are dropped.
+
+    Args:
+        candidates: parts with the number of their thing.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none; number n has the id n + 1.
+        size: float32 [G], see `Overlaps`.
+    """
+    count = len(owners)
+    whole = np.bincount(owners + 1, size.astype(np.float64))[1:]
+    claims = []
+    for part, thing in candidates:
+        own = owners[part.rows] == thing
+        rows, shares = part.rows[own], part.shares[own]
+        weight = float(size[rows].sum())
+        if own.any() and weight <= _MOST_OF_PART * whole[thing]:
+            claims.append((weight, rows, shares, Thing(first_id, consensus=min(1.0, part.consensus), parent=thing + 1)))
+    owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
+    parts: list[Thing] = []
+    for _, rows, shares, claimant in sorted(claims, key=lambda claim: claim[0]):
+        free = owner[rows] == NOBODY
+        if size[rows[free]].sum() >= settings.min_weight_px:
+            owner[rows[free]], sure[rows[free]] = len(parts), shares[free]
+            parts.append(claimant)
+    if not parts:
+        return None
+    last = first_id + len(parts) - 1  # reversed: the largest, found last, comes first
+    table = tuple(replace(part, id=last - number) for number, part in enumerate(parts))[::-1]
+    rows = np.flatnonzero(owner != NOBODY)
+    return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count, pixels=_PIXELS))

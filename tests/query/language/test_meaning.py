@@ -17,9 +17,8 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.language.meaning.compounds import Compounds
 from fastsplat.service.query.language.meaning.embeddings import TextCache, text_caches
-from fastsplat.service.query.language.meaning.label_meanings import BASE, LabelMeanings
+from fastsplat.service.query.language.meaning.label_meanings import BASE, Compounds, LabelMeanings
 from fastsplat.service.query.language.meaning.meaning import FILE, MeaningModel, expanded, model_for
 from fastsplat.service.query.language.words.name_matching import NameIndex
 from fastsplat.service.query.query_settings import QuerySettings
