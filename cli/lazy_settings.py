@@ -1,4 +1,4 @@
-"""The settings, which load with the first command that needs them: they are a third of what a mere `--help` loads."""
+"""Loads settings on first use: they are a third of a mere `--help`."""
 
 from __future__ import annotations
 

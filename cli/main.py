@@ -47,7 +47,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,  # its traceback shows the variables of each frame
-    help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
+    help="Turns photos of a place into a 3D scene that answers questions. Settings: FASTSPLAT_* variables.",
 )
 for _name, _group in {
     "scenes": scenes_app,

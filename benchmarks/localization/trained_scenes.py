@@ -19,7 +19,7 @@ from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene

@@ -35,7 +35,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.jobs.pipeline import capture_folder
+from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder

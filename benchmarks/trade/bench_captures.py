@@ -89,7 +89,7 @@ def _built(name: str) -> Capture:
             # these load what a row's process does without
             from benchmarks.evaluation.datasets.reading import read_dataset
             from benchmarks.evaluation.datasets.training import training_capture
-            from fastsplat.service.jobs.pipeline import capture_folder
+            from fastsplat.service.jobs.create_scene import capture_folder
 
             folder, settings = Path(work), CaptureSettings()
             if name == "sample":

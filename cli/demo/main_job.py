@@ -1,4 +1,4 @@
-"""Runs the main job on one capture through the wire protocols, and writes pictures and a report."""
+"""Runs the main job on one capture through the wire protocols, and reports it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ _ABSENT = ("submarine", "volcano", "bicycle")
 def run_main_job(
     folder: Path, settings: Settings, *, photos: Path | None, ask: Sequence[str], seconds: float | None
 ) -> None:
-    """Runs the main job from photos to answers into the empty `folder`: report.json, pictures, PLY files, `service`.
+    """Runs the main job into the empty `folder`: report.json, pictures, PLY files, `service`.
 
     Without `photos` the sample's are taken, without `ask` the sample's questions, or some of the scene's names.
 
@@ -155,8 +155,7 @@ class _Progress:
 
 
 def _click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
-    """Click on a thing of a view and name it `_NAME`, see `thing_to_name`; returns what was under the click, None for a
-    view without things."""
+    """Clicks on a thing and names it `_NAME`; returns it before that, None without."""
     ids = client.thing_map(scene_id, view)
     things = {thing.id: thing for thing in client.things(scene_id)}
     target = thing_to_name(ids, things)
@@ -170,7 +169,7 @@ def _click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | N
 
 
 def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> int | None:
-    """Id of the thing that a click on a view names; None where the view shows no thing.
+    """Id of the thing that a click on a view names; None without things.
 
     Things without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
     cuts off, then the largest.

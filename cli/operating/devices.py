@@ -20,7 +20,7 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
         devices: comma-separated CUDA device numbers or ids, each for workers of its own, or "cpu"; "" leaves the choice
             to CUDA_VISIBLE_DEVICES as it is.
         workers: worker processes a device.
-        threads_per_job: the setting of that name; for 0, all workers share the machine's CPUs evenly.
+        threads_per_job: the setting; for 0, all workers share the machine's CPUs evenly.
 
     Raises:
         InvalidInputError: an unknown kind of device, one named twice, or no worker.

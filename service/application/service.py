@@ -37,9 +37,9 @@ from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
+from fastsplat.service.application.jobs.ask_namer_orders import OwnNamer
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
-from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order

@@ -80,7 +80,7 @@ def build_capture(
         raise InvalidInputError(
             f"{manifest.splat} has no views",
             field="upload",
-            hint="Build its capture by fastsplat.service.jobs.pipeline.build_views, which renders them.",
+            hint="Build its capture by fastsplat.service.jobs.create_scene.build_views, which renders them.",
         )
     if manifest.spherical and settings.lens == "auto":
         settings = settings.model_copy(update={"lens": "panorama"})

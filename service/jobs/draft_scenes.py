@@ -10,9 +10,9 @@ from dataclasses import replace
 
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import Provenance, assemble_scene, scene_quality
+from fastsplat.service.jobs.create_scene import Provenance, assemble_scene, scene_quality
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.scene.artefact.drafts import draft_of
+from fastsplat.service.scene.artefact.draft_marks import draft_of
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats

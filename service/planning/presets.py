@@ -33,7 +33,7 @@ PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
         "best": MappingProxyType({"max_views": 0, "closer_look": True}),
     }
 )
-"""Changes to `service.perception.settings.PerceptionSettings` by preset."""
+"""Changes to `service.perception.perception_settings.PerceptionSettings` by preset."""
 
 
 def apply_preset(settings: Settings, name: str | None) -> Settings:

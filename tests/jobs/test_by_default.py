@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
 from fastsplat.service.scene.objects.thing_codes import classes_of_codes, codes_of_things
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.settings import Settings

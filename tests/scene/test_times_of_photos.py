@@ -16,7 +16,7 @@ from PIL import ExifTags, Image
 from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture, WithheldReport
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import TAKEN_AT

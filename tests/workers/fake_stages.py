@@ -113,8 +113,8 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
-    from fastsplat.service.scene.artefact.drafts import draft_of, provisional_of
-    from fastsplat.workers.kinds.drafts import carry_into, write_made
+    from fastsplat.service.scene.artefact.draft_marks import draft_of, provisional_of
+    from fastsplat.workers.kinds.draft_making import carry_into, write_made
 
     drafts = job.folder / "drafts"
     name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
@@ -162,7 +162,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    from fastsplat.workers.kinds.drafts import export_made
+    from fastsplat.workers.kinds.draft_making import export_made
 
     export_made(job, folder, lambda: _assemble(job, folder))
     _obey(job, "export", progress)
@@ -226,7 +226,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _asking(job: Job, folder: Path, progress: Progress) -> None:
     """The real stage, then its orders."""
-    from fastsplat.workers.kinds.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer import STAGES
 
     STAGES["asking"](job, folder, progress)
     _obey(job, "asking", progress)
@@ -234,7 +234,7 @@ def _asking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
     """Its orders, then the real stage."""
-    from fastsplat.workers.kinds.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer import STAGES
 
     _obey(job, "suggesting", progress)
     STAGES["suggesting"](job, folder, progress)

@@ -19,7 +19,7 @@ from fastsplat.service.capture.formats.image_io import open_map
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
-from fastsplat.service.jobs.pipeline import capture_folder
+from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat_contract.errors import InvalidInputError
 
 _MASKS = "mask_labels"

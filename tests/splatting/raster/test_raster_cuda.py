@@ -12,7 +12,7 @@ import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 from torch import Tensor
 
-from fastsplat.service.jobs.pipeline import build_views
+from fastsplat.service.jobs.create_scene import build_views
 from fastsplat.service.settings import load_settings
 from fastsplat.service.splatting.raster import cuda, median_depth
 from fastsplat.service.splatting.raster.checks import device_of

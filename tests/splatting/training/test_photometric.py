@@ -275,8 +275,8 @@ def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure
 
 
 def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:
-    from fastsplat.service.jobs.pipeline import Provenance, scene_quality
-    from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+    from fastsplat.service.jobs.create_scene import Provenance, scene_quality
+    from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 
     trained = train(*world, quick(photometric="on"), silent)
     save_trained(trained, tmp_path)

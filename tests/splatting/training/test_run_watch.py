@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import Provenance, scene_quality
+from fastsplat.service.jobs.create_scene import Provenance, scene_quality
 from fastsplat.service.splatting.exposure.photometric_training import CORRECTIONS
 from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, new_state
 from fastsplat.service.splatting.training import optimization
@@ -21,7 +21,7 @@ from fastsplat.service.splatting.training.run_watch import RunWatch, return_warn
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, load_views
-from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 from fastsplat_contract.errors import CancelledError, TrainingDivergedError
 from tests.splatting.training.conftest import repainted, same_run, stopping_at
 

@@ -26,7 +26,7 @@ from fastsplat.service.splatting.training.depth_regularization import depth_spre
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import squared_depths
-from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 from fastsplat_contract.geometry.camera import Camera
 from tests.trained_scenes import trained
 

@@ -18,7 +18,7 @@ from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import Provenance, build_scene, capture_folder, scene_quality
+from fastsplat.service.jobs.create_scene import Provenance, build_scene, capture_folder, scene_quality
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.scene.artefact.scene import Scene
@@ -28,7 +28,7 @@ from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import finish_stage, start_stage
-from fastsplat.workers.kinds.create_scene_stages import STAGES
+from fastsplat.workers.kinds.create_scene import STAGES
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
 from tests.benchmarks.evaluation import made_data

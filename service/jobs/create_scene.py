@@ -1,7 +1,7 @@
 """Stages of scene creation (capture, labels, training, scene) as functions.
 
 For an imported splat, missing pictures are rendered, and labels are lifted onto it instead of trained. Workers call the
-stages one by one and keep each result (`workers.kinds.create_scene_stages`); benchmarks and library users call
+stages one by one and keep each result (`workers.kinds.create_scene`); benchmarks and library users call
 `build_scene`. All use `assemble_scene`.
 """
 
@@ -20,18 +20,24 @@ from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.jobs.things_of_photos import THINGS_SHARE, find_things, is_private
+from fastsplat.service.instances.naming.thing_appearances import with_appearances
+from fastsplat.service.instances.naming.thing_reads import with_reads
+from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
+from fastsplat.service.perception.image_text import find_image_text
+from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
 from fastsplat.service.perception.label_maps.early_look import ShowEarly
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.label_maps.movers import open_withholding
+from fastsplat.service.perception.readers.ppocr import find_reader
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.scene.artefact.scene import TAKEN_AT, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import TAKEN_AT, Gaussians, Scene, SemanticHead, Things
 from fastsplat.service.scene.artefact.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
@@ -44,6 +50,13 @@ from fastsplat_contract.jobs.operations import Movers, Privacy, UpAxis
 
 LabelSource = Literal["none", "given", "detected"]
 """Origin of a scene's labels: none, the capture's label maps, or detection."""
+
+THINGS_SHARE = 0.3
+"""Share of the export's progress."""
+_LOOKING_SHARE = 0.85
+"""Share of `THINGS_SHARE` for proposing masks that perception did not."""
+_READING_FROM = 0.95
+"""Share of `THINGS_SHARE` at which reading begins."""
 
 
 @dataclass(frozen=True)
@@ -328,3 +341,64 @@ def _label_source(labelling: Labelling) -> LabelSource:
     if not len(labelling.dictionary):
         return "none"
     return "given" if labelling.exact else "detected"
+
+
+def is_private(capture: Capture, settings: Settings) -> bool:
+    """True if photos are not kept, or people are redacted."""
+    withheld = capture.report.withheld
+    return settings.photos.keep == "off" or (withheld is not None and withheld.privacy is not None)
+
+
+def find_things(
+    trained: TrainedSplats,
+    labelling: Labelling,
+    capture: Capture,
+    settings: Settings,
+    progress: Progress,
+    *,
+    described: bool = True,
+) -> tuple[Things | None, Gaussians]:
+    """Discovers things, if any; also returns the Gaussians with their codes.
+
+    Without detected regions, things are discovered only if `settings.discovery.things` is "on".
+
+    Args:
+        capture: if `is_private`, no text is read and no image-text model is run.
+        progress: stage "export", up to `THINGS_SHARE`.
+        described: also compute appearances and read text.
+
+    Raises:
+        ModelUnavailableError: the segmenter that discovery needs is missing, or another model's file is damaged.
+    """
+    looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
+    training, discovery, models = settings.training, settings.discovery, settings.models
+    if not detected and discovery.things != "on":
+        return None, trained.gaussians
+
+    def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
+        def on_view(done: int, total: int) -> None:
+            fraction = THINGS_SHARE * (begin + (end - begin) * done / total)
+            progress(ProgressEvent("export", fraction, f"{what}, view {done}/{total}"))
+
+        return on_view
+
+    masks, begin = looked_for or detected, 0.0
+    if not masks:
+        looking, begin = tell("looking for things", 0, _LOOKING_SHARE), _LOOKING_SHARE
+        masks = propose_capture_masks(capture.views, settings.perception, models, looking)
+    on_view = tell("discovering things", begin, _READING_FROM)
+    found = find_scene_things(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
+    things, gaussians = found
+    if not things.table and not detected:
+        return None, trained.gaussians
+    if discovery.things == "off" or not described:
+        return things, gaussians
+    side, backend, private = discovery.max_side, training.backend, is_private(capture, settings)
+    encoder = open_appearance_encoder(settings.perception, models)
+    looks = None if private else find_image_text(settings.perception, models)
+    if encoder or looks:
+        things = with_appearances(things, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
+    if not private:
+        reader, on_view = find_reader(settings.perception, models), tell("reading", _READING_FROM, 1.0)
+        things = with_reads(things, gaussians, capture.views, reader, side, on_view, backend=backend)
+    return things, gaussians

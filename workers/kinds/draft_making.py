@@ -24,8 +24,8 @@ from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, cove
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.drafts import DRAFTS as PLAN
-from fastsplat.service.scene.artefact.drafts import provisional_of
+from fastsplat.service.scene.artefact.draft_marks import DRAFTS as PLAN
+from fastsplat.service.scene.artefact.draft_marks import provisional_of
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.formats.ply import write_ply

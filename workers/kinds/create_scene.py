@@ -1,19 +1,23 @@
-"""Stages of a job that makes a scene: file input and output around `service.jobs.pipeline`."""
+"""Stages of a job that makes a scene: file input and output around `service.jobs.create_scene`."""
 
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
+from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.jobs.pipeline import (
+from fastsplat.service.jobs.create_scene import (
     Provenance,
     assemble_scene,
     build_views,
@@ -23,17 +27,30 @@ from fastsplat.service.jobs.pipeline import (
 )
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.planning.job_time import with_time_left
-from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
+from fastsplat.service.planning.cost_model import Speed, scene_size
+from fastsplat.service.planning.job_time import (
+    PACED,
+    JobTime,
+    PhotoSet,
+    job_seconds,
+    photo_set,
+    placed_seconds,
+    with_time_left,
+)
+from fastsplat.service.planning.machine import machine_speed
+from fastsplat.service.planning.time_budget import StagePlan, clock_tradeoff, plan_training, with_tradeoffs
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.previews import TrainingWatch
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job, Stage
 from fastsplat.workers.job.results import PHOTOS, checkpoint_folder, intact, stage_seconds
-from fastsplat.workers.kinds.budget import job_time, make_plan, stored_plan
-from fastsplat.workers.kinds.drafts import Drafts, early_views, export_made, training_drafts, write_made
+from fastsplat.workers.kinds.draft_making import Drafts, early_views, export_made, training_drafts, write_made
 from fastsplat.workers.kinds.progress_files import ProgressFiles, finish_requested
 from fastsplat_contract.codec.json_codec import to_plain
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+
+_PLAN = "plan.json"
 
 
 def save_trained(trained: TrainedSplats, folder: Path) -> None:
@@ -156,3 +173,72 @@ def _tradeoffs(job: Job) -> tuple[str, ...]:
     with intact(path):
         of_perception = json.loads(path.read_text()) if path.exists() else ()
     return (*of_perception, *stored_plan(job).tradeoffs)
+
+
+def _job_speed(job: Job) -> Speed:
+    """The speed of the machine that asked first for this job."""
+    path = job.folder / "speed.json"
+    if path.exists():
+        return Speed(**json.loads(path.read_text()))
+    speed = machine_speed(job.settings.training.backend)
+    part = job.folder / f"speed.json.{job.attempt}.part"
+    part.write_text(json.dumps(asdict(speed)))
+    os.replace(part, path)
+    return speed
+
+
+def job_time(
+    job: Job, capture: Capture | None = None, labels: int = 0, planned: TrainingSettings | None = None
+) -> JobTime:
+    """Predicts a job's time by its finished stages; without a `capture`, of photos without poses alone."""
+    settings, training = job.settings, planned or job.settings.training
+    photos = _photos(job)
+
+    def seconds(speed: Speed) -> Mapping[str, float]:
+        before = {} if photos is None else job_seconds(photos, settings, speed)
+        return before if capture is None else {**before, **placed_seconds(capture, settings, training, speed, labels)}
+
+    speed = _job_speed(job)
+    expected = seconds(speed)
+    done = [stage for stage in PACED if stage in expected and job.result(stage).is_dir()]
+    ran = tuple((expected[stage], stage_seconds(job, stage), 1.0) for stage in done)
+    run = None if capture is None or capture.splat is not None else (training, scene_size(capture, labels))
+    return JobTime(seconds, speed, ran, run, job.options.time_budget_s)
+
+
+def _photos(job: Job) -> PhotoSet | None:
+    try:
+        return photo_set(read_manifest(job.upload)[0])
+    except (OSError, InvalidInputError, NotFoundError):  # files that show people go before the training
+        return None
+
+
+def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:
+    """Reads the plan of an earlier attempt, or stores a new one; `started` is of `time.monotonic()`."""
+    budget = job.options.time_budget_s
+    if budget is not None and not (job.folder / _PLAN).exists():
+        spent, speed = stage_seconds(job, "perception") + time.monotonic() - started, job_time(job, capture).speed_now
+        plan = plan_training(capture, job.settings, labels, budget, spent_s=spent, speed_of=lambda _: speed)
+        _store(job, plan)
+    return stored_plan(job)
+
+
+def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
+    """The plan that the training stage follows or followed; without a time budget that is the job's settings."""
+    if not (job.folder / _PLAN).exists():
+        return StagePlan(job.settings.training)
+    with intact(job.folder / _PLAN):
+        stored = json.loads((job.folder / _PLAN).read_text())
+        return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(stored["tradeoffs"]))
+
+
+def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:
+    """Write the plan unless another attempt was faster; whole or not at all."""
+    part = job.folder / f"{_PLAN}.{job.attempt}.part"
+    part.write_text(json.dumps({"settings": plan.settings.model_dump(mode="json"), "tradeoffs": plan.tradeoffs}))
+    try:
+        os.link(part, job.folder / _PLAN)
+    except FileExistsError:
+        pass
+    finally:
+        part.unlink()

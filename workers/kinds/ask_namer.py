@@ -14,7 +14,7 @@ from fastsplat.service.jobs.nameless_things import said_by, sheets_of
 from fastsplat.service.query.edits.suggested_names import MAX_SUGGESTED, suggest_names
 from fastsplat.workers.job.protocol import Job, Stage
 from fastsplat.workers.job.results import intact
-from fastsplat.workers.kinds.look_again_stages import open_current, write_renamed
+from fastsplat.workers.kinds.look_again import open_current, write_renamed
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.jobs.name_suggestions import NamerResult, SuggestIn
 from fastsplat_contract.messages.scenes import Edit
