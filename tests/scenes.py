@@ -16,8 +16,7 @@ from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.things.labeled_things import things_of
-from fastsplat.service.scene.artefact.draft_marks import draft_of
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead, draft_of
 from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of

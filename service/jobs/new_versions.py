@@ -14,9 +14,8 @@ from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_met
 from fastsplat.service.query.things.names.names_by_looks import described
 from fastsplat.service.scene.artefact.alignment import alignment_to_json
 from fastsplat.service.scene.artefact.changes import changed_views
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
 from fastsplat.service.scene.artefact.scaling import scaling_to_json
-from fastsplat.service.scene.artefact.scene import Scene, Things
+from fastsplat.service.scene.artefact.scene import Scene, Things, provisional_of
 from fastsplat.service.scene.objects.things import thing_count
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.name_repository import names_between

@@ -30,8 +30,7 @@ from fastsplat.service.query.things.names.names_by_looks import KnownThing, Name
 from fastsplat.service.query.things.names.names_by_tags import names_by_tags
 from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat.service.query.things.thing_history import SceneHistory
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
-from fastsplat.service.scene.artefact.scene import Gaussians, Scene
+from fastsplat.service.scene.artefact.scene import Gaussians, Scene, provisional_of
 from fastsplat_contract.messages.queries import Answer
 
 if TYPE_CHECKING:

@@ -11,11 +11,11 @@ import pytest
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.jobs import create_scene
-from fastsplat.service.jobs.draft_scenes import first_draft
+from fastsplat.service.jobs.drafts import first_draft
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
+from fastsplat.service.scene.artefact.scene import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.labels.blending import thing_map
 from fastsplat_contract.jobs.job_watching import Provisional

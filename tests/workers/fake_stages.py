@@ -113,7 +113,7 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
-    from fastsplat.service.scene.artefact.draft_marks import draft_of, provisional_of
+    from fastsplat.service.scene.artefact.scene import draft_of, provisional_of
     from fastsplat.workers.kinds.draft_making import carry_into, write_made
 
     drafts = job.folder / "drafts"

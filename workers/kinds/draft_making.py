@@ -17,16 +17,14 @@ from typing import Any
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.atomic import link_or_copy
-from fastsplat.service.jobs.carried_edits import DraftVersion, carry_edits
-from fastsplat.service.jobs.draft_scenes import first_draft, training_draft
+from fastsplat.service.jobs.drafts import DraftVersion, carry_edits, first_draft, training_draft
 from fastsplat.service.jobs.new_versions import content_of
 from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.draft_marks import DRAFTS as PLAN
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import DRAFTS as PLAN
+from fastsplat.service.scene.artefact.scene import Scene, provisional_of
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.settings import Settings

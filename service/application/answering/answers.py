@@ -18,7 +18,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
+from fastsplat.service.scene.artefact.scene import provisional_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError

@@ -16,8 +16,8 @@ from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
 from fastsplat.service.scene.artefact.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.artefact.assessment import assess
 from fastsplat.service.scene.artefact.capture_times import newest_photo_at
-from fastsplat.service.scene.artefact.draft_marks import provisional_of
 from fastsplat.service.scene.artefact.scaling import capture_scale_source, capture_scaling, scaling_from_json
+from fastsplat.service.scene.artefact.scene import provisional_of
 from fastsplat.service.scene.artefact.upright import vertical_of
 from fastsplat.service.store.rows.codec import camera_from_json
 from fastsplat.service.store.rows.damaged_rows import decodes, each_readable

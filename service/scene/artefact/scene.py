@@ -1,10 +1,13 @@
-"""In-memory scene types: NumPy arrays only, no torch, no files."""
+"""In-memory scene types: NumPy arrays only, no torch, no files.
+
+A draft is marked in its quality, so that answers from it and from its edits can say so.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +21,7 @@ from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.messages.scenes import Scale, SceneVertical
 from fastsplat_contract.messages.thing_reads import ThingRead
 from fastsplat_contract.messages.things import NameSource as NameSource
@@ -30,6 +34,11 @@ SH_COUNTS = tuple((degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1))
 
 SH_C0 = 0.28209479177387814
 """Y_00, the constant real spherical harmonic: ½ √(1/π)."""
+
+_DRAFT = "draft"
+
+DRAFTS = (Provisional("points", 0.0), Provisional("training", 0.25))
+"""Drafts that a job publishes, in order."""
 
 
 @dataclass(frozen=True)
@@ -316,3 +325,14 @@ def semantics_of(scene: Scene) -> Semantics:
     if scene.evidence is not None:
         return scene.evidence
     return CodeSemantics(scene.gaussians.codes, scene.head)
+
+
+def draft_of(scene: Scene, provisional: Provisional) -> Scene:
+    """Marks a scene as a draft, so that answers from it and from its edits can say so."""
+    return replace(scene, quality={**scene.quality, _DRAFT: provisional._asdict()})
+
+
+def provisional_of(quality: Mapping[str, Any]) -> Provisional | None:
+    """Returns the draft's mark; None for a finished scene."""
+    draft = quality.get(_DRAFT)
+    return Provisional(**draft) if isinstance(draft, Mapping) else None

@@ -1,8 +1,11 @@
-"""Reapplication of a draft's edits to the scene that replaces it.
+"""Drafts of a scene, and the repetition of their edits in the scene that replaces them.
 
-Both share one capture and world frame, so things match by the space they fill (`matched_things`). From then on, a thing
-made by an edit corresponds to the one made by its counterpart. Prompted pieces are transferred by position; insertions
-are copied from the draft.
+A draft is assembled like any scene, from few views and smaller masks. Things are found and named, but not described or
+read, which took more than half of its time.
+
+Draft and scene share one capture and world frame, so things match by the space they fill (`_matched_things`). From then
+on, a thing made by an edit corresponds to the one made by its counterpart. Prompted pieces are transferred by position;
+insertions are copied from the draft.
 """
 
 from __future__ import annotations
@@ -14,19 +17,66 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fastsplat.service.capture.captures import Capture
+from fastsplat.service.common.progress import silent
+from fastsplat.service.jobs.create_scene import Provenance, assemble_scene, scene_quality
+from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.thing_edits import edited_things
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.scene.artefact.scene import Scene, draft_of
 from fastsplat.service.scene.objects.label_evidence import seen_pixels
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.results import TrainedSplats
+from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.errors import FastSplatError, NotFoundError
 from fastsplat_contract.geometry.places import KnownSize
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.messages.scenes import Edit
+
+_SIDE = 320
+_ROUNDS = 1
+_FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
+"""Training of about 1 s: untrained points hide small smooth things, which have few."""
 
 _UNMOVED = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _OVERLAP = 0.25
 """Minimum IoU of matching things; low, as drafts know a thing from six masks."""
+
+
+def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
+    """Builds a briefly trained scene from the capture's points and the views labelled so far."""
+    bounds = {**_FIRST, "time_budget_s": None, "evaluations": 0, "held_out_every": 0}
+    splats = train(capture, labelling.learnt(), settings.training.model_copy(update=bounds), silent)
+    return training_draft(splats, capture, labelling, views, settings, Provisional("points", 0.0))
+
+
+def training_draft(
+    splats: TrainedSplats,
+    capture: Capture,
+    labelling: Labelling,
+    views: Sequence[int],
+    settings: Settings,
+    provisional: Provisional,
+) -> Scene:
+    """Builds a draft from the current Gaussians; other arguments and errors as for `first_draft`."""
+    chosen, masks = set(views), labelling.masks
+    known = tuple(mask if number in chosen else None for number, mask in enumerate(masks))
+    if not any(mask is not None for mask in known):
+        known = ()
+    discovery = settings.discovery.model_copy(
+        update={
+            "max_side": min(_SIDE, settings.discovery.max_side),
+            "refinement_rounds": min(_ROUNDS, settings.discovery.refinement_rounds),
+            **({} if known else {"things": "off"}),  # no mask proposals for drafts
+        }
+    )
+    early = settings.model_copy(update={"discovery": discovery})
+    labelled = replace(labelling, masks=known)
+    quality = scene_quality(splats, labelled, capture, Provenance())
+    scene = assemble_scene(splats, labelled, capture, early, quality, described=False)
+    return draft_of(scene, provisional)
 
 
 @dataclass(frozen=True)
@@ -38,7 +88,7 @@ class DraftVersion:
 
 
 @dataclass(frozen=True)
-class CarriedVersion:
+class _CarriedVersion:
     """Version `number` (from 0) of a draft made again: applicable edits in new ids."""
 
     number: int
@@ -47,24 +97,24 @@ class CarriedVersion:
 
 
 @dataclass(frozen=True)
-class Carried:
+class _Carried:
     """Reapplied versions; `lost`: messages on edits that could not be made again."""
 
-    versions: Sequence[CarriedVersion]
+    versions: Sequence[_CarriedVersion]
     lost: Sequence[str] = field(default_factory=list)
 
 
 def carry_edits(
     index: SceneIndex, draft: SceneIndex, edited: Sequence[DraftVersion], *, max_gaussians: int | None = None
-) -> Carried:
+) -> _Carried:
     """Reapplies a draft's edits to a new scene, omitting versions without applicable edits.
 
     Args:
         draft: as its job made it.
         edited: versions of the draft, each based on the one before.
     """
-    ids = matched_things(draft, index)
-    versions: list[CarriedVersion] = []
+    ids = _matched_things(draft, index)
+    versions: list[_CarriedVersion] = []
     lost: list[str] = []
     before = draft
     for number, version in enumerate(edited):
@@ -85,11 +135,11 @@ def carry_edits(
             ids |= dict(zip(there, here, strict=True))
         before = version.index
         if made:
-            versions.append(CarriedVersion(number, made, index))
-    return Carried(versions, lost)
+            versions.append(_CarriedVersion(number, made, index))
+    return _Carried(versions, lost)
 
 
-def matched_things(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
+def _matched_things(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
     """Maps the draft's thing ids to the scene's by mutual best overlap.
 
     Overlap is weighted by the pixels of the scene's Gaussians, each owned by the thing of the nearest draft Gaussian.
