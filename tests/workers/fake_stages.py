@@ -114,7 +114,7 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
     from fastsplat.service.scene.artefact.scene import draft_of, provisional_of
-    from fastsplat.workers.kinds.draft_making import carry_into, write_made
+    from fastsplat.workers.kinds.create_scene import carry_into, write_made
 
     drafts = job.folder / "drafts"
     name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
@@ -162,7 +162,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    from fastsplat.workers.kinds.draft_making import export_made
+    from fastsplat.workers.kinds.create_scene import export_made
 
     export_made(job, folder, lambda: _assemble(job, folder))
     _obey(job, "export", progress)

@@ -23,8 +23,7 @@ from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.queue.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
-from fastsplat.workers.job.claimed_job import ClaimedJob
-from fastsplat.workers.job.job_outcome import CANCELLED, DONE, JobOutcome, failed
+from fastsplat.workers.job.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.job.protocol import Done, Event, Failed, Job, read_event
 from fastsplat.workers.job.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.kinds.job_kinds import JobKind

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.image_text import open_image_text
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.readers.ppocr import open_reader

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
-from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon, find_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import TextCache, text_caches
 from fastsplat.service.query.language.meaning.label_meanings import BASE, Compounds, LabelMeanings
