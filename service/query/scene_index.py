@@ -100,7 +100,9 @@ class SceneIndex:
             from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 
             self._labels = label_gaussians(scene)
-            kinds = {number: surface_kind(each.label) for number, each in enumerate(scene.dictionary.entries, start=1)}
+            kinds = {
+                number: surface_kind(entry.label) for number, entry in enumerate(scene.dictionary.entries, start=1)
+            }
             unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
@@ -295,7 +297,9 @@ class SceneIndex:
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them
-        known = ((each.label_id, entries[each.label_id - 1 : each.label_id], each.label) for each in answer.matches)
+        known = (
+            (match.label_id, entries[match.label_id - 1 : match.label_id], match.label) for match in answer.matches
+        )
         if any(number < 1 or (own and own[0].label != label) for number, own, label in known):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",

@@ -150,7 +150,11 @@ def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
 
 def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
     """Name of the nearest camera with a place in the picture; "" for none."""
-    far = {each.name: np.linalg.norm(each.world_from_camera[:3, 3] - place) for each in cameras if shows(each, place)}
+    far = {
+        camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - place)
+        for camera in cameras
+        if shows(camera, place)
+    }
     return min(far, key=far.__getitem__, default="")
 
 
