@@ -1,4 +1,4 @@
-"""The one way from a command to a service: over HTTP, or in this process over a data folder."""
+"""Connects a command to a service, over HTTP or in this process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Address:
         return self.server or ("" if self.data else os.environ.get(SERVER_VARIABLE, ""))
 
     def of_scene(self, text: str) -> Address:
-        """The same, or if nothing else is named and `text` is a data folder or stands for the sample, that one."""
+        """The target that `text` names, a data folder or the sample, unless one is given."""
         named = self.server or self.data or not (_is_data_folder(text) or is_sample(text))
         return self if named else replace(self, data=text)
 
@@ -80,7 +80,7 @@ def open_client(address: Address) -> Iterator[Client]:
 
 
 def is_sample(text: str) -> bool:
-    """Whether this stands for the sample scene."""
+    """True for the sample scene."""
     return text == SAMPLE and not Path(text).exists()
 
 
@@ -93,7 +93,7 @@ def link_to_share(page: str, made: NewKey) -> str:
 
 @contextmanager
 def local_store(*, adopting: bool = False) -> Iterator[Store]:
-    """The store of the settings' data folder, for what no service is asked: what mends and saves it."""
+    """Opens the store of the settings' data folder, to mend or save it."""
     from fastsplat.service.store.store import open_store  # loads the database's library
 
     settings = load_settings()
@@ -123,7 +123,7 @@ def _settings_of(data: str) -> Iterator[Settings]:
 
 @contextmanager
 def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
-    """What carries requests to a service over a data folder, in this process and without keys."""
+    """Carries requests to a service over a data folder, in this process, without keys."""
     from fastsplat.api.access.gate import build_gate
     from fastsplat.api.rest.app import create_app
     from fastsplat.api.rest.in_process import InProcess, running_loop

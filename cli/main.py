@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.demo.command import demo
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.backup_commands import backup, restore
 from fastsplat.cli.operating.check import check
 from fastsplat.cli.operating.doctor import doctor
@@ -37,7 +38,6 @@ from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a gr
 from fastsplat.cli.scenes.ask_command import ask
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.scenes.thing_commands import things_app
-from fastsplat.cli.settings import load_settings
 from fastsplat.service.common.process import die_with_named_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 
@@ -47,7 +47,7 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,  # its traceback shows the variables of each frame
-    help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
+    help="Turns photos of a place into a 3D scene that answers questions. Settings: FASTSPLAT_* variables.",
 )
 for _name, _group in {
     "scenes": scenes_app,
@@ -96,7 +96,7 @@ def worker(devices: Devices = "", workers: Workers = 1) -> None:
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
     with loading_modules():
-        from fastsplat.workers.engine.worker_process import run
+        from fastsplat.workers.engine.worker import run
 
     _start("worker")
     run(load_settings())

@@ -1,4 +1,4 @@
-"""What commands have in common that ask a service: their options, declared once, and how they come by a session."""
+"""Options of all commands that ask a service, and their session."""
 
 from __future__ import annotations
 
@@ -30,15 +30,17 @@ Version = Annotated[
     str, typer.Option(help=f"Of the scene; {LEAST} letters of its name will do. Default: the current one.")
 ]
 Watch = Annotated[
-    bool, typer.Option("--watch", help="Follow the job to its end, and print what came of it; status 1 if it fails.")
+    bool, typer.Option("--watch", help="Follow the job to its end and print its outcome; status 1 if it fails.")
 ]
 
 
 def service_command(
     group: typer.Typer, name: str | None = None, *, json: bool = True
 ) -> Callable[[Callable[Concatenate[Session, P], None]], Callable[Concatenate[Session, P], None]]:
-    """A decorator: adds a command that asks a service to a group, with the options that all of these have; without
-    `json`, a command that goes on until it is stopped, and prints no value."""
+    """Adds the decorated function to a group as a command with a session.
+
+    Without `json` it is a command that goes on until it is stopped, and prints no value.
+    """
 
     def register(function: Callable[Concatenate[Session, P], None]) -> Callable[Concatenate[Session, P], None]:
         common = {option: each for option, each in _COMMON.items() if json or option != _JSON}

@@ -1,4 +1,4 @@
-"""One run of a command that asks a service: its client, ids in short, and how it prints."""
+"""A command's run against a service: its client, short ids, and output."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Session:
         return whole_id("key", text, (each.id for each in self.client.keys.all()))
 
     def version(self, scene_id: str, text: str) -> str:
-        """The whole name of a version of a scene, "" for "": the current one; errors as `whole_id`."""
+        """Completes the name of a scene's version; "" is the current one. Errors as `whole_id`."""
         return text and whole_id("version", text, (each.version for each in self.client.versions(scene_id)))
 
     def current(self, scene_id: str) -> str:
@@ -81,7 +81,7 @@ class Session:
         return next(each.version for each in self.client.versions(scene_id) if each.current)
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
-        """Prints `value` as REST's JSON, or `text` for people; where that is empty, `nothing` on stderr."""
+        """Prints `value` as REST's JSON or `text` for people, or `nothing` on stderr."""
         if self.as_json:
             if value is not None:
                 typer.echo(json.dumps(to_plain(value), indent=2, ensure_ascii=False))
@@ -91,7 +91,7 @@ class Session:
             typer.echo(nothing, err=True)
 
     def tell_job(self, operation: Operation, text: Callable[[Operation], str], *, watch: bool) -> None:
-        """Prints a queued job, or with `watch` its outcome, progress on stderr; `typer.Exit` if that fails."""
+        """Prints a queued job, or with `watch` its outcome; `typer.Exit` if it fails."""
         queued = f"job {operation.id} of scene {operation.scene_id} is {operation.state}"
         if not watch:
             self.tell(operation, queued)

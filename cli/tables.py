@@ -1,4 +1,4 @@
-"""What commands print for people: tables of at most 80 columns, facts, numbers, sizes and times."""
+"""Formats tables of at most 80 columns, facts, numbers, sizes and times."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def point(values: Sequence[float]) -> str:
 
 
 def _widths(columns: Sequence[Column], cells: Sequence[Sequence[str]]) -> list[int]:
-    """Of each column: what it needs, and where that is too much in all, an equal share of the room for the widest."""
+    """Width of each column: its need, or for the widest an equal share."""
     widths = [max(cell_len(row[number]) for row in cells) for number in range(len(columns))]
     elastic = [number for number, column in enumerate(columns) if column.fit != "whole"]
     room = WIDTH - len(_GAP) * (len(columns) - 1) - sum(w for n, w in enumerate(widths) if n not in elastic)

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from fastsplat.service.common.settings import environment_variable, group_of, settings_of
+from fastsplat.service.common.setting_groups import environment_variable, group_of, settings_of
 from fastsplat.service.settings import Settings
 
 PAGE = Path(__file__).with_name("settings.md")

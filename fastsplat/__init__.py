@@ -14,10 +14,9 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fastsplat.service.library.local_scene import LocalScene, Picture, open_scene
+    from fastsplat.service.library.local_scene import LocalScene, Picture, Viewer, open_scene
     from fastsplat.service.library.sample import open_sample
     from fastsplat.service.library.training_run import train
-    from fastsplat.service.library.viewer import Viewer
 
 __all__ = ["LocalScene", "Picture", "Viewer", "open_sample", "open_scene", "train"]
 

@@ -18,8 +18,8 @@ from pydantic_settings import (
     SettingsError,
 )
 
-from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
-from fastsplat.service.common.settings import (
+from fastsplat.service.capture.capture_settings import CaptureSettings, PhotoSettings
+from fastsplat.service.common.setting_groups import (
     ENV_DELIMITER,
     ENV_PREFIX,
     Options,
@@ -28,13 +28,13 @@ from fastsplat.service.common.settings import (
     check_variables,
     settings_error,
 )
-from fastsplat.service.instances.settings import DiscoverySettings, LookAgainOptions, PromptOptions
-from fastsplat.service.localization.settings import LocalizationSettings
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.splat_import.settings import SplatImportSettings
-from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings, LookAgainOptions, PromptOptions
+from fastsplat.service.localization.localization_settings import LocalizationSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.query.query_settings import QuerySettings
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat_contract.errors import InvalidInputError
 
 _FILE = "_file"

@@ -1,10 +1,11 @@
-"""Registration of all RPCs: those of `SceneServicer`, the others from the table of calls."""
+"""All RPCs: streams, uploads, waiting and photos by hand, the others from the table of calls."""
 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
 from types import NoneType
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import grpc
 from google.protobuf import empty_pb2, message_factory
@@ -12,23 +13,30 @@ from google.protobuf.message import Message
 from grpc import aio
 
 from fastsplat.api.grpc.guard import Context, guarded
-from fastsplat.api.grpc.servicer import SceneServicer
+from fastsplat.api.grpc.standing import answer_stream
+from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.handlers import HANDLERS, Handler
+from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.calls import CALLS
 from fastsplat_contract.codec.proto_codec import from_proto, to_proto
-from fastsplat_contract.messages.pieces import chunks
+from fastsplat_contract.errors import CancelledError
+from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.pieces import CHUNK_BYTES, chunks, messages_of_query
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 Behavior: TypeAlias = "Callable[[Any, Context], Any]"
 
 _SERVICE = pb.DESCRIPTOR.services_by_name["SceneService"]
 
+M = TypeVar("M")
+
 
 def add_rpcs(server: aio.Server, service: SceneService, threads: Threads) -> None:
-    """Registers `fastsplat.v1.SceneService`: methods of `SceneServicer`, else entries of `HANDLERS`."""
-    written = SceneServicer(service, threads)
+    """Registers `fastsplat.v1.SceneService`: methods of `_SceneServicer`, else entries of `HANDLERS`."""
+    written = _SceneServicer(service, threads)
     handlers = {}
     for call in CALLS:
         behavior = getattr(written, call.rpc, None)
@@ -81,3 +89,85 @@ def _handler(rpc: str, behavior: Behavior) -> grpc.RpcMethodHandler[Any, Any]:
     }[method.client_streaming, method.server_streaming]
     request, response = map(message_factory.GetMessageClass, (method.input_type, method.output_type))
     return make(behavior, request.FromString, response.SerializeToString)
+
+
+class _SceneServicer:
+    """RPCs of `fastsplat.v1.SceneService` that stream, wait or read files."""
+
+    def __init__(self, service: SceneService, threads: Threads) -> None:
+        self._service = service
+        self._threads = threads
+        self._operations = Operations(service, threads)
+
+    async def CreateScene(
+        self, request_iterator: AsyncIterator[pb.CreateSceneRequest], context: Context
+    ) -> pb.Operation:
+        async with guarded(context, "CreateScene"):
+            operation = await self._threads.receive(
+                _whole(request_iterator, context),
+                lambda: StreamSink(self._service),
+                size=pb.CreateSceneRequest.ByteSize,
+                memory_bytes=2 * MAX_MESSAGE_BYTES,  # one is written while the next arrives
+            )
+            return _operation_message(operation)
+
+    async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
+        async with guarded(context, "WaitOperation"):
+            return _operation_message(await self._operations.wait(request.operation_id, request.timeout_s))
+
+    async def WatchOperation(self, request: pb.WatchOperationRequest, context: Context) -> AsyncIterator[pb.Operation]:
+        async with guarded(context, "WatchOperation"):
+            first = await self._operations.current(request.operation_id)
+            async with aclosing(self._operations.changes(first)) as changes:
+                async for change in changes:
+                    yield _operation_message(change.operation)
+
+    async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
+        def asked() -> list[pb.QueryResponse]:
+            return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
+
+        async with guarded(context, "Query"):
+            for message in await self._threads.answer(asked, background=pb.OUTPUT_MASK2D in request.outputs):
+                yield message
+
+    async def StreamQuery(
+        self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
+    ) -> AsyncIterator[pb.StreamQueryResponse]:
+        answers = answer_stream(self._service, self._threads, aiter(request_iterator))
+        async with guarded(context, "StreamQuery"), aclosing(answers):
+            async for message in answers:
+                yield message
+
+    async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
+        async with guarded(context, "DownloadPhoto"):
+            path, _ = await self._threads.call(
+                lambda: self._service.photos.path(request.scene_id, request.view, request.version)
+            )
+            file = await self._threads.call(lambda: path.open("rb"))
+            try:
+                while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
+                    yield pb.Chunk(data=data)
+            finally:
+                file.close()
+
+
+def _operation_message(operation: Operation) -> pb.Operation:
+    message: pb.Operation = to_proto(operation)
+    return message
+
+
+async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:
+    """Yields the client's messages, and raises `CancelledError` if the call was cancelled before their end.
+
+    gRPC ends the iteration for a cancelled call as for a complete one, sometimes long before it reports the
+    cancellation. Only a complete stream can still be written to, so the initial metadata are sent as a test.
+    """
+    async for message in messages:
+        yield message
+    try:
+        await context.send_initial_metadata(())
+    except aio.InternalError:
+        raise CancelledError("the sender went away") from None
+    left = context.time_remaining()
+    if context.done() or (left is not None and left <= 0):
+        raise CancelledError("the sender went away")

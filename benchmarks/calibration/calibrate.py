@@ -33,7 +33,7 @@ from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scene
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from benchmarks.provenance import parser_of
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import open_lexicon
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.meaning.calibration import FILE, Score, calibration_key
@@ -52,7 +52,7 @@ from fastsplat.service.query.language.meaning.probability import (
 from fastsplat.service.query.language.meaning.relevancy import entries, relevancy_scores
 from fastsplat.service.query.language.ranking import RELATED_PROBABILITY, text_similarity
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 
 F64 = NDArray[np.float64]
 _FIT, _CONFORMAL, _JUDGE = 0, (1, 2), 3

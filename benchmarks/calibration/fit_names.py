@@ -35,7 +35,7 @@ from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_j
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import silent
-from fastsplat.service.instances.naming.name_calibration import (
+from fastsplat.service.instances.naming.naming import (
     FILE,
     NameCategory,
     NameModel,

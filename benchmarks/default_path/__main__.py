@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.default_path.own_seconds import OwnSeconds
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.reading import read_dataset
-from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.evaluation.predictions import truth_ids
 from benchmarks.evaluation.scene_evaluation import evaluate_scene, scene_size
 from benchmarks.evaluation.train_eval import TrainingLabels, train_on_split

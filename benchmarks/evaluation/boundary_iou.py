@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.evaluation.metrics import Skipped, ViewMetric, ViewPrediction
 from benchmarks.evaluation.segmentation import NO_TRUTH, MaskCounts, check_maps, overlap, total
-from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction
 
 DIAGONAL_SHARE = 0.02
 """Width of the boundary region as a share of the image's diagonal: that of Cheng et al. 2021 for COCO and LVIS, and

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
+from benchmarks.evaluation.metrics import Skipped, ViewMetric, ViewPrediction, mean
 from fastsplat_contract.errors import InvalidInputError
 
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from benchmarks.evaluation.image_quality import psnr
+from benchmarks.evaluation.metrics import Skipped, mean
 from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
-from benchmarks.evaluation.types import Skipped, mean
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torchmetrics.functional.image import peak_signal_noise_ratio, structural_similarity_index_measure
 
-from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
+from benchmarks.evaluation.metrics import Skipped, ViewMetric, ViewPrediction, mean
 from fastsplat.service.splatting.training.quality import color_corrected
 
 _SIGMA = 1.5

@@ -9,18 +9,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.datasets.types import QueryTruth, TrueView
+from benchmarks.evaluation.datasets.dataset import QueryTruth, TrueView
 from benchmarks.evaluation.localization import box_of
+from benchmarks.evaluation.metrics import QueryPrediction, ViewPrediction
 from benchmarks.evaluation.published.mask_pairs import silhouette_mask
-from benchmarks.evaluation.types import QueryPrediction, ViewPrediction
 from fastsplat.service.common.dictionary import UNDETECTED, Dictionary
 from fastsplat.service.query.language.words.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.queries import Answer
 

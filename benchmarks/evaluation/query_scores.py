@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from benchmarks.evaluation.localization import peak_in_box
+from benchmarks.evaluation.metrics import Skipped, ViewMetric, ViewPrediction, mean
 from benchmarks.evaluation.published.mask_pairs import mask_iou
-from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction, mean
 
 
 class QueryScore(NamedTuple):

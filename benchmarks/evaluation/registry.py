@@ -7,11 +7,11 @@ from typing import Any
 from benchmarks.evaluation.boundary_iou import BOUNDARY_IOU
 from benchmarks.evaluation.depth_error import DEPTH_ERROR
 from benchmarks.evaluation.image_quality import PSNR, PSNR_COLOR_CORRECTED, SSIM
+from benchmarks.evaluation.metrics import SceneMetric, ViewMetric
 from benchmarks.evaluation.published.published_metrics import PUBLISHED
 from benchmarks.evaluation.query_scores import LOCALIZATION, MIOU_VIEWS
 from benchmarks.evaluation.segmentation import MIOU
 from benchmarks.evaluation.thing_discovery import CLICKS_MIOU, THINGS_PRECISION, THINGS_RECALL_50, THINGS_RECALL_75
-from benchmarks.evaluation.types import SceneMetric, ViewMetric
 
 METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     MIOU,

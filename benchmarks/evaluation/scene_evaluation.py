@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.evaluation.datasets.types import Dataset
+from benchmarks.evaluation.datasets.dataset import Dataset
+from benchmarks.evaluation.metrics import EvaluatedScene, Report, Skipped, ViewMetric
 from benchmarks.evaluation.predictions import ask_all, predict_view, texts_of, truth_ids
 from benchmarks.evaluation.registry import METRICS
-from benchmarks.evaluation.types import EvaluatedScene, Report, Skipped, ViewMetric
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.errors import InvalidInputError

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.types import Skipped, ViewMetric, ViewPrediction
+from benchmarks.evaluation.metrics import Skipped, ViewMetric, ViewPrediction
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat_contract.errors import InvalidInputError
 

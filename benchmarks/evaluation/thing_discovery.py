@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.datasets.types import Dataset, TrueView
-from benchmarks.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
+from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
+from benchmarks.evaluation.metrics import EvaluatedScene, SceneFigure, SceneMetric, Skipped
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.splatting.labels.blending import thing_map
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.training import training_capture
-from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.provenance import peak_megabytes
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import build_scene
+from fastsplat.service.jobs.create_scene import build_scene
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import PresetName, override_training
@@ -51,7 +51,7 @@ def train_on_split(
     labels: TrainingLabels = "given",
     preset: PresetName | None = None,
 ) -> TrainedScene:
-    """A scene trained as a job trains it (`service.jobs.pipeline`), on the training views and nothing else.
+    """A scene trained as a job trains it (`service.jobs.create_scene`), on the training views and nothing else.
 
     Every training view is trained on: `held_out_every` of the settings does not count here.
 

@@ -144,7 +144,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
 
 
 def _own_photos(place: TrainedPlace, settings: Settings) -> list[LandmarkPhoto]:
-    from fastsplat.service.application.answering.landmark_cache import photos_of  # as the service reads them
+    from fastsplat.service.application.answering.localizing import photos_of  # as the service reads them
 
     return list(photos_of(place.scene.cameras, place.folder, settings.localization.max_side))
 

@@ -14,12 +14,12 @@ from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
 from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import ROOT
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from fastsplat.service.splatting.raster.types import Splats
+from fastsplat.service.splatting.raster.image_formation import Splats
 from fastsplat_contract.geometry.camera import Camera
 
 OPACITY = 0.1

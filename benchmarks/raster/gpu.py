@@ -18,8 +18,8 @@ from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.raster import cuda
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import label_map, rasterize, sh_to_rgb
-from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.errors import ModelUnavailableError
 
 _PARTS = ("means", "quats", "scales", "opacities", "features")

@@ -14,10 +14,10 @@ from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.results import Labelling
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.kernels import running_with
-from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import LearningRates, TrainingSettings
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _WARM_UP = 5  # steps: images are converted and memory is taken in the first of them

@@ -11,9 +11,9 @@ import torch
 
 from benchmarks.raster.garden import Scene
 from fastsplat.service.splatting.raster import cpu
+from fastsplat.service.splatting.raster.image_formation import RasterSettings, Splats
 from fastsplat.service.splatting.raster.kernels import kernels, running_with
 from fastsplat.service.splatting.raster.rendering import label_map
-from fastsplat.service.splatting.raster.types import RasterSettings, Splats
 
 # Arithmetic vector instructions per visit of a block, from rasterize_forward.cpp and rasterize_backward.cpp: exponent,
 # 2^x, blending; per channel.

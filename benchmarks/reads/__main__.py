@@ -32,7 +32,7 @@ from benchmarks.splits import results_file
 from benchmarks.things.discovered import timed
 from fastsplat.service.capture.captures import View
 from fastsplat.service.instances.naming.thing_reads import with_reads
-from fastsplat.service.perception.readers.open_reader import open_reader
+from fastsplat.service.perception.readers.ppocr import open_reader
 from fastsplat.service.scene.artefact.scene import Things
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.geometry.camera import PosedCamera

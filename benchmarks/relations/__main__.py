@@ -25,9 +25,9 @@ from benchmarks.provenance import begin, parser_of, write_results
 from benchmarks.relations.drawing import drawn_frame, scene_of
 from benchmarks.relations.questions import ROOMS, Case
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.messages.queries import Answer
 
 

@@ -26,8 +26,8 @@ from PIL import ExifTags, Image
 
 from benchmarks.provenance import ROOT
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import FastSplatError

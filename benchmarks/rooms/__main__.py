@@ -34,9 +34,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
-from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.rooms.drawing import KINDS, ROOMS, write_room
 from benchmarks.rooms.figures import figures_of, measured, worst_of

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration.fit_names import is_right
-from benchmarks.evaluation.datasets.types import Dataset
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.thing_discovery import (
     MIN_PIXELS,
     ThingCounts,
@@ -28,7 +28,7 @@ from benchmarks.rooms.shapes import F64
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.splatting.gaussians import splats_of

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply

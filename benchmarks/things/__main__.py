@@ -22,20 +22,20 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import training_capture
-from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
 from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.jobs.pipeline import capture_folder
+from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder

@@ -13,7 +13,7 @@ from PIL import Image
 
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.jobs.pipeline import build_scene
+from fastsplat.service.jobs.create_scene import build_scene
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.drawing.pictures import label_colors
 from fastsplat.service.query.drawing.scene_renderer import Renderer

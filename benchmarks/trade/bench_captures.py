@@ -13,13 +13,13 @@ import numpy as np
 from benchmarks.evaluation.validation_split import Split
 from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import load_capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.label_maps.labelling import label_capture
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import capture_split, split_views
 
@@ -89,7 +89,7 @@ def _built(name: str) -> Capture:
             # these load what a row's process does without
             from benchmarks.evaluation.datasets.reading import read_dataset
             from benchmarks.evaluation.datasets.training import training_capture
-            from fastsplat.service.jobs.pipeline import capture_folder
+            from fastsplat.service.jobs.create_scene import capture_folder
 
             folder, settings = Path(work), CaptureSettings()
             if name == "sample":

@@ -48,7 +48,7 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
     figures["peak_mb"] = peak_megabytes()
     # The libraries of these are not training's, and not in its peak.
     from benchmarks.trade.score import localization, maps_iou, score
-    from fastsplat.service.jobs.pipeline import assemble_scene
+    from fastsplat.service.jobs.create_scene import assemble_scene
 
     scene = assemble_scene(trained, labelling, data.capture, settings, SceneFacts(), {})
     with tempfile.TemporaryDirectory() as folder:

@@ -7,9 +7,9 @@ import numpy as np
 from benchmarks.evaluation.boundary_iou import boundary_counts
 from benchmarks.evaluation.image_quality import psnr, ssim
 from benchmarks.evaluation.localization import box_of, peak_in_box
+from benchmarks.evaluation.metrics import Skipped, mean
 from benchmarks.evaluation.predictions import truth_ids
 from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
-from benchmarks.evaluation.types import Skipped, mean
 from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.perception.results import Labelling

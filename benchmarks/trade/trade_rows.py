@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from benchmarks.splits import HELD_OUT
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, steps_per_second
 from fastsplat.service.planning.presets import PRESETS
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.jobs.operations import PresetName
 
 BASE: dict[str, Any] = {

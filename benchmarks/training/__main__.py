@@ -23,8 +23,8 @@ from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 
 def main() -> None:

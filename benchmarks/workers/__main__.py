@@ -19,7 +19,7 @@ from pathlib import Path
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, ROOT, begin, parser_of, write_results
 from benchmarks.workers.simulation import Costs, simulate
-from fastsplat.service.common.settings import settings_of
+from fastsplat.service.common.setting_groups import settings_of
 from fastsplat.service.settings import JobSettings
 from fastsplat_contract.jobs.operations import Operation
 from tests.postgres import PostgresServer

@@ -1,4 +1,4 @@
-"""`fastsplat demo`: the sample scene in the browser, and with `--train` the main job end to end."""
+"""`fastsplat demo`: the sample scene in the browser; with `--train` the main job."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.browser import serve_in_browser
 from fastsplat.cli.operating.models import pull_with_progress
-from fastsplat.cli.settings import load_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError
 
 FOLDER = Path("demo-output")
@@ -36,7 +36,7 @@ def demo(
     seconds: Annotated[float | None, typer.Option(help="Time for all that comes after structure from motion.")] = None,
     folder: Annotated[Path, typer.Option(help="Keeps the scene; --train empties it first.")] = FOLDER,
 ) -> None:
-    """Show a scene in the browser, without keys: what --train made, or else the trained sample that the package brings.
+    """Show the scene that --train made, or the sample, in the browser, without keys.
 
     What is done to it stays in the folder. Models that are missing are fetched.
     """
@@ -69,7 +69,7 @@ def demo(
 
 
 def seen_by(folder: Path) -> str:
-    """Name the command that shows a demonstration's folder, for the shell and the directory that this one ran in."""
+    """Returns the command that shows a demonstration's folder, for this shell and directory."""
     script = shutil.which("fastsplat", path=str(Path(sys.executable).parent)) or "fastsplat"
     found = shutil.which("fastsplat")
     if found and Path(found).samefile(script):
@@ -80,7 +80,7 @@ def seen_by(folder: Path) -> str:
 
 
 def prepare(folder: Path) -> None:
-    """Puts a scene into `folder / "service"` unless one is there; `ConflictError` if other things are."""
+    """Puts a scene into `folder / "service"` if missing; `ConflictError` if other files are there."""
     from fastsplat.service.store.care.sample_scene import unpack_sample
     from fastsplat.service.store.rows.database import SQLITE_NAME
 
@@ -96,7 +96,7 @@ def prepare(folder: Path) -> None:
 
 
 def clear(folder: Path) -> None:
-    """Makes an empty folder, also of an earlier demonstration's; `ConflictError` if other things are in it."""
+    """Empties or creates the demonstration's folder; `ConflictError` if other files are in it."""
     if folder.exists() and not (folder.is_dir() and ((folder / _MARK).is_file() or not any(folder.iterdir()))):
         raise ConflictError(
             f"{folder} has things in it that no demonstration made",
@@ -109,7 +109,7 @@ def clear(folder: Path) -> None:
 
 
 def pull_defaults() -> None:
-    """Fetches missing default models to the settings' folder, or, where that is read-only, a copy in `OWN_MODELS`."""
+    """Fetches missing default models to the settings' folder, or to `OWN_MODELS` if read-only."""
     shared = load_settings().models
     if shared.is_dir() and not shared.stat().st_mode & _WRITABLE:
         typer.echo(f"{shared} is left as it is; its models are copied to {OWN_MODELS}, what is missing comes there")
@@ -126,7 +126,7 @@ def pull_defaults() -> None:
 
 
 def pull_text_encoder() -> None:
-    """Fetches the settings' text encoder (23 MB by default) where it is missing; raises as `pull`."""
+    """Fetches the settings' text encoder (23 MB by default) if missing; raises as `pull`."""
     settings = load_settings()
     encoder = settings.perception.text_encoder
     if not (settings.models / encoder.rpartition(":")[2]).is_dir():

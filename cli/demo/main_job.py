@@ -1,17 +1,17 @@
-"""The main job on one capture, through the wire protocols alone: a service is started, the capture posted, its training
-watched, questions asked, and what came of it written into a folder."""
+"""Runs the main job on one capture through the wire protocols, and reports it."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import cv2
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 
-from fastsplat.cli.demo.name_by_click import NAME, click_and_name
-from fastsplat.cli.demo.questions import SAMPLE_QUESTIONS, questions_for
 from fastsplat.cli.demo.report import print_report, report_of, save_pictures, write_report
 from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.settings import Settings
@@ -20,16 +20,54 @@ from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from fastsplat_contract.messages.queries import Answer, QueryRequest
 from fastsplat_contract.messages.scenes import Scene
+from fastsplat_contract.messages.things import PickedThing, SceneThing
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
 """The sample capture: 26 photos of a table with things on it."""
 _FIGURES = ("loss", "psnr", "iterations_per_second")
 
+_NAME = "Oskar"
+"""A name that no detector knows."""
+
+_SAMPLE_QUESTIONS = ("banana", "coffee", "fruit", "something to read", "bicycle")
+"""For the sample capture: an object by its name, three ambiguous questions, and an object that is not there."""
+
+_WIDER = {
+    "teddy bear": "plush toy",
+    "bed": "mattress",
+    "cup": "tea",
+    "wine glass": "wine",
+    "bottle": "water",
+    "bowl": "soup",
+    "banana": "fruit",
+    "apple": "fruit",
+    "orange": "fruit",
+    "spoon": "fork",
+    "knife": "fork",
+    "book": "novel",
+    "laptop": "computer",
+    "keyboard": "typing",
+    "mouse": "computer",
+    "tv": "screen",
+    "couch": "sofa",
+    "chair": "seat",
+    "dining table": "desk",
+    "potted plant": "flower",
+    "vase": "cup",
+    "car": "vehicle",
+    "truck": "vehicle",
+    "bicycle": "bike",
+    "person": "human",
+    "cat": "pet",
+    "dog": "pet",
+}
+_ABSENT = ("submarine", "volcano", "bicycle")
+
 
 def run_main_job(
     folder: Path, settings: Settings, *, photos: Path | None, ask: Sequence[str], seconds: float | None
 ) -> None:
-    """Runs the main job from photos to answers into the empty `folder`: report.json, pictures, PLY files, `service`.
+    """Runs the main job into the empty `folder`: report.json, pictures, PLY files, `service`.
 
     Without `photos` the sample's are taken, without `ask` the sample's questions, or some of the scene's names.
 
@@ -52,14 +90,14 @@ def run_main_job(
         ) as client,
     ):
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
-        texts = ask or (questions_for(_labels(scene)) if photos else SAMPLE_QUESTIONS)
+        texts = ask or (_questions_for(_labels(scene)) if photos else _SAMPLE_QUESTIONS)
         answers = [_ask(client, scene.id, text) for text in texts]
         things, view = list(client.things(scene.id)), scene.cameras[len(scene.cameras) // 2].name
         (folder / "things.png").write_bytes(client.picture(scene.id, "things", view))
-        if (named := click_and_name(client, scene.id, view)) is not None:
+        if (named := _click_and_name(client, scene.id, view)) is not None:
             before = f'"{named.thing.name}"' if named.thing.name else "without a name"
-            console.print(f'a click in {view} finds thing {named.thing.id}, {before}; a person names it "{NAME}"')
-            answers.append(_ask(client, scene.id, NAME))
+            console.print(f'a click in {view} finds thing {named.thing.id}, {before}; a person names it "{_NAME}"')
+            answers.append(_ask(client, scene.id, _NAME))
         report = report_of(scene, operation, things, answers)
         write_report(report, folder)
         save_pictures(client, scene, answers, view, folder)
@@ -114,3 +152,44 @@ class _Progress:
             self._last = step
             line = f"{stage.stage:<11}{stage.fraction:>5.0%} {stage.seconds:>6.1f} s  {stage.message}"
             self._console.print(f"{line}  {figures}".rstrip(), soft_wrap=True, highlight=False)
+
+
+def _click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
+    """Clicks on a thing and names it `_NAME`; returns it before that, None without."""
+    ids = client.thing_map(scene_id, view)
+    things = {thing.id: thing for thing in client.things(scene_id)}
+    target = thing_to_name(ids, things)
+    if target is None:
+        return None
+    inner = cv2.distanceTransform((ids == target).astype(np.uint8), cv2.DIST_L2, 5)
+    row, column = np.unravel_index(int(inner.argmax()), inner.shape)
+    picked = client.pick(scene_id, view, pixel=(float(column) + 0.5, float(row) + 0.5))
+    client.name_things(scene_id, picked.thing.id, _NAME, looked_at=picked.version)
+    return picked
+
+
+def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> int | None:
+    """Id of the thing that a click on a view names; None without things.
+
+    Things without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
+    cuts off, then the largest.
+
+    Args:
+        ids: uint16 [H, W], the thing of each pixel, 0 for none.
+        things: by id.
+    """
+    numbers, areas = np.unique(ids[ids > 0], return_counts=True)
+    shown = [(things[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
+    cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist()) if ids.size else set()
+    order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), one[0].id in cut, -one[1]))
+    return order[0][0].id if order else None
+
+
+def _questions_for(labels: Sequence[str]) -> tuple[str, ...]:
+    """Makes questions of a scene's labels, most Gaussians first.
+
+    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and a thing that is not there.
+    """
+    wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
+    absent = next(word for word in _ABSENT if word not in labels)
+    return (*labels[:2], wider, absent)

@@ -27,7 +27,7 @@ _GAP = 6
 
 
 def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
-    """Write pictures (caption and file, in reading order, of one aspect) in rows of three as a JPEG."""
+    """Writes pictures of one aspect, with captions, in rows of three as a JPEG."""
     pictures = [(caption, Image.open(path).convert("RGB")) for caption, path in panels]
     first = pictures[0][1]
     height = round(_WIDTH * first.height / first.width)
@@ -106,8 +106,7 @@ def _query_of(answer: Answer) -> dict[str, Any]:
 
 
 def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view: str, folder: Path) -> None:
-    """A rendered view, overlay, relevancy picture and PLY per question, a sheet of them all, and the scene's PLY; the
-    sheet has `things.png`, which is in the folder, too."""
+    """Saves view, overlay, relevancy picture and PLY per question, their sheet, and the scene's PLY."""
     (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", view))
     panels = [("rendered", folder / "view.png"), ("everything that is there", folder / "things.png")]
     for answer in answers:

@@ -1,4 +1,4 @@
-"""The service as a process of its own that stops with the block that started it."""
+"""Runs the service as a process that stops with the block that started it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _STOP_SECONDS = 20
 
 @contextmanager
 def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, grpc_port: int) -> Iterator[str]:
-    """Runs `fastsplat serve` with one worker during the block; yields its key, or `ResourceError` with its log."""
+    """Runs `fastsplat serve` with one worker; yields its key, or raises `ResourceError` with its log."""
     for port in (http_port, grpc_port):
         _require_free(port)
     environment = {

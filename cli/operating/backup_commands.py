@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import local_store
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import size
 from fastsplat_contract.errors import ResourceError
 
 
 def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on another disk.")]) -> None:
-    """Save scenes, unfinished jobs, keys and settings of the database to a folder; the service may run meanwhile."""
+    """Save scenes, jobs, keys and settings to a folder; the service may run meanwhile."""
     from fastsplat.service.store.care.backup import back_up
 
     settings = load_settings()
@@ -35,7 +35,7 @@ def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on an
 
 
 def restore(source: Annotated[Path, typer.Argument(help="A folder that `fastsplat backup` made.")]) -> None:
-    """Make the data folder and its database of a backup. The data folder must be empty, and no service may run."""
+    """Restore a backup into an empty data folder, while no service runs."""
     from fastsplat.service.store.care.backup import restore as restore_backup
 
     settings = load_settings()

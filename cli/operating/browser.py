@@ -1,4 +1,4 @@
-"""The page of a data folder in a desktop's browser, without keys, on this machine alone."""
+"""Shows the page of a data folder in a desktop's browser, without keys."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.serve_command import serve
-from fastsplat.cli.settings import load_settings
 
 if TYPE_CHECKING:
     from fastsplat.service.settings import Settings
@@ -22,7 +22,7 @@ _START_SECONDS = 60
 
 
 def serve_in_browser(folder: Path) -> NoReturn:
-    """Serve a data folder without keys until SIGTERM or SIGINT; a desktop's browser is opened once it answers."""
+    """Serves a data folder without keys until SIGTERM or SIGINT, and opens a desktop's browser."""
     os.environ["FASTSPLAT_DATA_DIR"] = str(folder.resolve())
     if has_desktop():
         threading.Thread(target=_open_browser, args=(load_settings(),), daemon=True).start()
@@ -31,12 +31,12 @@ def serve_in_browser(folder: Path) -> NoReturn:
 
 
 def has_desktop() -> bool:
-    """Whether a browser would have a screen; those of a terminal, as on a server, would take the terminal over."""
+    """True if a browser has a screen; one in a terminal would take it over."""
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def is_ready(url: str) -> bool:
-    """Whether the service at this address answers within two seconds that it is ready."""
+    """True if the service at this address answers within two seconds that it is ready."""
     import httpx  # what a mere `--help` does without
 
     try:

@@ -8,13 +8,12 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import duration
 
 
 def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it stays as it is.")]) -> None:
-    """Say which photos are blurred, dark, alike or without overlap, whether they are too few (status 1 if so), and how
-    long a scene of them takes."""
+    """Check photos before the upload, and predict the training time; status 1 if too few."""
     from fastsplat.service.capture.uploads.photo_check import check_photos  # loads OpenCV
     from fastsplat.service.planning.job_time import PhotoSet, job_seconds
     from fastsplat.service.planning.machine import machine_speed

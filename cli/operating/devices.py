@@ -20,12 +20,12 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
         devices: comma-separated CUDA device numbers or ids, each for workers of its own, or "cpu"; "" leaves the choice
             to CUDA_VISIBLE_DEVICES as it is.
         workers: worker processes a device.
-        threads_per_job: the setting of that name; for 0, all workers share the machine's CPUs evenly.
+        threads_per_job: the setting; for 0, all workers share the machine's CPUs evenly.
 
     Raises:
         InvalidInputError: an unknown kind of device, one named twice, or no worker.
     """
-    from fastsplat.service.common.settings import environment_variable
+    from fastsplat.service.common.setting_groups import environment_variable
     from fastsplat.service.settings import JobSettings
 
     names = [name.strip() for name in devices.split(",")] if devices else [""]

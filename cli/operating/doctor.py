@@ -15,7 +15,7 @@ import numpy as np
 import typer
 
 from fastsplat.cli.connection import local_store
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, NotFoundError, SceneFileError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ def doctor(
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of lines.")] = False,
 ) -> None:
-    """Say what is wrong with the data folder; exit with 1 if anything is. The service may run meanwhile."""
+    """Check the data folder; status 1 if anything is wrong. The service may run meanwhile."""
     settings = load_settings()
     if not settings.data_dir.is_dir():
         raise NotFoundError(
@@ -101,7 +101,7 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
 
 
 def _damage(folder: Path) -> Iterator[FastSplatError]:
-    """Read a version as serving does, every byte against its digest, and the files beside it: what is damaged."""
+    """Reads a version as serving does, and checks every byte against its digest."""
     from fastsplat.service.scene.artefact.scene_files import read_scene
     from fastsplat.service.scene.formats.ply import read_ply
 

@@ -1,4 +1,4 @@
-"""`fastsplat jobs`: list and watch the jobs of a project, read their logs, end or cancel them, and retry them."""
+"""`fastsplat jobs`: list, watch, end, cancel and retry jobs, and read their logs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastsplat_contract.jobs.operations import Operation, OperationList, Operati
 from fastsplat_contract.messages.projects import GetJobLogRequest
 
 jobs_app = typer.Typer(
-    help="Jobs, which train scenes: list, show and watch them, end them early, cancel them, retry them, read logs.",
+    help="Jobs, which train scenes: list, show, watch, end, cancel and retry them, read logs.",
     no_args_is_help=True,
 )
 
@@ -52,7 +52,7 @@ def watch(session: Session, job: JobId) -> None:
 
 @service_command(jobs_app)
 def cancel(session: Session, job: JobId) -> None:
-    """Stop a job, and keep nothing of it; its upload stays for a while, for a retry."""
+    """Stop a job without keeping a result; its upload stays a while for a retry."""
     told = session.client.cancel(session.job(job))
     stops = "" if told.done else "; it stops soon"
     session.tell(told, f"job {told.id} is {told.state}{stops}")
@@ -74,13 +74,13 @@ def retry(
     ] = [],
     watch: Watch = False,
 ) -> None:
-    """Queue a failed or cancelled job again, with the upload that it had, or without some of its photos."""
+    """Queue a failed or cancelled job again, with all of its photos or without some."""
     session.tell_job(session.client.retry(session.job(job), exclude), _facts, watch=watch)
 
 
 @service_command(jobs_app)
 def log(session: Session, job: JobId) -> None:
-    """Print the end of what the trainers of a job wrote; on stderr, why the job failed."""
+    """Print the end of a job's log; on stderr, why the job failed."""
     job_id = session.job(job)
     error = session.client.operation(job_id).error
     from fastsplat_contract import calls  # every message of the contract

@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import link_to_share
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.settings import load_settings
 from fastsplat.cli.short_ids import LEAST, SHOWN
 from fastsplat.cli.tables import Column, day, table
 from fastsplat_contract.server.keys import KeyList, Role
@@ -30,7 +30,7 @@ def create(
         typer.Option(
             help="uploader: post one scene and watch its job; suggester: see things without a name and suggest names; "
             "reader: query and view; editor: also create and change; admin: also delete, and keys of the project; "
-            "operator: all that in any project."
+            "operator: everything in any project."
         ),
     ] = "editor",
     days: Annotated[float | None, typer.Option(help="It expires after so many days. Default: never.")] = None,
@@ -49,7 +49,7 @@ def share(
     days: Annotated[float, typer.Option(help="It expires after so many days.")] = 7.0,
     page: Annotated[str, typer.Option(help="Where people open the page. Default: the server's URL.")] = "",
 ) -> None:
-    """Print a link that shows one scene, read-only, to whoever has it; list and revoke it as any key."""
+    """Print a read-only link to one scene; it is listed and revoked as a key."""
     made = session.client.keys.share(session.scene(scene), name, days * _DAY_S)
     settings = load_settings()
     here = f"{'http' if settings.tls_cert is None else 'https'}://localhost:{settings.http_port}"

@@ -1,4 +1,4 @@
-"""`fastsplat train` and `view`: a scene in a folder, or the sample scene, on this machine."""
+"""`fastsplat train` and `view`: a scene in a folder, or the sample, on this machine."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help=f"A folder that fastsplat train has made; {SAMPLE}, where there is none of that name: the sample scene.",
+        help=f"A folder that fastsplat train has made; {SAMPLE}, unless there is one so named: the sample scene.",
     ),
 ]
 
@@ -40,7 +40,7 @@ def train(
 
 
 def view(folder: Folder) -> None:
-    """Show the scene of a folder, or the sample, in the browser, on this machine alone, until SIGTERM or SIGINT."""
+    """Show the scene of a folder, or the sample, in the browser of this machine."""
     from fastsplat.service.library.local_scene import open_scene
     from fastsplat.service.library.sample import sample_folder
 

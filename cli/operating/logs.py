@@ -1,4 +1,4 @@
-"""Logs on stderr, one line a record, machine-readable; passwords in URLs and access keys are left out."""
+"""Logs one line a record on stderr, without passwords in URLs and access keys."""
 
 from __future__ import annotations
 

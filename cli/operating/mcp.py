@@ -10,7 +10,7 @@ from fastsplat.service.common.optional_packages import ASSISTANT, needed
 
 
 def mcp(session: Session) -> None:
-    """Speak MCP (Model Context Protocol) on standard input and output: for assistants that start their tools.
+    """Serve MCP (Model Context Protocol) on standard input and output, for assistants.
 
     A server speaks the same at its address /mcp. With --data sample no server and no network are needed, and names
     that are given are gone at the end.

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.tables import Column, table
 from fastsplat_contract.errors import FastSplatError
 
@@ -80,7 +80,7 @@ def pull(
         str | None, typer.Option(help="Commit (40 hex digits) for Hugging Face repositories without a pinned one.")
     ] = None,
 ) -> None:
-    """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
+    """Fetch models, verify, convert and try them, and only then put them in place."""
     with _errors(Console()):
         pull_with_progress(
             models or load_settings().models,
@@ -113,7 +113,7 @@ def unpack(
     archive: Annotated[Path, typer.Argument(metavar="FILE", help="A zip of folders of a model directory.")],
     models: _Directory = None,
 ) -> None:
-    """Put the models of a file in place, verified and tried out as if they had been pulled."""
+    """Put the models of a file in place, verified and tried as if pulled."""
     from fastsplat.service.perception.model_pull.model_archive import unpack as unpack_models
 
     with _errors(Console()), _progress() as report:

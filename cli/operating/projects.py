@@ -20,7 +20,7 @@ projects_app = typer.Typer(
 def create(
     session: Session, name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")]
 ) -> None:
-    """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
+    """Make a project; only its own keys see its scenes, and they see no others."""
     from fastsplat_contract import calls  # every message of the contract
 
     made = session.client.call(calls.CREATE_PROJECT, CreateProjectRequest(name))

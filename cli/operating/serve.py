@@ -27,7 +27,7 @@ _FIRST_CRASH_STATUS = 64  # below it, a program says that it cannot run: a wrong
 
 @dataclass(frozen=True)
 class Role:
-    """What one process runs, and environment variables beyond this process's own."""
+    """A process: its target, and environment variables beyond this process's own."""
 
     command: Sequence[str]
     environment: Mapping[str, str] = field(default_factory=dict)
@@ -71,7 +71,7 @@ class _Child:
         self._start()
 
     def keep_alive(self) -> bool:
-        """Start the process again if it died. False once it has exited right after its start too often."""
+        """Restarts the process if it died; False if it repeatedly exits right after its start."""
         status = self.process.poll()
         if status is None:
             self._kill_suspended()

@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.logs import log_to_stderr
-from fastsplat.cli.settings import load_settings
 
 Devices = Annotated[
     str,
-    typer.Option(help='CUDA devices, each with workers of its own, as "0,1"; or "cpu". Default: all that CUDA sees.'),
+    typer.Option(help='CUDA devices with workers each, as "0,1"; or "cpu". Default: all that CUDA sees.'),
 ]
 Workers = Annotated[int, typer.Option(help="Worker processes a device; without a GPU they share the CPUs evenly.")]
 

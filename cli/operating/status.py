@@ -1,4 +1,4 @@
-"""`fastsplat status`: what a server can do, whether it is well, and how much room a project has left."""
+"""`fastsplat status`: a server's abilities, its health, and a project's quotas."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.session import Session
-from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import duration, facts, minute, size
 from fastsplat_contract.server.server_status import (
     DiskHealth,
@@ -30,12 +30,12 @@ def status(
     here: Annotated[
         Literal["api", "worker"] | None,
         typer.Option(
-            help="Exit with 0 and without output if that of this host is well, else print why and exit with 1: for "
-            "containers and service managers."
+            help="Check this host's service: status 0 without output, or 1 with the reason. For containers and "
+            "service managers."
         ),
     ] = None,
 ) -> None:
-    """Show what the server can do, the project's quotas, and to operators the health of workers, queue and disk."""
+    """Show the server's abilities and the project's quotas; to operators also its health."""
     if here is not None:
         settings = load_settings()
         if problem := _api_problem(settings) if here == "api" else _worker_problem(settings):

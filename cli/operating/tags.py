@@ -7,19 +7,19 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.settings import load_settings
+from fastsplat.cli.lazy_settings import load_settings
 from fastsplat_contract.errors import InvalidInputError
 
 
 def tags(
     out: Annotated[Path, typer.Argument(help="The PDF to write, A4.")] = Path("tags.pdf"),
-    count: Annotated[int, typer.Option(min=1, max=587, help="How many different tags.")] = 8,
+    count: Annotated[int, typer.Option(min=1, max=587, help="Number of different tags.")] = 8,
     side_mm: Annotated[
         float | None,
         typer.Option(help="Side of the black square. Default: as the server expects, FASTSPLAT_CAPTURE__TAG_SIDE_M."),
     ] = None,
 ) -> None:
-    """Write AprilTags to print. Photos in which one of them is seen from several places give a scene in meters."""
+    """Write AprilTags to print. Photos that show one from several places give meters."""
     from fastsplat.service.capture.world.tag_sheet import tag_pages, write_pdf  # loads OpenCV
 
     settings = load_settings().capture

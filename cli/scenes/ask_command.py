@@ -26,7 +26,7 @@ def ask(
         list[str],
         typer.Argument(
             metavar="TEXT...",
-            help='Each as "something to drink from", "the red mug left of the lamp" or "how many cups are there".',
+            help='As "something to drink from", "the red mug left of the lamp", "how many cups are there".',
         ),
     ],
     asker_view: Annotated[
@@ -35,7 +35,7 @@ def ask(
     pose: Annotated[
         str,
         typer.Option(
-            help="Where you stand instead, as a camera's pose in OpenCV axes: its place and its quaternion.",
+            help="Your viewpoint instead: a camera's position and quaternion, OpenCV axes.",
             metavar="X,Y,Z,QX,QY,QZ,QW",
         ),
     ] = "",
@@ -49,7 +49,7 @@ def ask(
         ),
     ] = None,
 ) -> None:
-    """Ask a scene in plain words. Prints a sentence an answer, then the things that answer."""
+    """Ask a scene in plain words. Prints a sentence, then the things that answer."""
     if picture is not None and len(texts) != 1:
         raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
     asker = _pose(pose) if pose else None
@@ -81,7 +81,7 @@ def _lines(answer: Answer) -> list[str]:
 
 
 def _picture(session: Session, answer: Answer) -> bytes:
-    """The answer over the view that shows it best; of what is not there, over the middle one of the scene's views."""
+    """Draws the answer over the view that shows it best, else over the middle view."""
     views: list[str] = []
     if answer.shows_something:
         best = session.client.best_views(answer.scene_id, text=answer.text, max_views=1, version=answer.version)

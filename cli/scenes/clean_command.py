@@ -1,4 +1,4 @@
-"""`fastsplat scenes clean`: Gaussians removed by a box, by opacity, by how far they are from others, of things."""
+"""`fastsplat scenes clean`: removes Gaussians by a box, opacity, isolation or thing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def clean(
     thing: Annotated[list[int], typer.Option(help="Only of this thing, by its id; several are allowed.")] = [],
     preview: Annotated[bool, typer.Option(help="Only say how much would go.")] = False,
 ) -> None:
-    """Remove what lies in a box or outside of it, is hardly opaque or hangs in the air, as a new version."""
+    """Remove Gaussians in or outside a box, faint ones, or floating ones, as a version."""
     box = None
     if center is not None or size is not None:
         middle = Pose(Vector3(*(center or (0.0, 0.0, 0.0))), Quaternion(0.0, 0.0, 0.0, 1.0))

@@ -24,7 +24,7 @@ def create(
         Path,
         typer.Argument(
             metavar="CAPTURE",
-            help="A folder of photos, an archive of one, a video, or a splat (PLY, SPZ, SOG) of another tool.",
+            help="A folder or archive of photos, a video, or another tool's splat (PLY, SPZ, SOG).",
         ),
     ],
     name: Annotated[str, typer.Option(help="The scene's name for people. Default: that of the file or folder.")] = "",
@@ -37,7 +37,7 @@ def create(
     priority: Annotated[int, typer.Option(help="Higher ones are trained first.")] = 0,
     movers: Annotated[Movers | None, typer.Option(help="ignore: people, cats and dogs are left out.")] = None,
     privacy: Annotated[Privacy | None, typer.Option(help="people: they are in no picture that is kept.")] = None,
-    lens: Annotated[Lens | None, typer.Option(help="What the photos were taken with.")] = None,
+    lens: Annotated[Lens | None, typer.Option(help="Device that took the photos.")] = None,
     nadir_deg: Annotated[
         float | None, typer.Option(help="Of panoramas: degrees around straight down that are left out.")
     ] = None,
@@ -57,7 +57,7 @@ def create(
     ] = "",
     watch: Watch = False,
 ) -> None:
-    """Make a scene of photos, a video or a splat: what is sent is checked, and its training is queued.
+    """Check photos, a video or a splat, and queue the training of a scene.
 
     A splat is not retrained, and its rows keep their order.
     """

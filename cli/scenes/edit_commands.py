@@ -1,4 +1,4 @@
-"""`fastsplat things`: name, suggest, merge, split, add, discard and insert them. Each makes a version of the scene."""
+"""`fastsplat things`: edits of a scene's things, each of which makes a version."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ _BesideThing = Annotated[
 _AroundThing = Annotated[
     tuple[float, float, float, float] | None, typer.Option(help="Of the view, around the thing: left top right bottom.")
 ]
-_NewName = Annotated[str | None, typer.Option(help="What it is.")]
+_NewName = Annotated[str | None, typer.Option(help="Its new name.")]
 _Aliases = Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")]
 _Kinds = Annotated[
-    list[str], typer.Option(help="What it is, of a name that does not say so, as Oskar; several are allowed.")
+    list[str], typer.Option(help="Kind of a thing whose name does not say it, as Oskar; several are allowed.")
 ]
 
 
@@ -45,7 +45,7 @@ _Kinds = Annotated[
 def name(
     session: Session,
     scene: SceneId,
-    name: Annotated[str, typer.Argument(help="What they are.")],
+    name: Annotated[str, typer.Argument(help="Their new name.")],
     things: _Ids,
     alias: _Aliases = [],
     kind: _Kinds = [],
@@ -69,7 +69,7 @@ def suggest(
         ),
     ],
 ) -> None:
-    """Suggest names for things: they can be asked for, and become names once somebody confirms them."""
+    """Suggest names for things, which become names once somebody confirms them."""
     try:
         suggested = from_json(SuggestIn, file.read_bytes()).suggestions
     except InvalidInputError as error:
@@ -96,7 +96,7 @@ def ask_namer(
     ] = "",
     watch: Watch = False,
 ) -> None:
-    """Suggest names that a model sees in pictures of the things without a name; they go to its host."""
+    """Send pictures of things without a name to a model, and suggest its names."""
     from fastsplat_client.namer import Namer, suggest_by
 
     if not url:
@@ -161,17 +161,17 @@ def insert(
     session: Session,
     scene: SceneId,
     source: Annotated[str, typer.Argument(help="The scene that they come from, of the same project, by its id.")],
-    things: Annotated[list[int], typer.Argument(help="Ids of things of that scene.", metavar="THING...")],
+    things: Annotated[list[int], typer.Argument(help="Ids of the other scene's things.", metavar="THING...")],
     position: Annotated[
         tuple[float, float, float], typer.Option(help="x y z here, in scene units, of the other scene's origin.")
     ] = (0.0, 0.0, 0.0),
     orientation: Annotated[
         tuple[float, float, float, float],
-        typer.Option(help="Rotation from the other scene's world frame into this one's: a unit quaternion x y z w."),
+        typer.Option(help="Rotation from the other scene's frame into this one's: unit quaternion x y z w."),
     ] = (0.0, 0.0, 0.0, 1.0),
     source_version: Annotated[str, typer.Option(help="Of the other scene. Default: its current one.")] = "",
 ) -> None:
-    """Put things of another scene into this one; they get new ids and keep their names."""
+    """Put things of another scene into this one, with new ids and their names."""
     scene_id, source_id = session.scene(scene), session.scene(source)
     edit = Edit(
         "insert",
@@ -195,7 +195,7 @@ def split(
     alias: _Aliases = [],
     looked_at: _LookedAt = "",
 ) -> None:
-    """Make the piece of a thing at a pixel or in a box of a view a thing of its own."""
+    """Split the piece at a pixel or in a view's box off its thing."""
     edit = Edit("split", thing_ids=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
     _edit(session, scene, edit, looked_at)
 
@@ -212,7 +212,7 @@ def add(
     alias: _Aliases = [],
     looked_at: _LookedAt = "",
 ) -> None:
-    """Make what is at a pixel or in a box of a view a thing, whatever it belonged to."""
+    """Add a thing at a pixel or in a box of a view."""
     edit = Edit("add", prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
     _edit(session, scene, edit, looked_at)
 

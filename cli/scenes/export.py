@@ -1,4 +1,4 @@
-"""`fastsplat scenes export`: a scene, or some of its things, as a file for other programs."""
+"""`fastsplat scenes export`: a scene, or some of its things, as a file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fastsplat_contract.messages.exports import FILE_NAMES, ExportFormat
 def export(
     session: Session,
     scene: SceneId,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; its ending says the format.")],
     format: Annotated[ExportFormat | None, typer.Option(help="Default: by FILE's ending.")] = None,
     thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],
     cell: Annotated[float, typer.Option(help="Of points, mesh, cameras, mcap or map: how fine, scene units.")] = 0.0,
@@ -34,7 +34,7 @@ def export(
 
 
 def write_file(file: Path, content: bytes) -> None:
-    """Writes a file, whole or not at all, and tells its size on stderr; `InvalidInputError` if it cannot be written."""
+    """Writes a file, whole or not at all; `InvalidInputError` if it cannot be written."""
     try:
         with atomic_file(file) as beside:
             beside.write_bytes(content)

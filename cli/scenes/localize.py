@@ -28,9 +28,7 @@ def localize(
     photos: Annotated[list[Path], typer.Argument(help="Image files.", metavar="PHOTO...")],
     focal: Annotated[
         list[float],
-        typer.Option(
-            help="Focal length, pixels of the upright photo; one for all, or one for each. Default: found out."
-        ),
+        typer.Option(help="Focal length in pixels of the upright photo, for all or each. Default: estimated."),
     ] = [],
     poses: Annotated[
         Path | None,
@@ -38,8 +36,7 @@ def localize(
     ] = None,
     version: Version = "",
 ) -> None:
-    """Say where photos were taken, what is seen from there, and of two or more what has changed; status 1 if a photo
-    has no sure place."""
+    """Find where photos were taken, and what has changed; status 1 without a sure place."""
     rough = () if poses is None else _poses(poses)
     contents = [_bytes(path) for path in photos]
     scene_id = session.scene(scene)
@@ -64,13 +61,13 @@ def observe(
     ] = None,
     focal: Annotated[
         list[float],
-        typer.Option(
-            help="Focal length, pixels of the upright photo; one for all, or one for each. Default: found out."
-        ),
+        typer.Option(help="Focal length in pixels of the upright photo, for all or each. Default: estimated."),
     ] = [],
 ) -> None:
-    """Keep photos of another day with a scene, and say what is gone, moved, new or changed; `things undo` takes them
-    back."""
+    """Keep photos of another day, and say what is gone, moved, new or changed.
+
+    `things undo` takes them back.
+    """
     files = [file for path in photos for file in _files(path)]
     contents = [_bytes(path) for path in files]
     when = None if seen_at is None else seen_at.astimezone()

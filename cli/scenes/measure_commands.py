@@ -1,4 +1,4 @@
-"""`fastsplat things measure` and `scale`: lengths in a scene, and its scale by lengths and sizes that are known."""
+"""`fastsplat things measure` and `scale`: lengths in a scene, and its scale."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def measure(
     places: Annotated[list[str], typer.Argument(help=f"One or two, each {_PLACE}.", metavar="PLACE...")],
     version: Version = "",
 ) -> None:
-    """Say how far two places are from each other, how large a thing is, or where a place is."""
+    """Measure a place, a thing's size, or the distance of two places."""
     asked = [_place(text) for text in places]
     scene_id = session.scene(scene)
     measured = session.client.measure(scene_id, *asked, version=session.version(scene_id, version))
@@ -45,7 +45,7 @@ def scale(
     height: Annotated[bool, typer.Option("--height", help="It is the thing's height, not its longest side.")] = False,
     plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
 ) -> None:
-    """Make the scene's units meters by a length or a thing's size that you have measured; several are combined."""
+    """Make the scene's units meters by measured lengths or sizes; several are combined."""
     first, *others = (_place(text) for text in places)
     known: KnownLength | KnownSize
     if first.thing_id and not others:

@@ -1,4 +1,4 @@
-"""`fastsplat scenes`: list, show, rename and delete them; what became of their photos; put them into a map."""
+"""`fastsplat scenes`: list, show, rename, align and delete scenes, and list their photos."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ def list_scenes(session: Session) -> None:
 
 @service_command(scenes_app)
 def show(session: Session, scene: SceneId) -> None:
-    """Show what is known of a scene: its state, how good it is and why, its unit, its names."""
+    """Show a scene's state, quality, unit and names."""
     told = session.client.scene(session.scene(scene))
     session.tell(told, _facts(told))
 
 
 @service_command(scenes_app)
 def sample(session: Session) -> None:
-    """Copy the sample scene that the server brings into the project, where it is not there yet."""
+    """Copy the server's sample scene into the project, unless it is there."""
     opened = session.client.open_sample()
     session.tell(opened, _facts(opened))
 
@@ -126,11 +126,11 @@ def align(
     scene: SceneId,
     pairs: Annotated[
         Path,
-        typer.Argument(help="CSV file, a line for each pair: x,y,z of the scene, then x,y,z of the map in meters."),
+        typer.Argument(help="CSV file of pairs: x,y,z of the scene, then x,y,z of the map in meters."),
     ],
     frame: Annotated[str, typer.Option(help="Name of the map's frame.")] = "map",
 ) -> None:
-    """Put a scene into the frame of a map by three and more points that are known in both, as a new version."""
+    """Align a scene with a map by three or more points, as a new version."""
     alignment = Alignment(frame, pairs=_pairs(pairs))
     scene_id = session.scene(scene)
     made = session.client.align_scene(scene_id, alignment)

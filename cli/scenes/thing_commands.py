@@ -1,5 +1,4 @@
-"""`fastsplat things`: list and pick the things of a scene, as people and robots need them; names that are known, and
-looking for more."""
+"""`fastsplat things`: list and pick things, list known names, and search for more."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from fastsplat_contract.messages.requests import GetThingSheetRequest
 from fastsplat_contract.messages.things import AskedLevel, PickedThing, SceneThing, ThingList
 
 things_app = typer.Typer(
-    help="What a scene holds, named or not: list, pick, measure, name, merge, split, add, discard, insert, look again.",
+    help="Things of a scene: list, pick, measure, name, merge, split, add, discard, insert, look again.",
     no_args_is_help=True,
 )
 
@@ -70,7 +69,7 @@ def sheet(
     page: Annotated[str, typer.Option(metavar="TOKEN", help="Of the next sheet, as the one before said.")] = "",
     version: Version = "",
 ) -> None:
-    """Write a picture of at most 20 things without a name, outlined and numbered, and say which they are."""
+    """Write a picture of at most 20 numbered things without a name, and list them."""
     scene_id = session.scene(scene)
     asked = GetThingSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
     shown = session.client.call(calls.GET_THING_SHEET, asked)
@@ -108,7 +107,7 @@ def goal(
     radius: Annotated[float, typer.Option(help="Of the robot, meters; 0: 0.2.")] = 0.0,
     version: Version = "",
 ) -> None:
-    """Say where a robot stands to see a thing; of scenes in meters with z up."""
+    """Say where a robot stands to see a thing, in meters with z up."""
     scene_id = session.scene(scene)
     place = session.client.goal(scene_id, thing, radius, version=session.version(scene_id, version))
     session.tell(
@@ -120,7 +119,7 @@ def goal(
 
 @service_command(things_app)
 def detections(session: Session, scene: SceneId, version: Version = "") -> None:
-    """Show every thing as a robot needs it: where it is and how surely, its name, what carries it."""
+    """Show each thing's position with uncertainty, its name, and the thing that carries it."""
     scene_id = session.scene(scene)
     whole = session.client.detection_page(scene_id, version=session.version(scene_id, version))
     made = list(whole.detections)
@@ -151,10 +150,10 @@ def pick(
         tuple[float, float, float, float] | None, typer.Option(help="Of the view: left top right bottom.")
     ] = None,
     at: Annotated[tuple[float, float, float] | None, typer.Option("--point", help="Of the scene: x y z.")] = None,
-    level: Annotated[AskedLevel, typer.Option(help="What the mask of --json shows.")] = "likeliest",
+    level: Annotated[AskedLevel, typer.Option(help="Parts of the scene in the mask of --json.")] = "likeliest",
     version: Version = "",
 ) -> None:
-    """Say which thing is at a pixel or in a box of a view, or at a point; which part of it, and in which group."""
+    """Say which thing, part and group is at a pixel, box or point."""
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
     picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version, level=level)
@@ -165,10 +164,10 @@ def pick(
 def look_again(
     session: Session,
     scene: SceneId,
-    texts: Annotated[list[str], typer.Argument(help="What to look for, each in a word or two.", metavar="TEXT...")],
+    texts: Annotated[list[str], typer.Argument(help="Names to look for, a word or two each.", metavar="TEXT...")],
     watch: Watch = False,
 ) -> None:
-    """Search a scene for more names with the configured open-set detector; a running worker does it."""
+    """Search a scene for more names with the configured open-set detector, by a job."""
     session.tell_job(session.client.look_again(session.scene(scene), texts), _seen, watch=watch)
 
 

@@ -60,7 +60,7 @@ def redo(session: Session, scene: SceneId, only: _Only = "") -> None:
 def restore(
     session: Session,
     scene: SceneId,
-    version: Annotated[str, typer.Argument(help="Which one, from the list of versions.")],
+    version: Annotated[str, typer.Argument(help="A version of the list of versions.")],
 ) -> None:
     """Make any version current; all others stay."""
     scene_id = session.scene(scene)

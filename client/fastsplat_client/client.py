@@ -17,18 +17,15 @@ from numpy.typing import NDArray
 
 from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, problem_of, read
-from fastsplat_client.events import events_of
 from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
-from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.releases import fitting
 from fastsplat_client.resumable import PIECE_BYTES, dropped_if_refused, send_resumable
-from fastsplat_client.stream import Grpc, grpc_address
-from fastsplat_client.stream_calls import StreamCalls
+from fastsplat_client.stream import Grpc, StreamCalls, grpc_address
 from fastsplat_client.table_calls import in_path, scene_path
-from fastsplat_client.thing_calls import ThingCalls
-from fastsplat_client.transport import Retry, Transport
+from fastsplat_client.thing_calls import ClientKnownNames, ThingCalls
+from fastsplat_client.transport import Retry, Transport, events_of
 from fastsplat_contract import calls
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import DeadlineExceededError, FastSplatError, Kind

@@ -21,6 +21,7 @@ from fastsplat_contract.messages.detections import Detection, DetectionList
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.goals import Goal
+from fastsplat_contract.messages.known_names import KnownName
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
 from fastsplat_contract.messages.scenes import Edit, SceneVersion
 from fastsplat_contract.messages.thing_sheets import ThingSheet
@@ -278,3 +279,16 @@ def _prompt(
         background=tuple(Pixel(*pixel) for pixel in background),
         box=None if box is None else PixelBox(*box),
     )
+
+
+class ClientKnownNames(TableCalls):
+    """Known names of the client's project."""
+
+    def all(self) -> Iterator[KnownName]:
+        """Lists names given by people and suggested in other scenes, newest first."""
+        pages = self._pages(calls.LIST_KNOWN_NAMES, requests.ListKnownNamesRequest())
+        return (name for page in pages for name in page.names)
+
+    def forget(self, name_id: str) -> None:
+        """Deletes a known name ("all": every one) with its appearance; scenes keep their names."""
+        self.call(calls.DELETE_KNOWN_NAME, requests.DeleteKnownNameRequest(name_id))

@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 import ssl
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import httpx
 
@@ -137,3 +137,30 @@ class Transport:
                 raise error
             time.sleep(pause)
         raise AssertionError
+
+
+class Event(NamedTuple):
+    """One event; its `id` resumes the stream after it."""
+
+    id: str
+    data: str
+    kind: str = "message"
+
+
+def events_of(lines: Iterable[str]) -> Iterator[Event]:
+    """Yields the complete events of a stream's lines."""
+    name, kind, data = "", "", list[str]()
+    for line in lines:
+        if not line:
+            if data:
+                yield Event(name, "\n".join(data), kind or "message")
+            kind, data = "", []
+        elif not line.startswith(":"):
+            field, _, value = line.partition(":")
+            value = value.removeprefix(" ")
+            if field == "data":
+                data.append(value)
+            elif field == "id":
+                name = value
+            elif field == "event":
+                kind = value

@@ -39,9 +39,9 @@ from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
+from fastsplat.service.application.jobs.ask_namer_orders import OwnNamer
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
-from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
@@ -49,8 +49,8 @@ from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.jobs.needed_models import check_models
 from fastsplat.service.settings import Settings

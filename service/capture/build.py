@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.formats.depth_maps import DEPTHS
@@ -18,7 +19,6 @@ from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest, read_manifest
 from fastsplat.service.capture.photos.photo_quality import judge_photos, matches_by_name
 from fastsplat.service.capture.photos.withholding import WithheldPixels, Withholding
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.geometry import normalize_world
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
@@ -80,7 +80,7 @@ def build_capture(
         raise InvalidInputError(
             f"{manifest.splat} has no views",
             field="upload",
-            hint="Build its capture by fastsplat.service.jobs.pipeline.build_views, which renders them.",
+            hint="Build its capture by fastsplat.service.jobs.create_scene.build_views, which renders them.",
         )
     if manifest.spherical and settings.lens == "auto":
         settings = settings.model_copy(update={"lens": "panorama"})

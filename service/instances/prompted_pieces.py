@@ -19,8 +19,8 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.gaussians.connectivity import components
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import label_sums, rasterize
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.geometry.camera import PosedCamera
 
 Mask = NDArray[np.bool_]

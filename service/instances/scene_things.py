@@ -14,16 +14,16 @@ from fastsplat.service.capture.captures import Capture, View
 from fastsplat.service.instances.discovery.coded_things import fit_thing_codes
 from fastsplat.service.instances.discovery.discovery import OnView, discover_things, masked_view
 from fastsplat.service.instances.discovery.lifting import lift_regions_of
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.naming.naming import NameVotes, count_votes, name_things
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.artefact.scene import Gaussians, SceneFacts, Things
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.raster.image_formation import Backend
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import training_size
 
 NAME_OVERLAP = 0.5

@@ -6,6 +6,7 @@ FASTSPLAT_DATA_DIR serves it. Several processes may open it.
 
 from __future__ import annotations
 
+import html
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.library.viewer import Viewer
 from fastsplat.service.settings import Settings, find_models, load_settings
 from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import NotFoundError, NotReadyError
@@ -211,3 +211,26 @@ def folder_settings(folder: Path) -> Settings:
             "artefacts": type(settings.artefacts).model_construct(),
         }
     )
+
+
+@dataclass(frozen=True)
+class Viewer:
+    """An interactive 3D scene that notebooks display: orbit, move, zoom, find its names."""
+
+    page: bytes  # self-contained HTML of `ExportRequest(..., "html")`; needs WebGL 2
+    height: int = 560  # of the cell, CSS pixels
+
+    def save(self, path: str | Path) -> None:
+        """Writes the HTML file, which opens from disk."""
+        Path(path).write_bytes(self.page)
+
+    def _repr_html_(self) -> str:
+        # The sandbox gives it its own origin, so it cannot reach the notebook; the search box needs forms.
+        page = html.escape(self.page.decode(), quote=True)
+        return (
+            f'<iframe srcdoc="{page}" sandbox="allow-scripts allow-forms" title="the scene in 3D" width="100%" '
+            f'height="{self.height}" style="border: 0"></iframe>'
+        )
+
+    def __repr__(self) -> str:
+        return f"Viewer({len(self.page)} bytes of HTML)"

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
 from fastsplat.service.localization.later_views import LaterView
-from fastsplat.service.localization.lost_things import STEPS, Lost, lost_pieces, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import Comparison
+from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.localization import ChangeKind, DifferenceKind
 
 F32 = NDArray[np.float32]
@@ -28,6 +29,36 @@ _NEARER = 0.15
 """Similarity deducted per length of the place between both: things seldom move far."""
 _LAB = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))
 _CELLS = (4, 10, 10)
+
+_FEWEST_PIXELS = 30
+_SURE_SHARE = 0.5
+"""Least share of a thing's pixels with a sure depth; other views do not count."""
+_LOST_SHARE = 0.5
+"""Least share of a thing's pixels that the median photo does not show."""
+_BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
+_ENOUGH = 0.05
+_LEAST_STEP = 1e-3
+_TOUCHING = np.ones((15, 15), np.uint8)  # regions up to 7 pixels apart touch
+_STEPS = 2.5
+"""`_step_ratio` of a new object: about 5 on a plain surface; a gap gives 1."""
+
+_FEWEST_VIEWS = 2  # photos that must agree on an event
+
+_MOST_CELLS = 64
+"""Coarse voxels along the longest side of the place; fine ones are `_FINER` times smaller."""
+_FINER = 6
+_BAND = 1.0  # voxels before and behind a surface that count as on it
+_AGREEING = 0.75  # share of the photos seeing a voxel that must show a change
+_AGREEING_FINE = 0.85
+_LEAST_LOOKED_AT, _LEAST_BEFORE = 0.3, 0.45
+"""Shares of all photos that must show a change on a surface, and before one."""
+_MOST_PIECES = 24
+_LEAST_SHARE = 0.55
+"""Mean share of differing pixels among those that a piece covers."""
+_FREE = 0.5
+_AROUND_PX = 7
+_SMALL = 0.1
+"""Least size of a part of a piece, relative to its largest part."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +109,7 @@ def find_changes(
         surfaces: ids of floors, walls and tables, which are never gone.
     """
     lost, seen = lost_things(views, boxes, surfaces)
-    lost += lost_pieces(views, lost, place)
+    lost += _lost_pieces(views, lost, place)
     comparisons = [view.comparison for view in views]
     maps = [
         (view.only_in_photo, view.unknown(aside, view.comparison.covered))
@@ -113,7 +144,7 @@ def _events(
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
             views = tuple(sorted({*one.views, *piece.views}))
             events.append(Change("moved", one.thing_id, views, sure, one.box, piece.box, regions))
-        elif one.step > STEPS:
+        elif one.step > _STEPS:
             events.append(Change("changed", one.thing_id, one.views, sure, one.box, one.box, regions))
         else:
             events.append(Change("gone", one.thing_id, one.views, sure, one.box, None, regions))
@@ -158,3 +189,295 @@ def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
 def _likeness(one: F64, other: F64) -> float:
     """Bhattacharyya coefficient (1943) of two histograms, 0..1."""
     return float(np.sqrt(one * other).sum())
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A thing or surface piece that is not where it was."""
+
+    thing_id: int  # its id; 0 if it is none of the scene's things
+    box: F64  # [2, 3], lowest and highest corners, scene units
+    views: tuple[int, ...]  # rows of the photos that agree
+    pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
+    share: float  # of its pixels that the photos do not show
+    step: float  # see `_step_ratio`; above `_STEPS`, something else stands there
+
+
+def lost_things(
+    views: Sequence[LaterView], boxes: Mapping[int, F64], surfaces: frozenset[int]
+) -> tuple[list[Lost], list[int]]:
+    """Finds lost things, and the ids of things that at least two photos should show.
+
+    A thing is lost if the median photo lacks the colors of half of its pixels.
+
+    Args:
+        boxes: [2, 3] of each thing.
+        surfaces: ids that are never lost.
+    """
+    shares: dict[int, list[tuple[int, float]]] = {thing: [] for thing in sorted(boxes)}
+    most = max([*boxes, *(int(view.things.max(initial=0)) for view in views)], default=0) + 1
+    for row, view in enumerate(views):
+        ids = np.where(view.comparison.sure, view.things, 0)
+        pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.things))
+        changed = np.bincount(ids[view.missing], minlength=most)
+        for thing, own in shares.items():
+            if pixels[thing] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[thing]):
+                own.append((row, float(changed[thing] / pixels[thing])))
+    seen = [thing for thing, own in shares.items() if len(own) >= _FEWEST_VIEWS]
+    lost = []
+    for thing in (each for each in seen if each not in surfaces):
+        share = float(np.median([each for _, each in shares[thing]]))
+        agreeing = tuple(row for row, each in shares[thing] if each >= _LOST_SHARE)
+        if share >= _LOST_SHARE and len(agreeing) >= _FEWEST_VIEWS:
+            own_pixels = tuple(views[row].things == thing for row in agreeing)
+            step = _step_ratio(agreeing, own_pixels, views)
+            lost.append(Lost(thing, boxes[thing], agreeing, own_pixels, share, step))
+    return lost, seen
+
+
+def _lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
+    """Finds lost surface pieces that are none of the scene's things.
+
+    The photos lack their colors, and the color step at their border is not many times the scene's.
+
+    Args:
+        lost: things, whose pixels are explained.
+        place: [2, 3], bounds of the searched space.
+    """
+    comparisons = [view.comparison for view in views]
+    maps = [
+        (view.only_in_scene, view.unknown(aside, view.comparison.sure))
+        for view, aside in zip(views, pixels_of(views, lost), strict=True)
+    ]
+    found = []
+    for piece in changed_pieces(comparisons, maps, place, on_surface=True):
+        step = _step_ratio(piece.views, piece.pixels, views)
+        if step < _STEPS:
+            found.append(Lost(0, piece.box, piece.views, piece.pixels, piece.share, step))
+    return found
+
+
+def whole(lost: Sequence[Lost]) -> list[Lost]:
+    """Drops pieces that touch a kept item in half of the photos of both.
+
+    One object is often several of the scene's things, or extends beyond them.
+    """
+    kept: list[Lost] = []
+    for one in lost:
+        if one.thing_id or not any(_touches(one, other) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _touches(one: Lost, other: Lost) -> bool:
+    pixels = dict(zip(other.views, other.pixels, strict=True))
+    both = [(own, pixels[view]) for view, own in zip(one.views, one.pixels, strict=True) if view in pixels]
+    touching = [bool((cv2.dilate(own.astype(np.uint8), _TOUCHING)[its] > 0).any()) for own, its in both]
+    return bool(both) and 2 * sum(touching) >= len(both)
+
+
+def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
+    """Masks lost things and all surface in lost pieces' boxes, [H, W] per photo."""
+    taken = sorted({each.thing_id for each in lost if each.thing_id})
+    boxes = [each.box for each in lost if not each.thing_id]
+    maps = [np.isin(view.things, taken) for view in views]
+    for view, own in zip(views, maps, strict=True):
+        points = _surface(view.comparison) if boxes else np.zeros(0)
+        for low, high in boxes:
+            own |= ((points >= low) & (points <= high)).all(axis=2)
+    return maps
+
+
+def _surface(comparison: Comparison) -> F64:
+    """World point of each pixel, float64 [H, W, 3]; NaN where nothing is."""
+    depth, pose = np.where(comparison.depth > 0, comparison.depth, np.nan), comparison.posed.world_from_camera
+    rows, columns = np.indices(depth.shape) + 0.5
+    local = comparison.posed.camera.rays(columns, rows) * depth[..., None]
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float64)
+
+
+def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:
+    """Ratio of color steps at a region's border, photo to scene, in the median photo.
+
+    1 if nothing around the region is unchanged.
+
+    Args:
+        pixels: [H, W] for each of `rows`, the region.
+    """
+    ratios = []
+    for row, own in zip(rows, pixels, strict=True):
+        pictures = views[row].comparison.photo, views[row].comparison.shown
+        in_photo, in_scene = (_step(each, own, views[row].same) + _LEAST_STEP for each in pictures)
+        ratios.append(in_photo / in_scene)
+    return float(np.median(ratios))
+
+
+def _step(picture: F32, own: Bools, free: Bools) -> float:
+    """Lower quartile of color differences across a region's border, 0..1, by local means.
+
+    A quartile, as a thing has a border all around while a pattern has edges only somewhere. Only `free` surroundings
+    count.
+    """
+    region = own.astype(np.uint8)
+    near = cv2.dilate(region, np.ones((_BORDER_PX, _BORDER_PX))) > 0
+    around = (cv2.dilate(region, np.ones((_RING_PX, _RING_PX))) > 0) & ~near & free
+    inner = cv2.erode(region, np.ones((3, 3))) > 0
+    (inside, weight), (outside, weight_out) = (_local_mean(picture, part) for part in (own, around))
+    border = near & ~inner & (weight > _ENOUGH) & (weight_out > _ENOUGH)
+    return float(np.quantile(np.abs(inside - outside).max(axis=2)[border], 0.25)) if border.any() else 0.0
+
+
+def _local_mean(picture: F32, part: Bools) -> tuple[F32, F32]:
+    """Local mean of a picture's part, [H, W, 3], and its weight, [H, W]."""
+    size = _MEAN_PX, _MEAN_PX
+    weight = cv2.blur(part.astype(np.float32), size)
+    mean = cv2.blur(picture * part[..., None], size) / np.maximum(weight, 1e-6)[..., None]
+    return np.asarray(mean, np.float32), np.asarray(weight, np.float32)
+
+
+@dataclass(frozen=True)
+class ChangedPiece:
+    """A changed piece of space, carved from voxels."""
+
+    box: F64  # [2, 3], lowest and highest corners, world frame, scene units
+    views: tuple[int, ...]  # rows of the photos that show it
+    pixels: tuple[Bools, ...]  # [H, W] for each view: covered and differing
+    share: float  # mean share of differing pixels
+
+
+def changed_pieces(
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, *, on_surface: bool = False
+) -> tuple[ChangedPiece, ...]:
+    """Finds changed pieces of space that at least two photos agree on.
+
+    A visual hull (Laurentini 1994) in which a voxel counts as changed if three of four photos that see it agree.
+
+    Args:
+        differing: two maps [H, W] per comparison: changed, and unknown.
+        place: [2, 3], bounds of the searched space.
+        on_surface: only the scene's surfaces count, not the space in front of them.
+    """
+    width = float((place[1] - place[0]).max() / _MOST_CELLS)
+    fewest = max(_FEWEST_VIEWS, round((_LEAST_LOOKED_AT if on_surface else _LEAST_BEFORE) * len(comparisons)))
+    carve = partial(_carved, comparisons, differing, fewest=fewest, on_surface=on_surface)
+    pieces = []
+    for rough, _ in carve(place, width, wide=True)[:_MOST_PIECES]:
+        fine = carve(rough + np.array([[-width], [width]]), width / _FINER, wide=False)
+        own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
+        piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
+        pieces += [] if piece is None else [piece if on_surface else _centered(piece, comparisons)]
+    return tuple(_unexplained(pieces, fewest))
+
+
+def _carved(
+    comparisons: Sequence[Comparison],
+    differing: Sequence[tuple[Bools, Bools]],
+    place: F64,
+    width: float,
+    *,
+    wide: bool,
+    on_surface: bool,
+    fewest: int,
+) -> list[tuple[F64, F64]]:
+    """Carves voxels into connected pieces: box and centers of each, the largest first.
+
+    Args:
+        wide: a voxel counts as changed where any of its projection is; otherwise its center decides.
+    """
+    low, high = place
+    counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
+    axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
+    centers = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    seen, changed = np.zeros((2, len(centers)), np.int32)
+    for comparison, (differs, unknown) in zip(comparisons, differing, strict=True):
+        rows, pixels, depth = _projected(comparison.posed, centers)
+        if not len(rows):
+            continue
+        surface = comparison.depth.ravel()[pixels]
+        sees = (surface > 0) & (depth <= surface + _BAND * width) & ~unknown.ravel()[pixels]
+        if on_surface:
+            sees &= depth >= surface - _BAND * width
+        if wide:
+            reach = int(np.ceil(comparison.posed.camera.fx * width / float(np.median(depth))))
+            differs = ndimage.maximum_filter(differs, reach | 1)
+        seen[rows[sees]] += 1
+        changed[rows[sees & differs.ravel()[pixels]]] += 1
+    agreeing = (changed >= fewest) & (changed >= (_AGREEING if wide else _AGREEING_FINE) * seen)
+    labels, count = ndimage.label(agreeing.reshape(tuple(counts)), np.ones((3, 3, 3)))
+    of = labels.ravel()
+    sizes = np.bincount(of, minlength=count + 1)[1:]
+    boxes = []
+    for number in (-sizes).argsort(kind="stable").tolist():
+        points = centers[of == number + 1]
+        boxes.append((np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2]), points))
+    return boxes
+
+
+def _piece(
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], points: F64, width: float
+) -> ChangedPiece | None:
+    """Projects voxels to a piece; None where fewer than two photos show enough of it."""
+    views, own, shares = [], [], []
+    for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
+        _, pixels, _ = _projected(comparison.posed, points)
+        covered = np.zeros(differs.shape, np.bool_)
+        covered.ravel()[pixels] = True
+        covered = ndimage.binary_closing(covered, np.ones((5, 5))) & ~unknown
+        if covered.sum() < _FEWEST_PIXELS:
+            continue
+        shares.append(float(differs[covered].mean()))
+        if (covered & differs).sum() >= _FEWEST_PIXELS:
+            views.append(row)
+            own.append(covered & differs)
+    if len(views) < _FEWEST_VIEWS or np.mean(shares) < _LEAST_SHARE:
+        return None
+    box = np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2])
+    return ChangedPiece(box, tuple(views), tuple(own), float(np.mean(shares)))
+
+
+def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> ChangedPiece:
+    """Centers a piece's box where the rays through its pictures' middles meet.
+
+    Seen from few sides, a hull is too long along the rays, but its content is in the middle. The box never grows.
+    """
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    for view, own in zip(piece.views, piece.pixels, strict=True):
+        posed = comparisons[view].posed
+        rows, columns = (place.mean() + 0.5 for place in np.nonzero(own))
+        ray = posed.world_from_camera[:3, :3] @ posed.camera.rays(columns, rows)
+        across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+        normal += across
+        right += across @ posed.world_from_camera[:3, 3]
+    middle = np.linalg.lstsq(normal, right)[0]
+    half = np.minimum(middle - piece.box[0], piece.box[1] - middle)
+    return replace(piece, box=np.stack([middle - half, middle + half])) if (half > 0).all() else piece
+
+
+def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPiece]:
+    """Drops pieces explained by larger ones: a new object changes what it occludes."""
+    kept: list[ChangedPiece] = []
+    taken: dict[int, Bools] = {}
+    for piece in sorted(pieces, key=lambda each: -sum(int(own.sum()) for own in each.pixels)):
+        own_views = 0
+        for view, own in zip(piece.views, piece.pixels, strict=True):
+            free = own if view not in taken else own & ~taken[view]
+            own_views += bool(free.sum() >= _FREE * own.sum())
+        if own_views < fewest:
+            continue
+        kept.append(piece)
+        for view, own in zip(piece.views, piece.pixels, strict=True):
+            around = ndimage.maximum_filter(own, _AROUND_PX)
+            taken[view] = taken[view] | around if view in taken else around
+    return kept
+
+
+def _projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:
+    """Projects points [K, 3]: rows of those inside the picture, their flat pixels and depths."""
+    camera, pose = posed.camera, posed.camera_from_world()
+    x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+    ahead = np.flatnonzero(z > 1e-6)
+    z = z[ahead]
+    column = np.floor(camera.fx * x[ahead] / z + camera.cx).astype(np.intp)
+    row = np.floor(camera.fy * y[ahead] / z + camera.cy).astype(np.intp)
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    return ahead[inside], row[inside] * camera.width + column[inside], z[inside]

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.localization.acceptance import FEWEST_KEYPOINTS, Evidence, agreement_of, refusal_of, spread_of
-from fastsplat.service.localization.joint_solving import solve_jointly
 from fastsplat.service.localization.keypoints import find_keypoints
 from fastsplat.service.localization.landmarks import KEYPOINTS_PER_PHOTO, Landmarks
 from fastsplat.service.localization.matching import Matches, find_matches
@@ -23,13 +22,15 @@ from fastsplat.service.localization.photometric_refinement import (
     compared,
     refine_photometrically,
 )
-from fastsplat.service.localization.pose_covariance import pose_covariance, shown_deviation
 from fastsplat.service.localization.pose_solving import (
     SolvedPose,
     error_px,
     pinhole,
+    pose_covariance,
     radial_distortion,
     refine_pose,
+    shown_deviation,
+    solve_jointly,
     solve_pose,
     undistorted,
 )

@@ -33,6 +33,15 @@ _STRONGEST_LENS = 0.4  # |k₁|
 _AS_GOOD = 1.3
 """Factor on the best lens's residuals up to which the scene photos' lens is preferred."""
 
+_ROUGH = 4.0  # times the inlier error of an exact pose, as rough poses move pixels
+
+_MAD = 1.4826  # median of absolute values to standard deviation, normal distribution
+_LEAST_PX = 0.3
+"""Least keypoint deviation: SIFT is accurate to about a third of a pixel."""
+_LEAST_TOLD = 1e-9
+_SHARED = 17.0
+"""Variance factor for shared errors, covering 95 % of validation photos (docs/measuring.md)."""
+
 
 @dataclass(frozen=True)
 class SolvedPose:
@@ -199,3 +208,115 @@ def colmap_camera(camera: Camera) -> Any:
     return pycolmap.Camera(
         model="SIMPLE_PINHOLE", width=camera.width, height=camera.height, params=[camera.fx, camera.cx, camera.cy]
     )
+
+
+def solve_jointly(
+    pixels: Sequence[F64],
+    points: Sequence[F64],
+    matches: Sequence[Matches],
+    cameras: Sequence[tuple[FocalSource, Camera]],
+    rough: Sequence[F64],
+) -> tuple[SolvedPose | None, ...]:
+    """Solves one pose for a rigid group by generalized RANSAC, then refines each photo's own.
+
+    A photo with too few matches keeps the group's pose; all are None if no pose fits the group.
+
+    Args:
+        pixels, points, matches: of each photo, as for `solve_pose`.
+        cameras: of each photo, with the source of the focal length.
+        rough: [4, 4] each: rough_frame_from_camera, rigid, scene units.
+    """
+    rows = np.concatenate([np.full(len(one), number) for number, one in enumerate(matches)])
+    if len(rows) < _FEWEST:
+        return (None,) * len(matches)
+    options = pycolmap.RANSACOptions()
+    options.max_error = _ROUGH * max(error_px(camera) for _, camera in cameras)
+    options.max_num_trials, options.min_num_trials = _TRIALS, 100
+    options.random_seed = 0
+    refinement = pycolmap.AbsolutePoseRefinementOptions()
+    refinement.refine_focal_length = refinement.refine_extra_params = refinement.print_summary = False
+    answer = pycolmap.estimate_and_refine_generalized_absolute_pose(
+        np.concatenate(pixels),
+        np.concatenate(points),
+        rows.tolist(),
+        [pycolmap.Rigid3d(np.linalg.inv(pose)[:3]) for pose in rough],
+        [colmap_camera(camera) for _, camera in cameras],
+        options,
+        refinement,
+    )
+    if answer is None:
+        return (None,) * len(matches)
+    world_from_rough = np.eye(4)
+    world_from_rough[:3] = answer["rig_from_world"].inverse().matrix()
+    solved = []
+    for number, (source, camera) in enumerate(cameras):
+        posed = PosedCamera(camera, world_from_rough @ rough[number])
+        off = np.linalg.norm(reprojected(posed, points[number]) - pixels[number], axis=1)
+        near = np.flatnonzero(off < _ROUGH * error_px(camera)).astype(np.int64)
+        start = SolvedPose(posed, near, len(np.unique(matches[number].keypoints[near])), source)
+        own = (
+            refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
+        )
+        solved.append(own or start)
+    return tuple(solved)
+
+
+def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estimated: bool) -> F64:
+    """Estimates the covariance of a pose, float64 [6, 6].
+
+    Ordered as in geometry_msgs/PoseWithCovariance: x, y, z of the camera's center (scene units) and small rotations
+    about the world's axes x, y, z (radians). σ² (JᵀJ)⁻¹ over the matches, with the focal length if estimated; σ by
+    the median residual (Hartley and Zisserman, 5.2.3), times √17 for shared errors.
+
+    Args:
+        pixels: [N, 2], inliers in the photo, N ≥ 4, in front of the camera.
+        points: [N, 3], inliers in the world.
+        focal_estimated: the focal length comes from these matches.
+    """
+    jacobian, local = _pose_jacobian(posed, points)
+    camera, (x, y, z) = posed.camera, local.T
+    if focal_estimated:
+        by_focal = np.stack([x / z, y / z], axis=1)[:, :, None]
+        jacobian = np.concatenate([jacobian, by_focal], axis=2)
+    shown = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
+    residuals = (pixels - shown).ravel()
+    deviation = max(_LEAST_PX, _MAD * float(np.median(np.abs(residuals))))
+    rows = jacobian.reshape(-1, jacobian.shape[2])
+    lengths = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)
+    values, vectors = np.linalg.eigh((rows / lengths).T @ (rows / lengths))
+    # A direction that the matches do not constrain gets a large variance.
+    inverse = (vectors / np.maximum(values, _LEAST_TOLD)) @ vectors.T / np.outer(lengths, lengths)
+    return np.asarray(_SHARED * deviation**2 * inverse[:6, :6])
+
+
+def shown_deviation(posed: PosedCamera, points: F64, covariance: F64) -> float:
+    """RMS deviation in pixels of projected points [N, 3] under a pose covariance; focal exact."""
+    jacobian, _ = _pose_jacobian(posed, points)
+    return float(np.sqrt(np.einsum("nki,ij,nkj->nk", jacobian, covariance, jacobian).mean()))
+
+
+def _pose_jacobian(posed: PosedCamera, points: F64) -> tuple[F64, F64]:
+    """Jacobian of pixels, [N, 2, 6], and points in the camera's frame, [N, 3].
+
+    Columns as in `pose_covariance`; all points lie in front of the camera.
+    """
+    pose, camera = posed.world_from_camera, posed.camera
+    away = points - pose[:3, 3]
+    local = away @ pose[:3, :3]
+    x, y, z = local.T
+    zero = np.zeros_like(z)
+    across = np.stack([camera.fx / z, zero, -camera.fx * x / z**2], axis=1)
+    down = np.stack([zero, camera.fy / z, -camera.fy * y / z**2], axis=1)
+    moved = np.stack([across, down], axis=1)
+    turn = pose[:3, :3].T
+    # p = Rᵀ (X - t): by t it moves by -Rᵀ, by exp(ω) R about the world's axes by Rᵀ [X - t]ₓ.
+    by_rotation = np.einsum("ij,njk->nik", turn, _cross(away))
+    return np.concatenate([-moved @ turn, moved @ by_rotation], axis=2), local
+
+
+def _cross(vectors: F64) -> F64:
+    """Cross-product matrices [v]ₓ of vectors, [N, 3, 3]."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=1) for row in rows], axis=1)

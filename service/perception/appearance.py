@@ -19,8 +19,8 @@ from fastsplat.service.perception.image_tensors import imagenet_tensor, square_a
 from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.onnx_session import open_session
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image
-from fastsplat.service.perception.settings import PerceptionSettings
 
 F32 = NDArray[np.float32]
 

@@ -15,9 +15,9 @@ from fastsplat.service.perception.image_tensors import square_around
 from fastsplat.service.perception.models.model_files import image_and_text, tokenizer
 from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text.clip import ClipTextEncoder
+from fastsplat.service.perception.text.text_tower import ClipTextEncoder
 
 F32 = NDArray[np.float32]
 

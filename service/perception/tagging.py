@@ -16,8 +16,8 @@ from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.models.model_files import checked_file, only_network
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 
 F32 = NDArray[np.float32]

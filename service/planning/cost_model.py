@@ -13,10 +13,10 @@ from statistics import mean
 
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.splatting.labels.semantics import code_size
-from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training.densify import planned_count
 from fastsplat.service.splatting.training.pruning import EVALUATIONS, MAX_EVAL_VIEWS
 from fastsplat.service.splatting.training.schedule import image_level, image_scales
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import split_views
 from fastsplat_contract.errors import InvalidInputError
 

@@ -20,7 +20,7 @@ from fastsplat.service.planning.cost_model import (
     scene_size,
 )
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 STAGES = ("capture", "perception", "training", "export")
 PACED = ("capture", "perception")

@@ -20,8 +20,8 @@ from fastsplat.service.perception.label_maps.side_by_side import side_by_side
 from fastsplat.service.planning.cost_model import PerceptionCost, Speed
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses.functional import image_loss
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0032, 0.00066, 0.0041

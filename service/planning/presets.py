@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import PresetName as PresetName
 from fastsplat_contract.jobs.operations import SceneOptions
@@ -33,7 +33,7 @@ PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
         "best": MappingProxyType({"max_views": 0, "closer_look": True}),
     }
 )
-"""Changes to `service.perception.settings.PerceptionSettings` by preset."""
+"""Changes to `service.perception.perception_settings.PerceptionSettings` by preset."""
 
 
 def apply_preset(settings: Settings, name: str | None) -> Settings:

@@ -13,13 +13,13 @@ from typing import Generic, TypeVar
 
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import Speed, fit_training, scene_size, views_within_budget
 from fastsplat.service.planning.job_time import placed_seconds
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.raster.image_formation import Backend
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 S = TypeVar("S", PerceptionSettings, TrainingSettings)
 

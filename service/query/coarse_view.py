@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat.service.scene.artefact.scene import Parts, Things, ThingScene

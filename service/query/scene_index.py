@@ -17,8 +17,8 @@ from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
 from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
 from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.names.thing_names import names_of
@@ -101,7 +101,9 @@ class SceneIndex:
             from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 
             self._labels = label_gaussians(scene)
-            kinds = {number: surface_kind(each.label) for number, each in enumerate(scene.dictionary.entries, start=1)}
+            kinds = {
+                number: surface_kind(entry.label) for number, entry in enumerate(scene.dictionary.entries, start=1)
+            }
             unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
@@ -296,7 +298,9 @@ class SceneIndex:
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them
-        known = ((each.label_id, entries[each.label_id - 1 : each.label_id], each.label) for each in answer.matches)
+        known = (
+            (match.label_id, entries[match.label_id - 1 : match.label_id], match.label) for match in answer.matches
+        )
         if any(number < 1 or (own and own[0].label != label) for number, own, label in known):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",

@@ -17,7 +17,7 @@ from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import posterior, seen_pixels
-from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
 from fastsplat.service.splatting.labels.label_refit import LabeledView, fit_codes
 from fastsplat.service.splatting.labels.semantics import (
@@ -29,11 +29,11 @@ from fastsplat.service.splatting.labels.semantics import (
 )
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training.quality import psnr
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views, render_frame
 from fastsplat_contract.errors import InvalidInputError
 

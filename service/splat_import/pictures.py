@@ -20,13 +20,12 @@ from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import find_bulk
-from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
-from fastsplat.service.splat_import.settings import SplatImportSettings
-from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
+from fastsplat.service.splat_import.viewpoints import axis_vector, choose_viewpoints, estimate_up, trial_camera
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import UpAxis
 

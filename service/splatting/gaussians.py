@@ -11,7 +11,7 @@ from torch import Tensor
 
 from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
 from fastsplat.service.scene.gaussians.morton import morton_order
-from fastsplat.service.splatting.raster.types import Splats
+from fastsplat.service.splatting.raster.image_formation import Splats
 from fastsplat_contract.errors import TrainingDivergedError
 
 _SHAPES = ("means", "quats", "log_scales", "logit_opacities")

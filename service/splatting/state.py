@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 
 GAUSSIAN_PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh_dc", "sh_rest", "codes")
 """Row g of each belongs to Gaussian g. Others do not: "weight" and "bias" of the semantic head."""

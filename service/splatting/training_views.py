@@ -17,8 +17,8 @@ from fastsplat.service.capture.formats.depth_maps import load_depth, resample_de
 from fastsplat.service.capture.formats.image_io import load_rgb  # `capture.build.load_image` imports far more
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.perception.results import Labelling
+from fastsplat.service.splatting.raster.image_formation import Backend, Rendering, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
-from fastsplat.service.splatting.raster.types import Backend, Rendering, Splats
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from sqlalchemy import URL, Connection, Engine
 
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat.service.store.blobs.object_store import open_blobs
 from fastsplat.service.store.blobs.reserve import Reserve
@@ -26,7 +27,6 @@ from fastsplat.service.store.repositories.version_repository import VersionRepos
 from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.identity import adopt, check_new_database, establish_identity
 from fastsplat.service.store.rows.migrations import Save
-from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import FastSplatError, ObjectStoreError, ResourceError
 
 _log = logging.getLogger(__name__)

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from tests.api.clients import client_of

@@ -10,7 +10,7 @@ import pytest
 
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.errors import (
     ConflictError,

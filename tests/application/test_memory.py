@@ -33,7 +33,7 @@ from fastsplat.service.application.base.memory import masks_bytes, picture_bytes
 from fastsplat.service.application.answering.pictures import picture
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
@@ -215,7 +215,7 @@ import numpy as np
 from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.scenes import Edit
 from fastsplat.service.query.edits.apply_edit import apply_edit

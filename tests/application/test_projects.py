@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.jobs.operations import SceneOptions

@@ -8,7 +8,7 @@ import pytest
 
 from fastsplat.service.application.admin.server_capabilities import _digest, page_addresses, weighed_with_encoder
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import QuotaSettings, Settings
 from tests.api.made_scene import ENCODER, write_words

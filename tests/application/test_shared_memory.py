@@ -12,10 +12,10 @@ import pytest
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import ENCODER, made_scene, write_words

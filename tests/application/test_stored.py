@@ -11,7 +11,7 @@ from fastsplat.service.scene.artefact.alignment import Alignment, alignment_to_j
 from fastsplat.service.store.rows.codec import camera_to_json, options_from_json
 from fastsplat.service.store.rows.records import OperationRecord
 from fastsplat.workers.job.protocol import Job, read_job
-from fastsplat_client.assistant.tool_lengths import up_of
+from fastsplat_client.assistant.tools import up_of
 from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.codec.proto_codec import from_proto, to_proto
 from fastsplat_contract.geometry.poses import Vector3

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.application.exporting import surface_cache
+from fastsplat.service.application.exporting import scene_exports
 from fastsplat.service.application.exporting.geometry_files import cameras_file, mesh_file, points_file
-from fastsplat.service.application.exporting.surface_cache import SurfaceCache
+from fastsplat.service.application.exporting.scene_exports import SurfaceCache
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_views import SurfaceView, surface_views
 from fastsplat.service.settings import CallSettings
@@ -25,7 +25,7 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[SceneIndex]:
         scenes.append(index)
         return surface_views(index)
 
-    monkeypatch.setattr(surface_cache, "surface_views", counting)
+    monkeypatch.setattr(scene_exports, "surface_views", counting)
     return scenes
 
 

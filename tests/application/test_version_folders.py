@@ -11,11 +11,11 @@ import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion, VersionRepository
 from fastsplat.service.store.rows.records import NewJob
-from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.workers.engine.cleanup import trash_lost_versions
 from fastsplat_contract.errors import DatabaseError
 from fastsplat_contract.messages.scenes import Color, Edit

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from tests.api.made_scene import ENCODER, write_words
 from tests.application.version_machine import LIMIT, Place, run
 

@@ -23,7 +23,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition,
 
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import SH_C0
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.settings import CallSettings

@@ -18,7 +18,7 @@ from benchmarks.published import __main__ as published
 from benchmarks.published.__main__ import fetch, scenes_in
 from benchmarks.published.llff import with_transforms
 from benchmarks.published.paper import PAPER, tables
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from tests.benchmarks.evaluation import made_data
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.evaluation.datasets.types import Dataset, TrueView
+from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
 from benchmarks.evaluation.thing_discovery import count_things
 from benchmarks.rooms.__main__ import mean_of
 from benchmarks.rooms.figures import MARGIN, Measured, figures_of

@@ -18,7 +18,7 @@ from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
 from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
 from benchmarks.rooms.shapes import Meshes
 from benchmarks.rooms.truth import Shown, read_truth
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _WIDTH = 64

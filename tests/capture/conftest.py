@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import FastSplatError
 from tests.capture.upload_files import photo_file

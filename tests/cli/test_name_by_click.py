@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.cli.demo.name_by_click import thing_to_name
+from fastsplat.cli.demo.main_job import thing_to_name
 from fastsplat_contract.messages.things import SceneThing
 
 

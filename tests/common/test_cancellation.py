@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
+from fastsplat.service.splatting.raster.image_formation import Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Splats
 from fastsplat_contract.errors import CancelledError
 from fastsplat_contract.geometry.camera import Camera
 

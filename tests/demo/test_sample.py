@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 
 SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"

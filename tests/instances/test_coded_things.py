@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.scene.objects.new_things import with_new_thing
 from fastsplat.service.scene.objects.thing_codes import classes_of_codes, codes_of_things

@@ -14,16 +14,15 @@ from hypothesis import strategies as st
 from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery.discovery import Discovery, discover_things
-from fastsplat.service.instances.naming.name_calibration import name_probability
-from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_things
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_probability, name_things
 from fastsplat.service.instances.naming.thing_appearances import with_appearances
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.scene.artefact.scene import STATED_FROM, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import no_evidence
 from fastsplat.service.scene.objects.things import thing_rows

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import WithheldReport
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.things_of_photos import find_things
+from fastsplat.service.jobs.create_scene import find_things
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.scene.artefact.scene import SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.naming.name_calibration import (
+from fastsplat.service.instances.naming.naming import (
+    NAMED_FROM,
     NameCategory,
     NameModel,
     name_evidence,
     name_model,
     name_probability,
 )
-from fastsplat.service.instances.naming.naming import NAMED_FROM
 from fastsplat.service.scene.artefact.scene import STATED_FROM
 
 _SCORES = st.lists(st.floats(0, 1), min_size=1, max_size=5)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.instances.discovery.ownership import NOBODY
 from fastsplat.service.instances.discovery.refinement import UNKNOWN, MaskedView, refined_membership, repainted
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
 from fastsplat.service.scene.objects.label_evidence import posterior
 from tests.instances.made import gaussians_at, grid

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.naming.closer_look import (
     best_positions,
     closer_look,
@@ -19,7 +20,6 @@ from fastsplat.service.instances.naming.closer_look import (
     votes_for,
 )
 from fastsplat.service.instances.naming.second_look import NamesAdded, add_names, choose_views, shares_seen
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.results import Detections
 from fastsplat.service.scene.artefact.scene import Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion

@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.discovery.hierarchy import find_hierarchy
+from fastsplat.service.instances.discovery.discovery import find_hierarchy, select_things
 from fastsplat.service.instances.discovery.ownership import NOBODY, assign_owners, with_neighbors, without_strays
-from fastsplat.service.instances.discovery.selection import select_things
 from fastsplat.service.instances.discovery.surfaces import Plane, fit_plane, join_surfaces, lies_in, surface_kinds
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from tests.instances.made import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)

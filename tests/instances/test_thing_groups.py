@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fastsplat.service.instances.discovery.discovery import find_groups
-from fastsplat.service.instances.discovery.selection import select_things
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery.discovery import find_groups, select_things
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import ThingGroup
 from tests.instances.made import candidate, gaussians_at, grid
 

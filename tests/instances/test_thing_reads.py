@@ -16,9 +16,9 @@ from PIL import Image, ImageDraw, ImageFont
 from fastsplat.service.capture.captures import View
 from fastsplat.service.common.edit_distance import text_difference
 from fastsplat.service.instances.naming.thing_reads import voted_reads, with_reads
-from fastsplat.service.perception.readers.open_reader import open_reader
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.perception.readers.ppocr import open_reader
 from fastsplat.service.perception.results import LineReader, Writing
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

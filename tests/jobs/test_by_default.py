@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
 from fastsplat.service.scene.objects.thing_codes import classes_of_codes, codes_of_things
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _VIEWS = 3

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.jobs import things_of_photos
-from fastsplat.service.jobs.draft_scenes import first_draft
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.jobs import create_scene
+from fastsplat.service.jobs.drafts import first_draft
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.labels.blending import thing_map
 from fastsplat_contract.jobs.job_watching import Provisional
@@ -41,8 +41,8 @@ def test_things_are_found_on_few_points_and_neither_described_nor_read(
     def fail(*_: object) -> None:
         raise AssertionError("a draft leaves that to the finished scene")
 
-    monkeypatch.setattr(things_of_photos, "open_appearance_encoder", fail)
-    monkeypatch.setattr(things_of_photos, "find_reader", fail)
+    monkeypatch.setattr(create_scene, "open_appearance_encoder", fail)
+    monkeypatch.setattr(create_scene, "find_reader", fail)
     settings = Settings(data_dir=tmp_path, models=models_dir, discovery=DiscoverySettings(min_weight_px=5))
     scene = first_draft(capture, labelling, range(len(views)), settings)
     assert scene.facts.draft == Provisional("points", 0.0)

@@ -11,9 +11,9 @@ import pytest
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.instances.settings import LookAgainOptions
+from fastsplat.service.instances.discovery_settings import LookAgainOptions
 from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.objects.things import discard_thing

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
+from fastsplat.service.localization.changes import ChangedPiece, changed_pieces
 from fastsplat.service.localization.photometric_refinement import Comparison
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at

@@ -10,9 +10,16 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.scene_changes import _where_looked
-from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_changes
+from fastsplat.service.localization.changes import (
+    COMPARED_SIDE,
+    Change,
+    Lost,
+    find_changes,
+    lost_things,
+    pixels_of,
+    whole,
+)
 from fastsplat.service.localization.later_views import LaterView
-from fastsplat.service.localization.lost_things import Lost, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.artefact.scene import Scene

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from fastsplat.service.localization.matching import Matches
-from fastsplat.service.localization.pose_covariance import pose_covariance
-from fastsplat.service.localization.pose_solving import SolvedPose, pinhole, refine_pose, solve_pose
+from fastsplat.service.localization.pose_solving import SolvedPose, pinhole, pose_covariance, refine_pose, solve_pose
 from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.geometry.camera import PosedCamera
 

@@ -11,7 +11,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at

@@ -18,7 +18,7 @@ from fastsplat.service.perception.appearance import (
     small_picture,
 )
 from fastsplat.service.perception.onnx_session import open_session
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 from tests.perception.conftest import write_network
 

@@ -14,8 +14,8 @@ from fastsplat.service.perception.label_maps.detection_voting import (
     region_votes,
     resolve_detections,
 )
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections
-from fastsplat.service.perception.settings import PerceptionSettings
 
 _SETTINGS = PerceptionSettings()
 _BOX, _ASIDE = (10, 10, 50, 50), (100, 100, 140, 140)

@@ -18,9 +18,9 @@ from fastsplat.service.perception.detectors.open_detectors import open_closed_se
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.models import model_manifest
 from fastsplat.service.perception.models.model_manifest import ROLES, load_manifest
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections
 from fastsplat.service.perception.segmenters.open_segmenter import SEGMENTERS
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import TEXT_TOWERS
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import read_rgb

@@ -11,7 +11,7 @@ import pytest
 from fastsplat.service.perception.image_text import ClipImageText, find_image_text, open_image_text
 from fastsplat.service.perception.model_pull.model_check import check_model
 from fastsplat.service.perception.models.model_manifest import ModelEntry
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 from tests.looks_model import MODEL, write_looks_model
 

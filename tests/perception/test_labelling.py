@@ -22,10 +22,10 @@ from fastsplat.service.perception.label_maps import capture_detection
 from fastsplat.service.perception.label_maps import labelling as labelling_module
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
 from fastsplat.service.perception.label_maps.labelling import label_capture, views_to_segment
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.segmenters.sam1 import Sam1
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import make_capture, read_rgb
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
-from fastsplat.service.perception.lexicon.wordnet import FILES, Lexicon
+from fastsplat.service.perception.lexicon.wordnet import FILES, Lexicon, open_lexicon
 from fastsplat_contract.errors import ModelUnavailableError
 
 _NOTICE = "  1 This file was made for a test.  \n  2 Its first lines are indented, as the license is.  \n"

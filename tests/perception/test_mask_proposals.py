@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
 from fastsplat.service.perception.segmenters.mask_proposals import (
     MaskProposals,
@@ -20,7 +21,6 @@ from fastsplat.service.perception.segmenters.mask_proposals import (
     sure_proposals,
 )
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from tests.perception.conftest import read_rgb
 
 SETTINGS = PerceptionSettings(min_pixels=4)

@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.label_maps.movers import MoverDetectors, MoverMasks, mover_detectors, open_withholding
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, MaskLogits, Prompts, ViewMasks
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 
 _SETTINGS = PerceptionSettings(closer_look=False)

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import MaskLogits, Prompts
 from fastsplat.service.perception.segmenters.mask_proposals import CutImage, open_points, propose_masks
-from fastsplat.service.perception.settings import PerceptionSettings
 
 NOWHERE = np.zeros((0, 2))
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from fastsplat.service.capture.world.scale_tags import draw_tag
-from fastsplat.service.perception.readers.open_reader import find_reader, open_reader
-from fastsplat.service.perception.readers.ppocr import PpOcr
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.perception.readers.ppocr import PpOcr, find_reader, open_reader
 from fastsplat.service.perception.readers.printed_codes import read_codes
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 
 _WORDS = ("oat milk", "To the Lighthouse", "230 V")

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
 from tests.perception.conftest import read_rgb
 

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 
 
 @pytest.mark.parametrize(("threads", "views", "of_each"), [(1, 1, 1), (2, 2, 1), (3, 2, 1), (16, 2, 8)])

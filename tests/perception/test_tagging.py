@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger, pool_tags
 from fastsplat_contract.errors import ModelUnavailableError
 from tests.perception.conftest import write_network

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.perception.models.model_files import only_network
-from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.text.sentence import SentenceEncoder
+from fastsplat.service.perception.text.text_tower import ClipTextEncoder, SentenceEncoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 

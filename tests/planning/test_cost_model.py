@@ -21,7 +21,7 @@ from fastsplat.service.planning.cost_model import (
     views_within_budget,
 )
 from fastsplat.service.planning.machine import machine_speed
-from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 
 TABLE = SceneSize(views=40, width=480, height=360, points=4_955, labels=17)

@@ -25,7 +25,7 @@ from fastsplat.service.planning.job_time import (
 )
 from fastsplat.service.planning.presets import apply_preset
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 photo_sets = st.builds(PhotoSet, st.integers(2, 1_000), st.integers(100, 8_000), st.integers(100, 8_000))
 slownesses = st.floats(0.5, 6.0)

@@ -6,14 +6,14 @@ from typing import get_args
 
 import pytest
 
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, fit_training
 from fastsplat.service.planning.presets import PERCEPTION_PRESETS, PRESETS, PresetName, apply_preset, override_training
 from fastsplat.service.planning.time_budget import clock_tradeoff
 from fastsplat.service.scene.artefact.assessment import assess
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.messages.assessments import Assessment
 

@@ -12,8 +12,8 @@ import pytest
 
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.query.language.meaning import calibration
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

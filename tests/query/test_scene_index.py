@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import SemanticHead
 from fastsplat.service.scene.objects.thing_codes import classes_of_codes
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.surface_views import SurfaceView
 from fastsplat.service.scene.artefact.scene import SH_C0
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

@@ -9,7 +9,7 @@ import pytest
 
 from fastsplat.service.query.coarse_view import CoarseView
 from fastsplat.service.query.drawing.scene_renderer import Renderer
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene

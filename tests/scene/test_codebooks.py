@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.scene.formats.codebooks import codebook, palette
+from fastsplat.service.scene.formats.sog_writing import codebook, palette
 
 
 @pytest.mark.parametrize(

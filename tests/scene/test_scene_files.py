@@ -238,7 +238,7 @@ def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
         write_scene(scene, tmp_path / "v1")
     assert list(tmp_path.iterdir()) == []
     with monkeypatch.context() as patch:
-        patch.setattr("fastsplat.service.scene.artefact.scene_files.check_evidence", lambda *_: "")
+        patch.setattr("fastsplat.service.scene.artefact.scene_files._check_evidence", lambda *_: "")
         write_scene(scene, tmp_path / "v1")
     with pytest.raises(SceneFileError, match=wrong):
         read_scene(tmp_path / "v1")

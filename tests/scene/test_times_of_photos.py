@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture, WithheldReport
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from tests.api.made_scene import ENCODER, write_words
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"

@@ -15,9 +15,9 @@ from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import CodeSemantics
 from fastsplat.service.splat_import.label_lifting import lift_labels, splat_gaussians
-from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import CancelledError, InvalidInputError
 from tests.instances.made_room import NAMES, Room, make_room
 

@@ -10,18 +10,17 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.capture_files import load_capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.splat_import.bulk import find_bulk, quantiles
-from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.pictures import render_views
-from fastsplat.service.splat_import.settings import SplatImportSettings
-from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
+from fastsplat.service.splat_import.viewpoints import axis_vector, choose_viewpoints, estimate_up, trial_camera
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.errors import CancelledError, InvalidInputError

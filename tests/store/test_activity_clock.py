@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.uploading.uploads import UploadSession
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import RESUMABLE_MARK, Blobs
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from sqlalchemy import create_engine, delete, text
 
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.object_store import ObjectStoreBlobs
 from fastsplat.service.store.care.backup import back_up, restore
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.rows.schema import identity, operations, scenes
-from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import logger, remove_unneeded, trash_lost_scenes
 from fastsplat_contract.errors import ConflictError, FastSplatError, ObjectStoreError

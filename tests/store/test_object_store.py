@@ -10,9 +10,9 @@ from pathlib import Path
 import fsspec
 import pytest
 
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.file_digests import DIGESTS
 from fastsplat.service.store.blobs.object_store import ObjectStoreBlobs, open_blobs
-from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.server.keys import Role
 from tests import color_detector, color_segmenter

@@ -19,9 +19,9 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.common.settings import settings_of
+from fastsplat.service.common.setting_groups import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
@@ -45,7 +45,7 @@ if PARENT_VARIABLE in os.environ:
 from fastsplat.cli.operating.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
 from fastsplat.workers.kinds.job_kinds import KINDS
-from fastsplat.workers.engine.worker_process import run
+from fastsplat.workers.engine.worker import run
 if {elsewhere}:
     fastsplat.workers.engine.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")

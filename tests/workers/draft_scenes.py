@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

@@ -113,7 +113,7 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
-    from fastsplat.workers.kinds.drafts import carry_into, write_made
+    from fastsplat.workers.kinds.create_scene import carry_into, write_made
 
     drafts = job.folder / "drafts"
     name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
@@ -160,7 +160,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    from fastsplat.workers.kinds.drafts import export_made
+    from fastsplat.workers.kinds.create_scene import export_made
 
     export_made(job, folder, lambda: _assemble(job, folder))
     _obey(job, "export", progress)
@@ -224,7 +224,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _asking(job: Job, folder: Path, progress: Progress) -> None:
     """The real stage, then its orders."""
-    from fastsplat.workers.kinds.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer import STAGES
 
     STAGES["asking"](job, folder, progress)
     _obey(job, "asking", progress)
@@ -232,7 +232,7 @@ def _asking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
     """Its orders, then the real stage."""
-    from fastsplat.workers.kinds.ask_namer_stages import STAGES
+    from fastsplat.workers.kinds.ask_namer import STAGES
 
     _obey(job, "suggesting", progress)
     STAGES["suggesting"](job, folder, progress)

@@ -58,5 +58,5 @@ class StandbyProcesses:
             self._waiting.append(process)
 
 
-WORKERS = StandbyProcesses("fastsplat.workers.engine.worker_process", 2)
+WORKERS = StandbyProcesses("fastsplat.workers.engine.worker", 2)
 APIS = StandbyProcesses("fastsplat.api.server", 1)

@@ -8,24 +8,28 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
+import signal
 import socket
 import threading
 import time
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import NoReturn
 
+from fastsplat.service.jobs.needed_models import log_missing_models
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.queue.claims import Claim, FencedError
-from fastsplat.service.store.store import Store
+from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.engine.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.engine.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
 from fastsplat.workers.engine.periodic import repeat
 from fastsplat.workers.engine.supervisor import StoppingError, Supervisor
-from fastsplat.workers.kinds.job_kinds import JobKind
+from fastsplat.workers.kinds.job_kinds import KINDS, JobKind
 from fastsplat_contract.jobs.operations import OperationKind
 
 _CLEANUP_INTERVAL_S = 60.0  # of folders, uploads, logs and rows
@@ -36,6 +40,9 @@ EXIT_FENCED = 75
 """Exit status after losing a job to another worker; restart it (EX_TEMPFAIL)."""
 _EXIT_FAILED = 70
 _STORAGE_CLEANUP_INTERVAL_S = 3600.0  # it may list a whole object store
+
+_ROWS_BYTES = 1 << 20
+_FULL_PAUSE_S = 5.0
 
 
 @dataclass
@@ -138,3 +145,31 @@ def _clean_up_storage(worker: Worker) -> None:
     blobs = worker.store.blobs
     blobs.remove_partial(PARTIAL_EXPIRY_S)
     trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))
+
+
+def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:
+    """Runs jobs until SIGTERM or SIGINT, then returns the running job and exits."""
+    stop_requested = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop_requested.set())
+    wait_for_space(settings.data_dir, stop_requested.wait)
+    worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
+    start(worker)
+    log_missing_models(settings)
+    logger.info("worker %s is ready", worker.executor_id)
+    stop_requested.wait()
+    logger.info("worker %s is stopping", worker.executor_id)
+    stop(worker)
+    logging.shutdown()
+    os._exit(0)  # without waiting for threads: none may begin a job any more
+
+
+def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:
+    """Waits until the disk has room for a worker's rows, or `pause` returns True.
+
+    A worker that exited instead would be restarted until its supervisor gave up on all.
+    """
+    while data_dir.is_dir() and shutil.disk_usage(data_dir).free < _ROWS_BYTES:
+        logger.warning("the disk of the data folder is full; this worker waits for space")
+        if pause(_FULL_PAUSE_S):
+            return

@@ -7,10 +7,10 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal, ParamSpec, TypeVar
 
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.blobs.blobs import remove
@@ -20,7 +20,6 @@ from fastsplat.service.store.repositories.version_repository import NewVersion
 from fastsplat.service.store.rows.codec import options_from_json
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store
-from fastsplat.workers.job.job_outcome import JobOutcome
 from fastsplat.workers.job.made_scenes import (
     CARRIED,
     DRAFTS,
@@ -340,3 +339,19 @@ class ClaimedJob:
         if starts is not None:
             self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
         return requests
+
+
+@dataclass(frozen=True)
+class JobOutcome:
+    """Outcome of a job or stage."""
+
+    state: Literal["done", "cancelled", "failed"]
+    error: Mapping[str, Any] | None = None  # `OperationError` as JSON if failed
+
+
+DONE = JobOutcome("done")
+CANCELLED = JobOutcome("cancelled")
+
+
+def failed(error: Mapping[str, Any]) -> JobOutcome:
+    return JobOutcome("failed", error)

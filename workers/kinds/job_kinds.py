@@ -87,19 +87,19 @@ KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
         sources=_upload,
-        run="fastsplat.workers.kinds.create_scene_stages:STAGES",
+        run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),
     "look_again": JobKind(
         stages=("looking", "naming"),
         sources=_current_version,
-        run="fastsplat.workers.kinds.look_again_stages:STAGES",
+        run="fastsplat.workers.kinds.look_again:STAGES",
         publish=_publish_version,
     ),
     "ask_namer": JobKind(
         stages=("asking", "suggesting"),
         sources=_current_version,
-        run="fastsplat.workers.kinds.ask_namer_stages:STAGES",
+        run="fastsplat.workers.kinds.ask_namer:STAGES",
         publish=_publish_suggestions,
         asks_namer=True,
     ),

@@ -16,7 +16,7 @@ from fastsplat.api.rest.routes.upload import receive_form
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.answering.localizing import MAX_PHOTOS_BYTES, too_many_bytes
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.localization.localization_settings import LocalizationSettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.codec.json_codec import from_plain, json_schema_of
 from fastsplat_contract.codec.members import description_of

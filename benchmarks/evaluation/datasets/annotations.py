@@ -20,10 +20,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.datasets.types import Kind
+from benchmarks.evaluation.datasets.dataset import Kind
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.image_io import load_stored
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _WHITE = 127

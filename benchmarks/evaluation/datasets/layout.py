@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable, match_label_maps, read_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles

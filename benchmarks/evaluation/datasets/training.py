@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.layout import Layout, frames_by_path, read_layout
-from benchmarks.evaluation.datasets.types import Dataset
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.image_io import open_map
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.file_names import common_folder
 from fastsplat.service.common.progress import Progress
-from fastsplat.service.jobs.pipeline import capture_folder
+from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat_contract.errors import InvalidInputError
 
 _MASKS = "mask_labels"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.evaluation.metrics import QueryPrediction, Skipped, ViewMetric, ViewPrediction
 from benchmarks.evaluation.published.mask_pairs import (
     PairScore,
     direct_selection,
@@ -17,7 +18,6 @@ from benchmarks.evaluation.published.mask_pairs import (
     pair_score,
 )
 from benchmarks.evaluation.published.relevancy_maps import localized, thresholded_mask
-from benchmarks.evaluation.types import QueryPrediction, Skipped, ViewMetric, ViewPrediction
 
 
 @dataclass(frozen=True)

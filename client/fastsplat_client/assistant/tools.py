@@ -11,20 +11,12 @@ from contextlib import suppress
 from itertools import islice
 from typing import Any
 
-from fastsplat_client.assistant.tool_lengths import (
-    bounds_of,
-    frame_of,
-    interval_of,
-    known_length,
-    rounded,
-    spoken,
-    unit_of,
-    unit_source,
-    up_of,
-)
+import numpy as np
+
 from fastsplat_client.assistant.tool_results import (
     Evidence,
     Found,
+    Interval,
     JobStatus,
     LevelBrief,
     Measured,
@@ -32,6 +24,7 @@ from fastsplat_client.assistant.tool_results import (
     NextPhotoPlace,
     NextPhotos,
     PickedBrief,
+    Point,
     Related,
     SceneDescription,
     SceneInList,
@@ -47,6 +40,8 @@ from fastsplat_client.assistant.tool_results import (
 )
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.geometry.poses import Box
+from fastsplat_contract.messages.measurements import Length
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.scenes import Scene, SceneSummary
 from fastsplat_contract.messages.things import AskedLevel, SceneThing
@@ -60,6 +55,9 @@ _MOST_IDS = 500
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
 SCENE_ID = re.compile("[0-9a-f]{32}")
+
+_ALONG = float(np.cos(np.radians(0.1)))
+"""Cosine of the angle within which an axis is said to be the vertical."""
 
 
 def resolve_scene(client: Client, scene: str) -> Scene:
@@ -99,7 +97,7 @@ def list_scenes(client: Client) -> Scenes:
             each.name,
             each.state,
             each.thing_count,
-            unit_of(each),
+            _unit_of(each),
             (each.captured_at or each.created_at).isoformat(timespec="minutes"),
         )
         for each in every[:_MOST_SCENES]
@@ -112,7 +110,7 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
     shown = resolve_scene(client, scene)
     things = list(client.things(shown.id, version=shown.version))
     names = Counter(each.name for each in things if each.name)
-    low, high = bounds_of([each.box for each in things if each.box is not None])
+    low, high = _bounds_of([each.box for each in things if each.box is not None])
     assessment = shown.assessment
     return SceneDescription(
         id=shown.id,
@@ -120,15 +118,15 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
         version=shown.version,
         grade=None if assessment is None else assessment.grade,
         advice=[] if assessment is None else [f"{each.message} {each.advice}" for each in assessment.findings],
-        unit=unit_of(shown),
-        unit_source=unit_source(shown),
+        unit=_unit_of(shown),
+        unit_source=_unit_source(shown),
         up=up_of(shown),
         photos=shown.camera_count,
         names=dict(names.most_common(_MOST_NAMES)),
         more_names=max(0, len(names) - _MOST_NAMES),
         unnamed_things=sum(not each.name for each in things),
-        center=None if low is None or high is None else rounded((low + high) / 2),
-        size=None if low is None or high is None else rounded(high - low),
+        center=None if low is None or high is None else _rounded((low + high) / 2),
+        size=None if low is None or high is None else _rounded(high - low),
     )
 
 
@@ -139,7 +137,7 @@ def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
     return Things(
         shown.id,
         shown.version,
-        unit_of(shown),
+        _unit_of(shown),
         [brief_of(each) for each in bearing[:limit]],
         max(0, len(bearing) - limit),
     )
@@ -160,7 +158,7 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
     return PickedBrief(
         shown.id,
         picked.version,
-        unit_of(shown),
+        _unit_of(shown),
         brief_of(picked.thing),
         None if picked.part is None else brief_of(picked.part),
         [LevelBrief(each.level, each.id, list(each.members), round(each.probability, 3)) for each in picked.levels],
@@ -198,8 +196,8 @@ def find(client: Client, text: str, scene: str) -> Found:
         counted=[] if refused else counted[:_MOST_IDS],
         places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
         more_places=max(0, len(leading) - _MOST_PLACES),
-        unit=unit_of(shown),
-        frame=frame_of(shown),
+        unit=_unit_of(shown),
+        frame=_frame_of(shown),
         unnamed_things=answer.searched.unnamed_things,
         draft=None if answer.provisional is None else answer.provisional.stage,
     )
@@ -241,7 +239,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
             )
             for each in phrase.witnesses[:_MOST_WITNESSES]
         ],
-        unit=unit_of(shown),
+        unit=_unit_of(shown),
     )
 
 
@@ -250,12 +248,12 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     shown = resolve_scene(client, scene)
     measured = client.measure(shown.id, *((first, second) if second else (first,)))
     unit: Unit = "m" if measured.meters else "scene units"
-    distance, sides = interval_of(measured.distance), [known_length(each) for each in measured.sides]
+    distance, sides = _interval_of(measured.distance), [_known_length(each) for each in measured.sides]
     if distance is not None:
-        sentence = f"From thing {first} to thing {second} it is {spoken(distance, unit)}."
+        sentence = f"From thing {first} to thing {second} it is {_spoken(distance, unit)}."
     else:
-        sentence = f"The box of thing {first} is " + " by ".join(spoken(each, unit) for each in sides) + "."
-    return Measured(shown.id, unit, distance, interval_of(measured.center_distance), sides, sentence)
+        sentence = f"The box of thing {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
+    return Measured(shown.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
 
 
 def goal(client: Client, thing_id: int, robot_radius: float, scene: str) -> StandingPlace:
@@ -272,7 +270,7 @@ def goal(client: Client, thing_id: int, robot_radius: float, scene: str) -> Stan
     return StandingPlace(
         shown.id,
         thing_id,
-        frame_of(shown),
+        _frame_of(shown),
         position,
         round(place.yaw, 4),
         round(place.distance, 4),
@@ -300,10 +298,10 @@ def photograph_next(client: Client, scene: str) -> NextPhotos:
     """Where to stand for the photos that would help a scene most."""
     shown = resolve_scene(client, scene)
     places = [
-        NextPhotoPlace(each.advice, each.near, rounded(each.camera.world_from_camera[:3, 3]))
+        NextPhotoPlace(each.advice, each.near, _rounded(each.camera.world_from_camera[:3, 3]))
         for each in client.next_photos(shown.id)
     ]
-    return NextPhotos(shown.id, unit_of(shown), places)
+    return NextPhotos(shown.id, _unit_of(shown), places)
 
 
 def scene_status(client: Client, scene: str) -> JobStatus:
@@ -360,6 +358,69 @@ def _located(client: Client, scene_id: str, each: SceneThing, version: str) -> W
         each.name,
         point(place.point),
         round(place.plus_minus, 4),
-        [known_length(side) for side in measured.sides],
+        [_known_length(side) for side in measured.sides],
         list(islice(each.best_views, 3)),
     )
+
+
+def _bounds_of(boxes: list[Box]) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """The axis-aligned box around oriented ones."""
+    if not boxes:
+        return None, None
+    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
+    corners = np.concatenate(
+        [(signs * box.size) @ box.center.matrix()[:3, :3].T + box.center.matrix()[:3, 3] for box in boxes]
+    )
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _rounded(values: np.ndarray) -> Point:
+    """A place or an extent, [3], to four decimals."""
+    x, y, z = (round(float(value), 4) for value in values)
+    return (x, y, z)
+
+
+def _unit_of(scene: SceneSummary) -> Unit:
+    """The unit of all lengths of a scene."""
+    return "m" if scene.scale == "METRIC" else "scene units"
+
+
+def _unit_source(scene: Scene) -> str:
+    """What says how long a scene unit is, as a sentence."""
+    if scene.scale == "ARBITRARY":
+        return "nothing says how long a scene unit is; say no length in meters"
+    if scene.scaling is None:
+        return "poses in meters came with the capture"
+    scaling = scene.scaling
+    share = 100 * (scaling.high - scaling.low) / 2 / scaling.meters_per_unit
+    return f"{scaling.source}; lengths are right within {share:.1f} % in 95 % of cases"
+
+
+def up_of(scene: Scene) -> str:
+    """Which way is up, and how sure that is, as a sentence."""
+    if scene.vertical is None:
+        return "not known"
+    up = scene.vertical.up
+    axis = "+z" if up.z > _ALONG else f"({up.x:.3f}, {up.y:.3f}, {up.z:.3f})"
+    return f"{axis}, by {scene.vertical.source}, within {2 * scene.vertical.deviation_deg:.1f} degrees"
+
+
+def _frame_of(scene: Scene) -> str:
+    """The frame of all places of a scene, as words."""
+    named = "" if scene.alignment is None else scene.alignment.frame
+    return f"map frame {named!r}" if named else "the scene's own world frame"
+
+
+def _interval_of(length: Length | None) -> Interval | None:
+    """A measured length; None for one that was not measured."""
+    return None if length is None else _known_length(length)
+
+
+def _known_length(length: Length) -> Interval:
+    """A measured length with its 95 % interval."""
+    return Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
+
+
+def _spoken(length: Interval, unit: Unit) -> str:
+    """A length in words."""
+    return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"

@@ -167,7 +167,7 @@ class OpenScenes:
             return self._caches[encoder.name].of(self._store.project)
 
     def _lexicon(self) -> Lexicon | None:
-        from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
+        from fastsplat.service.perception.lexicon.wordnet import find_lexicon
 
         name = self._settings.perception.lexicon
         with self._encoder_lock:

@@ -2,28 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import threading
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
-from fastsplat.service.application.editing.segmenter_cache import SegmenterCache
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.messages.scenes import Edit
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # onnxruntime loads with the first prompt
     from fastsplat.service.instances.prompt_answers import PicturePrompt
+    from fastsplat.service.perception.results import Segmenter
+
 
 _MAX_PROMPT_PIXELS = 64
 """Limit of foreground and background pixels in a prompt."""
+
+_KEPT_VIEWS = 16
+"""Cached view embeddings (LRU), about 4 MiB each."""
+
+_OPEN_BYTES = 768 << 20
+"""MobileSAM after its first pictures: 690 MiB measured, mostly activations."""
+_EMBEDDING_BYTES = 4 << 20
+"""One picture: 256 channels of 64×64, float32."""
+
+_Key = tuple[int, Camera, bytes]
 
 
 @dataclass(frozen=True)
@@ -43,7 +58,7 @@ class PromptedEdits:
 
     def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
         self._settings = settings
-        self._segmenter = SegmenterCache(settings, memory)
+        self._segmenter = _SegmenterCache(settings, memory)
 
     def check(self, edits: Sequence[Edit]) -> None:
         """Validates all prompts; errors name the field inside `edits`."""
@@ -140,12 +155,12 @@ def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
 
     width, height = posed.camera.width, posed.camera.height
-    for field, pixels in (("pixels", prompt.pixels), ("background", prompt.background)):
+    for name, pixels in (("pixels", prompt.pixels), ("background", prompt.background)):
         for number, pixel in enumerate(pixels):
             if not (0 <= pixel.x < width and 0 <= pixel.y < height):
                 raise InvalidInputError(
                     f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
-                    field=f"{field}[{number}]",
+                    field=f"{name}[{number}]",
                     limit=f"0 to below {width} and 0 to below {height}",
                     hint="Send pixels of the camera's own picture.",
                 )
@@ -184,3 +199,71 @@ def _corners(box: PixelBox) -> NDArray[np.float64]:
 
 def _square(side: int) -> PosedCamera:
     return PosedCamera(Camera(side, side, float(side), float(side), side / 2, side / 2), np.eye(4))
+
+
+@dataclass
+class _OpenSegmenter:
+    """Segmenter with an LRU cache of `limit` view embeddings. Thread-safe."""
+
+    segmenter: Segmenter
+    limit: int
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _embeddings: OrderedDict[_Key, tuple[weakref.ref[Gaussians], Any]] = field(default_factory=OrderedDict)
+
+    def embedding(self, gaussians: Gaussians, posed: PosedCamera, picture: Callable[[], NDArray[np.uint8]]) -> Any:
+        """Segmenter embedding of these Gaussians, rendered from a camera."""
+        key = (id(gaussians), posed.camera, posed.world_from_camera.tobytes())
+        with self._lock:
+            known = self._embeddings.get(key)
+            if known is not None and known[0]() is gaussians:
+                self._embeddings.move_to_end(key)
+                return known[1]
+        made = self.segmenter.embed(picture())
+        with self._lock:
+            self._embeddings[key] = (weakref.ref(gaussians), made)
+            while len(self._embeddings) > self.limit:
+                self._embeddings.popitem(last=False)
+        return made
+
+
+class _SegmenterCache:
+    """Lazily opened segmenter of `settings.perception`, counted by `memory`. Thread-safe."""
+
+    def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
+        self._settings = settings
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._open: _OpenSegmenter | None = None
+        self._counted = False
+
+    @property
+    def bytes(self) -> int:
+        """Estimated maximum size."""
+        return _OPEN_BYTES + _KEPT_VIEWS * _EMBEDDING_BYTES
+
+    @contextmanager
+    def used(self) -> Iterator[None]:
+        """Context for reserving `bytes` and using the segmenter, kept open if there is room."""
+        try:
+            yield
+        finally:
+            with self._lock:
+                keep = self._open is not None and not self._counted
+                self._counted = self._counted or keep
+            if keep and not self._memory.keep(self.bytes, self.drop):
+                self.drop()
+
+    def get(self) -> _OpenSegmenter:
+        """The segmenter, opened if necessary; raises `ModelUnavailableError` for missing or damaged files."""
+        from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+
+        with self._lock:
+            if self._open is None:
+                segmenter = open_segmenter(self._settings.perception, self._settings.models)
+                self._open = _OpenSegmenter(segmenter, _KEPT_VIEWS)
+            return self._open
+
+    def drop(self) -> None:
+        """Releases the segmenter; current users keep their reference."""
+        with self._lock:
+            self._open, self._counted = None, False

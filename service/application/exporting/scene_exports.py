@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -13,7 +14,7 @@ from fastsplat.service.application.answering.mask_encodings import mask_ply
 from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
-from fastsplat.service.application.base.memory import export_bytes
+from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.application.exporting.camera_files import camera_list, colmap, transforms
 from fastsplat.service.application.exporting.geometry_files import (
@@ -26,11 +27,11 @@ from fastsplat.service.application.exporting.geometry_files import (
 from fastsplat.service.application.exporting.map_files import map_bytes, map_file, map_of
 from fastsplat.service.application.exporting.scene_page import scene_page
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
-from fastsplat.service.application.exporting.surface_cache import SurfaceCache
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.optional_packages import MCAP, needed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
+from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_views
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.sog_writing import sog_bytes
 from fastsplat.service.scene.formats.spz_writing import spz_bytes
@@ -279,3 +280,32 @@ def _of_things(index: SceneIndex, things: Sequence[int]) -> Gaussians:
     if not things:
         return gaussians
     return gaussians_of_rows(gaussians, index.things.rows(things))
+
+
+class SurfaceCache:
+    """Surface views of the last used version, until their memory is needed. Thread-safe."""
+
+    def __init__(self, memory: MemoryBudget) -> None:
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._counted = False
+        self._views: LeastRecentlyUsed[tuple[str, str], tuple[SurfaceView, ...]] = LeastRecentlyUsed(0)
+
+    def views(self, scene_id: str, version: str, index: SceneIndex) -> tuple[SurfaceView, ...]:
+        """Surface views of a version, cached if there is room; raises as `surface_views`."""
+        views = self._views.get((scene_id, version), lambda: 1, lambda: surface_views(index))
+        with self._lock:
+            uncounted, self._counted = not self._counted, True
+        largest = BYTES_PER_PIXEL * index.settings.surface_views * index.settings.surface_side**2
+        if uncounted and not self._memory.keep(largest, self._drop):
+            self._drop()
+        return views
+
+    def forget(self, scene_id: str) -> None:
+        """Drops one scene."""
+        self._views.drop(lambda key: key[0] == scene_id)
+
+    def _drop(self) -> None:
+        with self._lock:
+            self._counted = False
+        self._views.drop(lambda _: True)

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MAX_DEPTH = 32

@@ -1,11 +1,14 @@
 """Reads depth maps of uploads: gray images, NumPy arrays, and Record3D's compressed floats.
 
 Used only in the confined processes that check uploads and decode pictures.
+
+LZFSE's decoder doubles its memory for as long as a stream asks, so block sizes are added up first.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -14,9 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import open_map, read_size, too_many_pixels
-from fastsplat.service.capture.formats.lzfse_files import unpack_lzfse
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.optional_packages import LZFSE, needed
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 
 ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"
@@ -26,6 +29,10 @@ _UNITS = (1e-9, 1e3)
 _SLACK_BYTES = 4_096
 _LOW_CONFIDENCE = 0
 """ARKit: 0 low, 1 medium, 2 high (ARConfidenceLevel); Polycam stretches these over 0..255."""
+
+_END, _PLAIN, _LZFSE, _LZVN = b"bvx$", b"bvx-", b"bvx2", b"bvxn"
+_HINT = "Export the recording again."
+_PAYLOAD_BITS = (1 << 20) - 1
 
 
 @dataclass(frozen=True)
@@ -149,4 +156,58 @@ def _decompressed(root: Path, name: str, expected_bytes: int) -> bytes:
     packed = path.read_bytes()
     if len(packed) == expected_bytes:  # some exports do not compress
         return packed
-    return unpack_lzfse(packed, name, expected_bytes)
+    return _unpack_lzfse(packed, name, expected_bytes)
+
+
+def _unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
+    """Unpacks exactly `expected_bytes`; errors name the file `name`.
+
+    Raises:
+        CorruptImageError: cut short, damaged, no LZFSE, or of another size.
+        MissingPackageError: the decoder's package is not installed.
+    """
+    size = _unpacked_bytes(packed)
+    if size is None:
+        raise CorruptImageError(f"{name} is cut short or damaged", field=name, hint=_HINT)
+    if size != expected_bytes:
+        raise _wrong_size(name, size, expected_bytes)
+    with needed(LZFSE, "the depth of Record3D's recordings", name):
+        import lzfse
+
+    try:
+        content = bytes(lzfse.decompress(packed))
+    except (lzfse.error, MemoryError) as error:  # on damaged content it asks for ever more memory
+        raise CorruptImageError(f"{name} is damaged: {error}", field=name, hint=_HINT) from error
+    if len(content) != expected_bytes:
+        raise _wrong_size(name, len(content), expected_bytes)
+    return content
+
+
+def _unpacked_bytes(packed: bytes) -> int | None:
+    """Adds up the sizes in block headers; None if the stream ends early."""
+    at, total = 0, 0
+    while True:
+        kind = packed[at : at + 4]
+        if kind == _END:
+            return total
+        header = packed[at : at + 32]
+        if len(header) < 12:
+            return None
+        raw = struct.unpack_from("<I", header, 4)[0]
+        total += raw
+        if kind == _PLAIN:
+            at += 8 + raw
+        elif kind == _LZVN:
+            at += 12 + struct.unpack_from("<I", header, 8)[0]
+        elif kind == _LZFSE and len(header) == 32:
+            literals, matches, sizes = struct.unpack_from("<3Q", header, 8)
+            payload = (literals >> 20 & _PAYLOAD_BITS) + (matches >> 40 & _PAYLOAD_BITS)
+            at += max(32, sizes & 0xFFFFFFFF) + payload
+        else:
+            return None
+
+
+def _wrong_size(name: str, size: int, expected_bytes: int) -> CorruptImageError:
+    return CorruptImageError.of(
+        name, f"unpacks to {size} bytes", _HINT, f"{expected_bytes} bytes, by the size in the metadata"
+    )

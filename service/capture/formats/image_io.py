@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, TiffImagePlugin, UnidentifiedImageError
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"})

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.ply_tables import MAX_HEADER_BYTES, check_size, read_element, read_header
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 

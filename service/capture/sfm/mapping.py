@@ -2,13 +2,18 @@
 
 The first mapping has COLMAP's own thresholds. Only if it is poor, these follow in order:
 
-1. pairs that contradict other pairs are removed (`match_cycles`), if the model contradicts many;
+1. pairs that contradict other pairs are removed (`contradicting_pairs`), if the model contradicts many;
 2. lower thresholds, at the cost of one more mapping, as features and matches are reused;
 3. guided matching (COLMAP's) of the pairs that join unplaced photos to others, then as before;
 4. the unplaced ones once more, with the held-out matches.
 
 Each is judged by held-out matches (`model_agreement.choose_held_out`). The first mapping had them, so later ones are
 not favored.
+
+Images whose cameras diverged are removed: one that shares its camera with no other constrains its lens little.
+
+With repeated structures, a pair may agree on the wrong copy with a small residual. Cycles reveal it (Zach, Klopschitz
+and Pollefeys, CVPR 2010). Matches are composed, not rotations, as a wall's pattern may shift by a tile without one.
 """
 
 from __future__ import annotations
@@ -16,14 +21,19 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Mapping as Lookup
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
+from numpy.typing import NDArray
 
-from fastsplat.service.capture.sfm import geometry, mapping_snapshots, match_cycles, rigs
+from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.photos.lens_faces import lens_of
+from fastsplat.service.capture.sfm import geometry, mapping_snapshots, rigs
 from fastsplat.service.capture.sfm.model_agreement import (
     PairMatches,
     VerifiedMatches,
@@ -31,6 +41,8 @@ from fastsplat.service.capture.sfm.model_agreement import (
     give_back,
     withhold,
 )
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.photos.photo_verdicts import NotPlaced
 
 Report = Callable[[float, str], None]
 Models = list[pycolmap.Reconstruction]
@@ -55,6 +67,13 @@ _GROWTH, _MOST_ROUNDS = 1.3, 2
 """Growth of images or points that triggers bundle adjustment, and its most rounds."""
 _FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
 """Shares of the progress; most captures need only the first mapping."""
+
+_FOCAL_RANGE = (0.25, 8.0)  # over the longer side: 127° to 7° of view
+
+_Pairs = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+
+_SAME_PX = 6.0
+_FEWEST = 8  # matches around a cycle that make it count
 
 
 def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOptions:
@@ -208,7 +227,7 @@ class Mapping:
         """Maps without contradicting pairs; returns the better result and its removed pairs."""
         message = "registering images without contradicting pairs"
         self.report(_FIRST_DONE, message)
-        wrong = set(match_cycles.contradicting_pairs(self._verified.pairs, self._verified.pixels))
+        wrong = set(contradicting_pairs(self._verified.pairs, self._verified.pixels))
         if not wrong:
             return best, wrong
         trial = self._copy("consistent", wrong)
@@ -300,3 +319,113 @@ def strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int
             of_image[image_id].append((images >= set(pair), len(held_out.get(pair, ())) - len(rows), pair))
     strongest = {row for rows in of_image.values() for row in sorted(rows)[:_GUIDED_PAIRS_PER_IMAGE]}
     return sorted(pair for *_, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])
+
+
+def map_possible(mapping: Mapping, global_images: int, max_side: int) -> tuple[Mapped, dict[str, NotPlaced]]:
+    """Maps images without impossible ones; returns the reasons of those, by file.
+
+    Maps again without them if others are unplaced, which they may have displaced.
+    """
+    mapped = mapping.run(global_images)
+    _ = mapped.contradictions  # cached first: pairs with one unplaced image contradict a model, too
+    impossible = take_out_impossible(mapped.models, max_side)
+    models = largest_first(model for model in mapped.models if model.num_reg_images())
+    left = len(mapping.entries) - len(impossible)
+    if not impossible or left < 2 or (models and models[0].num_reg_images() >= left):
+        mapped.models[:] = models
+        return mapped, impossible
+    mapped, more = map_possible(mapping.without(impossible), global_images, max_side)
+    return mapped, impossible | more
+
+
+def take_out_impossible(models: Sequence[pycolmap.Reconstruction], max_side: int) -> dict[str, NotPlaced]:
+    """Removes impossible images, their observations, and points without a finite position.
+
+    Returns:
+        The reason by image name: "lens" or "unknown".
+    """
+    reasons: dict[str, NotPlaced] = {}
+    for model in models:
+        impossible = {number for number, camera in model.cameras.items() if not _is_possible(camera, max_side)}
+        for image in [image for image in model.images.values() if image.has_pose]:
+            if image.camera_id in impossible:
+                reasons[image.name] = "lens"
+            elif not np.isfinite(image.cam_from_world().matrix()).all():
+                reasons[image.name] = "unknown"
+            else:
+                continue
+            if image.has_pose:  # else removed with another image of its frame
+                model.deregister_frame(image.frame_id)
+        for number in [number for number, point in model.points3D.items() if not np.isfinite(point.xyz).all()]:
+            model.delete_point3D(number)
+    placed = {image.name for model in models for image in model.images.values() if image.has_pose}
+    return {name: reason for name, reason in reasons.items() if name not in placed}
+
+
+def _is_possible(camera: pycolmap.Camera, max_side: int) -> bool:
+    if not np.isfinite(camera.params).all():
+        return False
+    if not _FOCAL_RANGE[0] <= rigs.relative_focal(camera) <= _FOCAL_RANGE[1]:
+        return False
+    params = tuple(float(value) for value in camera.params)
+    camera_model = CameraModel(camera.model.name, camera.width, camera.height, params)
+    try:
+        check_camera_model(camera_model, field="camera")
+        lens_of(camera_model, max_side, field="camera")
+    except InvalidInputError:
+        return False
+    return True
+
+
+def contradicting_pairs(matches: PairMatches, pixels: Lookup[int, NDArray[np.float32]]) -> list[tuple[int, int]]:
+    """Chooses pairs to remove so that no cycle of three images contradicts itself.
+
+    Greedy: the pair with the largest excess of contradicting over agreeing cycles; on ties, with fewest matches.
+    """
+    loops = _loops(matches, pixels)
+    of_pair: dict[tuple[int, int], set[int]] = {pair: set() for pair in matches}
+    votes, wrong_loops = dict.fromkeys(matches, 0), dict.fromkeys(matches, 0)
+    for number, (pairs, agrees) in enumerate(loops):
+        for pair in pairs:
+            of_pair[pair].add(number)
+            votes[pair] += -1 if agrees else 1
+            wrong_loops[pair] += not agrees
+    wrong = []
+    while suspects := [pair for pair, count in wrong_loops.items() if count]:
+        worst = max(suspects, key=lambda pair: (votes[pair], -len(matches[pair]), pair))
+        wrong.append(worst)
+        for number in of_pair[worst].copy():
+            pairs, agrees = loops[number]
+            for pair in pairs:
+                of_pair[pair].remove(number)
+                votes[pair] -= -1 if agrees else 1
+                wrong_loops[pair] -= not agrees
+    return sorted(wrong)
+
+
+def _loops(matches: PairMatches, pixels: Lookup[int, NDArray[np.float32]]) -> list[tuple[_Pairs, bool]]:
+    """Lists each cycle's pairs and whether it agrees; inconclusive ones are omitted."""
+    followed, neighbors = {}, defaultdict(set)
+    for (i, j), rows in matches.items():
+        followed[i, j] = np.full(len(pixels[i]), -1, np.int32)
+        followed[i, j][rows[:, 0]] = rows[:, 1]
+        neighbors[i].add(j)
+    loops = []
+    for i, j in sorted(matches):
+        for k in sorted(neighbors[i] & neighbors[j]):
+            agrees = _agrees(followed[i, j], followed[j, k], followed[i, k], pixels[k])
+            if agrees is not None:
+                loops.append((((i, j), (j, k), (i, k)), agrees))
+    return loops
+
+
+def _agrees(
+    first: NDArray[np.int32], second: NDArray[np.int32], direct: NDArray[np.int32], pixels: NDArray[np.float32]
+) -> bool | None:
+    """Checks if most features arrive at the same place; None if inconclusive."""
+    rows = np.flatnonzero((first >= 0) & (direct >= 0))
+    rows = rows[second[first[rows]] >= 0]
+    if len(rows) < _FEWEST:
+        return None
+    apart = np.linalg.norm(pixels[second[first[rows]]] - pixels[direct[rows]], axis=1)
+    return bool((apart <= _SAME_PX).mean() >= 0.5)

@@ -19,11 +19,14 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.sfm import geometry, pairs, rigs
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless
 from fastsplat.service.capture.sfm.features import extract_features
-from fastsplat.service.capture.sfm.first_cameras import FIRST_IMAGES, first_pairs, place_first
-from fastsplat.service.capture.sfm.impossible_cameras import map_possible
-from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, mapper_options
+from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, largest_first, map_possible, mapper_options
+from fastsplat.service.capture.sfm.mapping_snapshots import keep
 from fastsplat.service.capture.sfm.model_agreement import VerifiedMatches
 from fastsplat_contract.errors import ReconstructionError
+
+FIRST_IMAGES = 8
+"""Mapped at once, if a capture has twice as many; others are mapped soon anyway."""
+_APART = 2
 
 Report = Callable[[float, str], None]
 
@@ -35,6 +38,25 @@ _MIN_FEATURES = 50
 _FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
 """faiss::distance_compute_blas_threshold: from so many descriptors on, searches use BLAS."""
 _NEVER = 2**31 - 1
+
+
+def first_pairs() -> list[tuple[int, int]]:
+    """Pairs matched before all others: neighbors and next neighbors, which every capture matches."""
+    return [(i, i + step) for step in range(1, _APART + 1) for i in range(FIRST_IMAGES - step)]
+
+
+def place_first(database: Path, images: Path, folder: Path) -> bool:
+    """Maps the images matched so far and stores their cameras for `take_placed`.
+
+    Returns:
+        False without cameras; the first photos may be from one place or share nothing.
+    """
+    output = folder / "first"
+    output.mkdir()
+    models = largest_first(pycolmap.incremental_mapping(database, images, output, options=mapper_options()).values())
+    if models:
+        keep(models[0], folder)
+    return bool(models)
 
 
 def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import PhotoInfo, load_rgb, save_rgb
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.capture.photos.lens_faces import LensFace, face_camera, face_name
@@ -26,7 +27,6 @@ from fastsplat.service.capture.photos.panorama import (
 from fastsplat.service.capture.photos.photo_metadata import PhotoMetadata, metadata_from_json
 from fastsplat.service.capture.photos.photo_quality import PhotoQuality, measure_photo
 from fastsplat.service.capture.photos.withholding import WithheldPixels
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError

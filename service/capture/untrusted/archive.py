@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.file_names import is_system_file, safe_parts
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
 

@@ -20,9 +20,9 @@ from typing import Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.image_io import PhotoInfo
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoding import DECODED
 from fastsplat.service.capture.untrusted.sandbox import decoder_error, error_from_json, kill_sandboxed, start_sandboxed
 from fastsplat_contract.errors import ResourceError

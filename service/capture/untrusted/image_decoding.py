@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.depth_files import DepthFile, read_depth, sample_depth
 from fastsplat.service.capture.formats.image_io import (
     PhotoInfo,
@@ -21,7 +22,6 @@ from fastsplat.service.capture.formats.image_io import (
     open_map,
     read_header,
 )
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import FastSplatError
 
 DECODED, REFUSED = b"d", b"r"

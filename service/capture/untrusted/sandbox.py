@@ -16,9 +16,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.formats.upload_manifest import VALIDATED
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError, ReconstructionError, ResourceError

@@ -78,7 +78,7 @@ def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
     # Imported only now, under the memory limit, and only what the task needs.
     if task == "validate":
         os.nice(_NICENESS)  # its parent is serving meanwhile
-        settings = importlib.import_module("fastsplat.service.capture.settings")
+        settings = importlib.import_module("fastsplat.service.capture.capture_settings")
         validation = importlib.import_module("fastsplat.service.capture.uploads.upload_validation")
         limits = settings.CaptureSettings(**request["settings"])
         validated = validation.validate_upload(Path(request["upload"]), limits, request.get("strict", False))

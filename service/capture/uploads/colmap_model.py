@@ -12,9 +12,9 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 import pycolmap
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.ply_points import too_many_points
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model, model_names, parameter_count
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles
 from fastsplat.service.capture.uploads.photo_validation import too_many_images

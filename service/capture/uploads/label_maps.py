@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES, open_map
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import MAX_LABELS, UNDETECTED, Dictionary, dictionary_of
 from fastsplat.service.common.file_names import common_folder
 from fastsplat_contract.codec.unseen_characters import check_seen

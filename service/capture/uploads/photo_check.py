@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.photo_quality import MIN_MATCHES, advice_of, judge_photos, measure_photo
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.atomic import link_or_copy

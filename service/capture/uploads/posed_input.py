@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.photos.camera_model import CameraModel
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.depth_files import IMAGE_SUFFIXES, depth_size, read_depth
 from fastsplat.service.capture.formats.image_io import PhotoInfo, open_map, read_size
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.capture.photos.camera_model import aspect_error
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.colmap_model import read_colmap
 from fastsplat.service.capture.uploads.label_maps import check_label_map, match_label_maps, read_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load_file
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, stated_similarity
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.rows import SplatRows

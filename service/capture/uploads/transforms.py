@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.depth_files import ARRAY_SUFFIX, DepthFile, check_depth_unit
 from fastsplat.service.capture.formats.depth_files import IMAGE_SUFFIXES as DEPTH_IMAGE_SUFFIXES
 from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES
 from fastsplat.service.capture.formats.ply_points import read_points
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import LabelTable, parse_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.named_files import NamedFiles

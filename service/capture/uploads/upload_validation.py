@@ -6,12 +6,12 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.formats.upload_manifest import FILES, VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.capture.photos.panorama import full_frame
 from fastsplat.service.capture.photos.photo_metadata import read_metadata
 from fastsplat.service.capture.photos.spherical_video import is_spherical
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.archive import is_archive, unpack
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.capture.uploads.label_maps import check_label_map, match_label_maps, read_label_table

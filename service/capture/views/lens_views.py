@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.photos.camera_model import rotate90, rotate90_pose
 from fastsplat.service.capture.photos.lens_faces import FACES, WideLens, face_name, lens_of
 from fastsplat.service.capture.photos.photo_metadata import PhotoPlace
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, PhotoQuality
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.sfm_images import SfmImage
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.view_writer import SourceImage, ViewGeometry, reduced_camera

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.depth_maps import F32
 from fastsplat.service.capture.formats.image_io import PhotoInfo
@@ -24,7 +25,6 @@ from fastsplat.service.capture.photos.camera_model import (
 from fastsplat.service.capture.photos.lens_faces import face_name, is_fisheye, lens_of
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, measure_photo
 from fastsplat.service.capture.photos.withholding import WithheldPixels, both_masks
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.sfm_images import SfmImage, source_ids, source_pixels
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.label_maps import LabelTable

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import View
 from fastsplat.service.capture.formats.depth_maps import DEPTHS, save_depth
 from fastsplat.service.capture.formats.image_io import PhotoInfo, save_rgb
@@ -21,7 +22,6 @@ from fastsplat.service.capture.photos.camera_model import (
     rotate90,
     rotate90_pose,
 )
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoding import reduced_size
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ScaleEstimate, View
 from fastsplat.service.capture.formats.depth_maps import F32, inner_pixels, load_depth
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.posed_input import PosedDataset
 from fastsplat.service.capture.world.scale_estimates import (
     MOST_DISAGREEMENT,

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture, ScaleEstimate
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.world.scale_estimates import metric_capture
 from fastsplat_contract.geometry.camera import PosedCamera
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from fastsplat.service.instances.discovery.refinement import MaskedView, repainted
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import F32, Gaussians, SemanticHead, Things
 from fastsplat.service.scene.objects.label_evidence import seen_pixels
 from fastsplat.service.scene.objects.things import thing_rows
@@ -22,7 +22,7 @@ from fastsplat.service.splatting.labels.blending import EvidenceBlend
 from fastsplat.service.splatting.labels.label_refit import LabeledView, fit_codes
 from fastsplat.service.splatting.labels.semantics import class_weights, code_size, separated_codes, start_head
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.training_views import smallest_labels
 
 _EPOCHS, _LOOKED_AT = 6, 600_000  # epochs over the views, and the limit of Gaussians times epochs

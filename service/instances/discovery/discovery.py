@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,24 +10,40 @@ import torch
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.captures import View
-from fastsplat.service.instances.discovery.candidates import F32, Candidate, find_candidates
+from fastsplat.service.instances.discovery.candidates import F32, Candidate, common_weights, find_candidates
 from fastsplat.service.instances.discovery.lifting import lift_masks
-from fastsplat.service.instances.discovery.ownership import Owners
+from fastsplat.service.instances.discovery.ownership import (
+    NOBODY,
+    STRAY_SHARE,
+    Owners,
+    assign_owners,
+    membership_of,
+    without_strays,
+)
 from fastsplat.service.instances.discovery.refinement import MaskedView, refined_membership
-from fastsplat.service.instances.discovery.selection import Selection, select_things
-from fastsplat.service.instances.discovery.surfaces import surface_kinds
-from fastsplat.service.instances.discovery.thing_parts import find_parts
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery.surfaces import Plane, find_surfaces, join_surfaces, lies_off, surface_kinds
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Parts, Thing, ThingGroup, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend, Splats
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.training_views import training_size
 
 _MOST = 0.7  # share of a thing's weight in a candidate that makes it a member
+
+_PIXELS = 64.0  # membership evidence in pixels; large against the prior, so that vote shares become probabilities
+_MOST_OF_PART = 0.8  # a candidate with more of its thing's weight is the thing itself
+
+_GROWN_SHARE = 0.6  # vote share of a Gaussian that joined a surface by its place alone
+
+_LEAST_SUPPORT = 0.35  # candidates with less support are chance
+_LEAST_CONSENSUS = 0.4  # least consensus of a thing; candidates with less may be parts
+_INSIDE = 0.8  # share of a candidate's weight inside a larger one that makes it the larger one's child
+_SMALLER = 0.8  # children weigh less than this share of their parent
+_COVERED = 0.6  # share of a group's weight that its members must cover
 
 
 def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
@@ -137,7 +153,7 @@ def _things(
 
 
 def _described(
-    selection: Selection,
+    selection: _Selection,
     membership: Evidence,
     gaussians: Gaussians,
     size: NDArray[np.float32],
@@ -175,3 +191,171 @@ def _described(
     groups = find_groups(selection.groups, numbers_of_things, size, first)
     members = evidence_of(rows, ids[membership.labels], membership.counts, len(membership))
     return Things(table, members, first + len(groups), parts, groups=groups)
+
+
+def find_parts(
+    candidates: Sequence[tuple[Candidate, int]], owners: Owners, size: F32, settings: DiscoverySettings, first_id: int
+) -> Parts | None:
+    """Finds the parts of things, the largest first; None if there are none.
+
+    A part has the Gaussians of its candidate that its thing owns; where parts overlap, the smaller one has them. Parts
+    lighter than `min_weight_px`, or with most of their thing, are dropped.
+
+    Args:
+        candidates: parts with the number of their thing.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none; number n has the id n + 1.
+        size: float32 [G], see `Overlaps`.
+    """
+    count = len(owners)
+    whole = np.bincount(owners + 1, size.astype(np.float64))[1:]
+    claims = []
+    for part, thing in candidates:
+        own = owners[part.rows] == thing
+        rows, shares = part.rows[own], part.shares[own]
+        weight = float(size[rows].sum())
+        if own.any() and weight <= _MOST_OF_PART * whole[thing]:
+            claims.append((weight, rows, shares, Thing(first_id, consensus=min(1.0, part.consensus), parent=thing + 1)))
+    owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
+    parts: list[Thing] = []
+    for _, rows, shares, claimant in sorted(claims, key=lambda claim: claim[0]):
+        free = owner[rows] == NOBODY
+        if size[rows[free]].sum() >= settings.min_weight_px:
+            owner[rows[free]], sure[rows[free]] = len(parts), shares[free]
+            parts.append(claimant)
+    if not parts:
+        return None
+    last = first_id + len(parts) - 1  # reversed: the largest, found last, comes first
+    table = tuple(replace(part, id=last - number) for number, part in enumerate(parts))[::-1]
+    rows = np.flatnonzero(owner != NOBODY)
+    return Parts(table, membership_of(rows, last - owner[rows], sure[rows], count, pixels=_PIXELS))
+
+
+@dataclass(frozen=True)
+class _Selection:
+    """The things of a scene before they are described."""
+
+    things: tuple[Candidate, ...]  # the largest first
+    owners: Owners
+    shares: F32  # [G], certainty of the owner as share of views; 0 without owner
+    surfaces: Mapping[int, Plane]  # by thing number
+    parts: tuple[tuple[Candidate, int], ...] = ()  # with the number of their thing
+    groups: tuple[Candidate, ...] = ()
+
+
+def select_things(
+    candidates: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
+) -> _Selection:
+    """Selects things among candidates, with each Gaussian in at most one.
+
+    Parts do not lie off a surface's plane, smaller things own shared Gaussians, surfaces own what lies in their planes,
+    and strays are removed. `size` [G] is as in `Overlaps`.
+    """
+    planes = find_surfaces(candidates, gaussians, size)
+
+    def apart(part: int, whole: int) -> bool:
+        return whole in planes and lies_off(planes[whole], candidates[part].rows, gaussians, size)
+
+    hierarchy = find_hierarchy(candidates, size, settings, apart)
+    things = [candidates[row] for row in hierarchy.things]
+    places = {row: place for place, row in enumerate(hierarchy.things)}
+    parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
+    owners, shares = assign_owners(things, len(gaussians))
+    surfaces = {places[row]: plane for row, plane in planes.items() if row in places}
+    owners = join_surfaces(owners, things, surfaces, gaussians, size)
+    owners = without_strays(owners, gaussians, size, STRAY_SHARE)
+    shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
+    groups = tuple(candidates[row] for row in hierarchy.groups)
+    return replace(_numbered(things, parts, owners, shares, surfaces, size, settings), groups=groups)
+
+
+def _numbered(
+    things: Sequence[Candidate],
+    parts: Sequence[tuple[Candidate, int]],
+    owners: Owners,
+    shares: F32,
+    surfaces: Mapping[int, Plane],
+    size: F32,
+    settings: DiscoverySettings,
+) -> _Selection:
+    """Removes things that lost their Gaussians to others, and sorts the largest first."""
+    owned = owners != NOBODY
+    weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(things))
+    order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
+    number = np.full(len(things) + 1, NOBODY, np.int32)  # the last entry is for -1
+    number[order] = np.arange(len(order), dtype=np.int32)
+    renumbered = number[owners]
+    return _Selection(
+        things=tuple(things[n] for n in order),
+        owners=renumbered,
+        shares=np.where(renumbered == NOBODY, np.float32(0), shares),
+        surfaces={int(number[n]): plane for n, plane in surfaces.items() if number[n] != NOBODY},
+        parts=tuple((part, int(number[n])) for part, n in parts if number[n] != NOBODY),
+    )
+
+
+@dataclass(frozen=True)
+class _Hierarchy:
+    """Relations of candidates, by number."""
+
+    things: tuple[int, ...]  # the largest first
+    part_of: dict[int, int]  # thing of each part
+    groups: dict[int, tuple[int, ...]]  # members of each group
+
+
+def find_hierarchy(
+    candidates: Sequence[Candidate],
+    size: F32,
+    settings: DiscoverySettings,
+    apart: Callable[[int, int], bool] = lambda part, whole: False,
+) -> _Hierarchy:
+    """Finds parts, things and groups among candidates.
+
+    In ascending weight, each candidate with enough consensus is compared with the things in it. If these cover most of
+    it, and their support, summed over its Gaussians, exceeds its own, it is a group. Otherwise it is a thing; things in
+    it whose edges the masks miss by less than its own remain things, the others become its parts. Candidates with less
+    consensus are parts of the smallest thing around them.
+
+    Args:
+        candidates: see `find_candidates`.
+        size: float32 [G], see `Overlaps`.
+        settings: for the least weight of a thing.
+        apart: True if the first of two candidates (by number), despite its place, is no part of the second.
+    """
+    sure = [
+        number
+        for number, candidate in enumerate(candidates)
+        if candidate.support >= _LEAST_SUPPORT and candidate.weight >= settings.min_weight_px
+    ]
+    common = common_weights([candidates[number] for number in sure], size)
+    weight = np.diag(common)
+    lies_in = (common > _INSIDE * weight[:, None]) & (weight[:, None] < _SMALLER * weight)
+    support = np.array([candidates[number].support for number in sure])
+    error = (1 - support) * np.sqrt(weight)  # of the edge: the same rim costs a small thing more overlap
+    agreed = np.array([candidates[number].consensus for number in sure]) >= _LEAST_CONSENSUS
+    things: list[int] = []
+    whole: dict[int, int] = {}
+    groups: dict[int, tuple[int, ...]] = {}
+    for one in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
+        children = [n for n in things if lies_in[n, one]]
+        own = np.zeros(len(size))
+        for child in reversed(children):  # smaller ones, which came first, overwrite
+            own[candidates[sure[child]].rows] = support[child]
+        rows = candidates[sure[one]].rows
+        covered = size[rows][own[rows] > 0].sum() / weight[one]
+        if covered >= _COVERED and (own[rows] - support[one]) @ size[rows] > 0:
+            if len(children) > 1:
+                groups[sure[one]] = tuple(sure[child] for child in reversed(children))
+            continue
+        lesser = [child for child in children if error[child] >= error[one]]
+        rare = [piece for piece in np.flatnonzero(~agreed & lies_in[:, one]).tolist() if piece not in whole]
+        for part in [*lesser, *rare]:
+            if not apart(sure[part], sure[one]):
+                whole[part] = one
+        things = [*(thing for thing in things if thing not in whole), one]
+    part_of = {}
+    for part in whole:
+        thing = part
+        while thing in whole:
+            thing = whole[thing]
+        part_of[sure[part]] = sure[thing]
+    return _Hierarchy(tuple(sure[thing] for thing in reversed(things)), part_of, groups)

@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 from torch import Tensor
 
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, lift_regions, one_piece_each
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelSums, Splats
 from fastsplat.service.splatting.raster.rendering import label_sums
-from fastsplat.service.splatting.raster.types import Backend, LabelSums, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 

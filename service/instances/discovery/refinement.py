@@ -21,7 +21,7 @@ from fastsplat.service.instances.discovery.ownership import (
     with_neighbors,
     without_strays,
 )
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians
 from fastsplat.service.scene.objects.label_evidence import evidence_of, merged, posterior
@@ -29,7 +29,7 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.blending import EvidenceBlend
 from fastsplat.service.splatting.labels.view_evidence import view_evidence
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _SEEN_PX = 16  # things with fewer pixels in a view take no mask there

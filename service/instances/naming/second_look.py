@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.instances.discovery.lifting import lift_regions_of
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.naming.naming import LEAST_SUGGESTED, MOST_SEEN, SEEN_PX
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion, ranked_suggestions
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.geometry.camera import PosedCamera
 

@@ -23,7 +23,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians, Things
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.blending import things_blend
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 

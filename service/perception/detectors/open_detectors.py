@@ -13,8 +13,8 @@ from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.detectors.yolo_world import YoloWorld
 from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, load_manifest, select_adapter
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import ClosedSetDetector, OpenSetDetector
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.label_table import LabelTable
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import ModelUnavailableError

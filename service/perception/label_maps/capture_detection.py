@@ -16,8 +16,8 @@ from fastsplat.service.perception.detectors.open_detectors import (
 )
 from fastsplat.service.perception.label_maps.detection_voting import merge_spellings, resolve_detections
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import ClosedSetDetector, Detections, Image, joined
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import propose_texts
 from fastsplat_contract.errors import InvalidInputError
 

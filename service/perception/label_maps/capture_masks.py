@@ -12,9 +12,9 @@ from fastsplat.service.perception.detectors.open_detectors import open_closed_se
 from fastsplat.service.perception.label_maps.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.label_maps.view_answers import look_at_view
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import ClosedSetDetector, Segmenter, ViewMasks
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""

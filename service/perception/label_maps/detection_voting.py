@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.box_ops import box_iou, nms
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections
-from fastsplat.service.perception.settings import PerceptionSettings
 
 SAME_LABEL_IOU = 0.6
 """Boxes of one class that overlap more are one detection."""

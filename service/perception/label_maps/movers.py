@@ -19,6 +19,7 @@ from fastsplat.service.perception.detectors.open_detectors import (
     open_open_set_detector,
 )
 from fastsplat.service.perception.label_maps.capture_detection import detect_closed_set
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import (
     ClosedSetDetector,
     Detections,
@@ -30,7 +31,6 @@ from fastsplat.service.perception.results import (
 from fastsplat.service.perception.segmenters.mask_postprocessing import clean_mask, upsampled
 from fastsplat.service.perception.segmenters.mask_proposals import answer_boxes
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from fastsplat_contract.jobs.operations import Movers, Privacy
 

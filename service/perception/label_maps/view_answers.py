@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Image, MaskLogits, Segmenter, ViewMasks
 from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
 from fastsplat.service.perception.segmenters.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
-from fastsplat.service.perception.settings import PerceptionSettings
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat_contract.errors import ModelUnavailableError
 
 FILES = ("index.noun", "data.noun", "index.verb", "data.verb")
@@ -189,3 +190,17 @@ def _singulars(noun: str) -> Iterator[str]:
     for ending, singular in _PLURALS:
         if noun.endswith(ending) and len(noun) > len(ending) + 1:
             yield noun.removesuffix(ending) + singular
+
+
+def open_lexicon(name: str, models: Path) -> Lexicon:
+    """Opens a lexicon by manifest entry or "wordnet:my_folder"; may raise `ModelUnavailableError`."""
+    _, inside = find_model(name, "lexicon")
+    return Lexicon(models / inside, name=name)
+
+
+def find_lexicon(name: str, models: Path) -> Lexicon | None:
+    """Opens a lexicon as `open_lexicon`; None if unnamed or never fetched."""
+    if not name:
+        return None
+    _, inside = find_model(name, "lexicon")
+    return open_lexicon(name, models) if (models / inside).is_dir() else None

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.image_text import open_image_text
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
-from fastsplat.service.perception.readers.open_reader import open_reader
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.perception.readers.ppocr import open_reader
 from fastsplat.service.perception.results import Image
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import ModelUnavailableError

@@ -6,17 +6,18 @@ import json
 import os
 import shutil
 import stat
+import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fastsplat.service.perception.model_pull.convert import convert
 from fastsplat.service.perception.model_pull.model_check import check_model
-from fastsplat.service.perception.model_pull.sources import fetch_file
+from fastsplat.service.perception.model_pull.sources import fetch_file, run_pip
 from fastsplat.service.perception.models.model_files import RECEIPT
-from fastsplat.service.perception.models.model_manifest import BUILT_IN_MANIFEST, ModelEntry, load_manifest
+from fastsplat.service.perception.models.model_manifest import BUILT_IN_MANIFEST, Conversion, ModelEntry, load_manifest
 from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
@@ -24,6 +25,9 @@ ModelState = Literal["ready", "unverified", "damaged", "absent"]
 
 _WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
 _ELSEWHERE = "Allow writing (chmod u+w), or name another directory with --models or FASTSPLAT_MODELS."
+
+_TIMEOUT_S = 900
+_SCRIPTS = {"paddle": "convert_paddle.py", "mobile_sam": "convert_mobile_sam.py"}
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,7 @@ def _pull_one(
         fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, on_bytes=on_bytes)
     if conversion:
         report(Step(entry.name, f"converting ({conversion.kind})"))
-        convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
+        _convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
     put_in_place(staged, models / entry.name, entry)
@@ -202,3 +206,41 @@ def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
         if aside.exists():
             shutil.move(aside, target)
         raise
+
+
+def _convert(conversion: Conversion, carriers: Path, target: Path, *, packages: Path, name: str) -> None:
+    """Converts the files in `carriers` and writes the result to `target`.
+
+    The temporary folder `packages` keeps the conversion's packages out of the product's environment. Raises
+    `ModelUnavailableError` with the end of the output if it fails.
+    """
+    if conversion.packages:
+        arguments = ["install", "--no-deps", "--only-binary", ":all:", "--target", str(packages), *conversion.packages]
+        try:
+            run_pip(arguments, refuse=_PipFailedError)
+        except _PipFailedError as error:
+            raise ModelUnavailableError(
+                f"model {name}: the packages for its conversion could not be installed: {error}",
+                field=name,
+                hint="Check the network and the package index.",
+            ) from error
+    script = Path(__file__).parent / _SCRIPTS[conversion.kind]
+    # Scripts append the packages to their search path, so that they shadow none of the product's.
+    command = [sys.executable, str(script), str(carriers), str(target), str(packages)]
+    # The script's folder must not become importable: it holds modules of the product under bare names.
+    environment = {**os.environ, "PYTHONSAFEPATH": "1"}
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False, env=environment)
+        failure = done.stderr.strip() if done.returncode else ""
+    except subprocess.TimeoutExpired:
+        failure = f"no end after {_TIMEOUT_S} s"
+    if failure:
+        raise ModelUnavailableError(
+            f"model {name}: its conversion failed: {' '.join(failure.splitlines()[-3:])[:400]}",
+            field=name,
+            hint="Convert it elsewhere and put the files into the model directory.",
+        )
+
+
+class _PipFailedError(Exception):
+    pass

@@ -1,4 +1,4 @@
-"""Text lines of pictures by PP-OCR.
+"""Text lines of pictures by PP-OCR, and its opening by its name in the settings.
 
 A DBNet (Liao et al. 2020) gives the probability of a line's shrunk area per pixel; a recognizer reads lines 48 pixels
 high by CTC (Graves et al. 2006): repeated characters are one, unless a blank is between them.
@@ -13,7 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.perception.models.model_files import checked_file
+from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image, Writing
 from fastsplat_contract.errors import ModelUnavailableError
 
@@ -31,6 +34,22 @@ _MOST_WIDTH = 1_600
 _BATCH_WIDTH = 4_800  # most columns of one run of the recognizer, shared by short lines
 _STANDING = 1.5  # height over width from which a line is vertical
 _TURNED_BELOW = 0.9  # lines read with less probability are also tried upside down
+
+
+def open_reader(settings: PerceptionSettings, models: Path) -> PpOcr:
+    """Opens the reader of `settings.reader`; raises `ModelUnavailableError` if that fails."""
+    name = settings.reader
+    _, inside = find_model(name, "reader")
+    detector, recognizer = (checked_file(models / inside / file, name=name) for file in PpOcr.FILES)
+    return PpOcr(detector, recognizer, name=name, threads=settings.threads)
+
+
+def find_reader(settings: PerceptionSettings, models: Path) -> PpOcr | None:
+    """Opens the reader of `settings.reader`; None if it is unset or was never fetched."""
+    if not settings.reader:
+        return None
+    _, inside = find_model(settings.reader, "reader")
+    return open_reader(settings, models) if (models / inside).is_dir() else None
 
 
 class PpOcr:

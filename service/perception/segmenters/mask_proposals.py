@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.box_ops import nms
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import (
     Detections,
     MaskLogits,
@@ -25,7 +26,6 @@ from fastsplat.service.perception.results import (
 )
 from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
 from fastsplat.service.perception.segmenters.mask_selection import best_answers
-from fastsplat.service.perception.settings import PerceptionSettings
 
 _LEAST_RADIUS = 2.0
 """Least grid steps to the edge of a piece: smaller ones are gaps between masks.

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Segmenter
 from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat.service.perception.segmenters.sam2 import Sam2
-from fastsplat.service.perception.settings import PerceptionSettings
 
 
 def open_segmenter(settings: PerceptionSettings, models: Path) -> Segmenter:

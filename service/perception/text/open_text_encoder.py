@@ -8,9 +8,8 @@ from pathlib import Path
 from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.clip import ClipTextEncoder
 from fastsplat.service.perception.text.label_table import LabelTable
-from fastsplat.service.perception.text.sentence import SentenceEncoder
+from fastsplat.service.perception.text.text_tower import ClipTextEncoder, SentenceEncoder
 
 
 def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncoder:

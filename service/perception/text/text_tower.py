@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
 from fastsplat.service.perception.text.tokens import load_tokenizer
 
+_MAX_TOKENS = 256
+
+_CONTEXT = 77
+
 
 def embed_side_by_side(
     run: Callable[[str], NDArray[np.float32]], texts: Sequence[str], threads: int
@@ -61,3 +65,49 @@ class TextTower(ABC):
     @abstractmethod
     def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
         """[E] of one text."""
+
+
+class SentenceEncoder(TextTower):
+    """Adapter of MiniLM sentence encoders; one text a run.
+
+    `input_ids`, `attention_mask`, `token_type_ids` int64 [B, T] → `last_hidden_state` [B, T, E], averaged over tokens.
+    The int8 weights scale activations by the whole batch, hence single texts.
+    """
+
+    def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
+        super().__init__(
+            model,
+            tokenizer,
+            name=name,
+            threads=threads,
+            max_tokens=_MAX_TOKENS,
+            inputs={"input_ids": (None, None), "attention_mask": (None, None)},
+            optional_inputs=["token_type_ids"],
+            outputs={"last_hidden_state": (None, None, None)},
+        )
+
+    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
+        return np.asarray(self._session.run(["last_hidden_state"], feed)[0][0].mean(0))
+
+
+class ClipTextEncoder(TextTower):
+    """Adapter of CLIP text towers; one unpadded text a run.
+
+    `input_ids` int64 [B, T] (and `attention_mask`, if the export kept it) → `text_embeds` [B, E]. The tower reads its
+    embedding at the first end-of-text token, which CLIP also pads with.
+    """
+
+    def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
+        super().__init__(
+            model,
+            tokenizer,
+            name=name,
+            threads=threads,
+            max_tokens=_CONTEXT,
+            inputs={"input_ids": (None, None)},
+            optional_inputs=["attention_mask"],
+            outputs={"text_embeds": (None, None)},
+        )
+
+    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
+        return np.asarray(self._session.run(["text_embeds"], feed)[0][0])

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geometry
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Parts, Scene, Things
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import LabelMap, Rendering
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
-from fastsplat.service.splatting.raster.types import LabelMap, Rendering
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _SURE_PX = 64

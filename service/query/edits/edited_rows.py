@@ -9,14 +9,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from fastsplat.service.query.edits.gaussian_filters import filtered
 from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.poses import Box
 from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
+
 
 Rows = NDArray[np.int64]
 
@@ -37,7 +39,7 @@ def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
         InvalidInputError: not exactly one of label and things, or an invalid filter.
     """
     if edit.filter is not None:
-        taken = filtered(index, edit.filter)
+        taken = _filtered(index, edit.filter)
         if edit.label is None and not edit.thing_ids:
             return np.flatnonzero(taken)
         rows = _named_rows(index, edit)
@@ -94,3 +96,49 @@ def edited_label(index: SceneIndex, edit: Edit) -> int:
             f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
         )
     return label_id
+
+
+def _filtered(index: SceneIndex, criteria: GaussianFilter) -> NDArray[np.bool_]:
+    """Selects Gaussians that meet all criteria, bool [G]; invalid ones raise InvalidInputError."""
+    _check(criteria)
+    gaussians = index.scene.gaussians
+    taken = np.ones(len(gaussians), np.bool_)
+    if criteria.box is not None:
+        taken &= inside(criteria.box, gaussians.means) != criteria.outside
+    if criteria.opacity_below is not None:
+        taken &= expit(gaussians.logit_opacities.astype(np.float64)) < criteria.opacity_below
+    if criteria.isolation_above is not None:
+        taken &= index.isolation > criteria.isolation_above
+    return taken
+
+
+def inside(box: Box, points: F32) -> NDArray[np.bool_]:
+    """Tests which finite points [K, 3] are in a box or on its surface, bool [K]."""
+    pose = box.center.matrix()
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    points = np.where(finite[:, None], points, np.float32(0))
+    along = (points.astype(np.float64) - pose[:3, 3]) @ pose[:3, :3]
+    return np.asarray((np.abs(along) <= np.array(box.size) / 2).all(axis=1) & finite)
+
+
+def _check(criteria: GaussianFilter) -> None:
+    if criteria.box is None and criteria.opacity_below is None and criteria.isolation_above is None:
+        raise InvalidInputError(
+            "a filter that takes everything",
+            field="filter",
+            hint="Send at least one of box, opacity_below and isolation_above.",
+        )
+    if criteria.outside and criteria.box is None:
+        raise InvalidInputError("outside of no box", field="filter.outside", hint="Send a box with it.")
+    if criteria.opacity_below is not None and not 0 < criteria.opacity_below <= 1:
+        raise InvalidInputError(
+            f"an opacity of {criteria.opacity_below}", field="filter.opacity_below", limit="above 0, up to 1"
+        )
+    if criteria.isolation_above is not None and not criteria.isolation_above > 0:
+        raise InvalidInputError(
+            f"an isolation of {criteria.isolation_above}", field="filter.isolation_above", limit="above 0"
+        )
+    if criteria.box is not None and not min(criteria.box.size) > 0:
+        raise InvalidInputError(
+            f"a box of {tuple(criteria.box.size)}", field="filter.box.size", limit="above 0 along each axis"
+        )

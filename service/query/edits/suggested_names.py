@@ -48,7 +48,7 @@ def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Sc
     def changed(thing: Thing) -> Thing:
         new = told.get(thing.id, [])
         sources = {each.source for each in new}
-        kept = [each for each in thing.suggestions if each.source not in sources]
+        kept = [suggestion for suggestion in thing.suggestions if suggestion.source not in sources]
         return replace(thing, suggestions=ranked_suggestions([*new, *kept])) if new else thing
 
     scene = things.scene

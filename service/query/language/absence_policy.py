@@ -139,7 +139,7 @@ def with_absence_judged(
     ]
     if all(thing.name for thing in fitting):
         return ranked
-    figures = {each: each.relevancy if each.probability is None else each.probability for each in answer.matches}
+    figures = {match: match.relevancy if match.probability is None else match.probability for match in answer.matches}
     matches = tuple(each._replace(relevant=False) for each in sorted(answer.matches, key=lambda one: -figures[one]))
     nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other=False)
     word = vocabulary.word_for(asked)
@@ -191,7 +191,10 @@ def _likeliest(
     likely = {thing_id: near[label_id] for label_id in comes_near for thing_id in names.by_label.get(label_id, ())}
     for thing in fitting:
         off = math.log(names.lengths[thing.id] / usual) / _SPREAD
-        own = [(near.get(names.dictionary.id_of(each.name) or 0, 0.0), each.probability) for each in thing.suggestions]
+        own = [
+            (near.get(names.dictionary.id_of(suggestion.name) or 0, 0.0), suggestion.probability)
+            for suggestion in thing.suggestions
+        ]
         other = thing.probability if thing.name else sum(sure * (1.0 - alike) for alike, sure in own)
         weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
         kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF

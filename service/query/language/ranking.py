@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.language.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.language.meaning.calibration import calibration_key
 from fastsplat.service.query.language.meaning.common_things import are_other_things
 from fastsplat.service.query.language.meaning.embeddings import TextCache, TextCaches, text_caches
-from fastsplat.service.query.language.meaning.label_meanings import Comparison, LabelMeanings
+from fastsplat.service.query.language.meaning.label_meanings import BASE, Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning.meaning import MeaningModel, model_for, weighs_meanings
 from fastsplat.service.query.language.meaning.probability import (
     Belief,
@@ -25,14 +24,23 @@ from fastsplat.service.query.language.meaning.probability import (
 from fastsplat.service.query.language.meaning.prompt_context import PromptContext, PromptContexts, SceneLabels
 from fastsplat.service.query.language.meaning.relevancy import F32, F64, Scores, cosines, relevancy_scores
 from fastsplat.service.query.language.words.english import NoQuestion, names_nothing, no_question
-from fastsplat.service.query.language.words.judgement import Judgement, Mask, Ranked, Remarks
+from fastsplat.service.query.language.words.judgement import Judgement, Mask, Ranked, Remarks, Verdict
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, parse_noun_phrase
 from fastsplat.service.query.language.words.query_text import TextQuery
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat_contract.messages.queries import Answer, AnswerMethod, Match
+from fastsplat_contract.messages.queries import Answer, AnswerMethod, Match, Relation, RelationSubject
+
+if TYPE_CHECKING:  # onnxruntime loads when it is used
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.results import TextEncoder
+
+
+_Related = tuple[Relation, RelationSubject | None]
+
+_STANDING: tuple[_Related, ...] = (("same", None), ("kind_of", "label"))
 
 
 def text_similarity(
@@ -57,10 +65,6 @@ def text_similarity(
                 similarity[row, entry] = min(similarity[row, entry], without_name[words][entry])
     return similarity
 
-
-if TYPE_CHECKING:  # onnxruntime loads when it is used
-    from fastsplat.service.perception.lexicon.wordnet import Lexicon
-    from fastsplat.service.perception.results import TextEncoder
 
 RELATED_PROBABILITY = 0.15
 """Least calibrated probability of a relevant entry besides the leading one.
@@ -215,7 +219,7 @@ class Ranker:
             belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
         standing = judged.relevant.copy()
         if judged.verdict == "related":
-            standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
+            standing[standing] = [_stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
         judged = self._without_suggested(judged)
         shown = scores.similarity if by_similarity else scores.relevancy
         figure = shown if belief is None else belief.entries
@@ -233,7 +237,7 @@ class Ranker:
         elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
         said = verdict if verdict != "possible" else judged.verdict
-        relation, subject = answer_relation(said, int(order[0]) if len(order) else -1, match, comparison)
+        relation, subject = _answer_relation(said, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",
@@ -362,3 +366,57 @@ class Ranker:
         mask = np.zeros(len(self._labels), dtype=np.bool_)
         mask[np.array(label_ids, dtype=np.intp) - 1] = True
         return mask
+
+
+def _stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> bool:
+    """True if an entry is the thing asked for, a synonym or a kind."""
+    if row + 1 in (*match.exact, *match.heads):
+        return True
+    if comparison is not None:
+        known_as = comparison.columns[row, BASE.index("known_as")] > 0
+        if known_as or (comparison.relations.same[row] > 0 and comparison.meaning.whole):
+            return True
+    return _answer_relation("related", row, match, comparison) in _STANDING
+
+
+def _answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Comparison | None) -> _Related:
+    """Relation of an entry to the question, and the one that is kind or part.
+
+    Grammar precedes the lexicon: "coffee machine" is a kind of machine whether a lexicon has it or not.
+
+    Args:
+        verdict: of the answer.
+        row: of the leading entry, label id - 1.
+        match: names in the question.
+        comparison: lexicon relations of question and entries; None without a lexicon.
+    """
+    if verdict == "absent" or verdict == "undecided":
+        return verdict, None
+    if verdict == "exact":
+        return "same", None
+    if row + 1 in match.hyponyms:
+        return "kind_of", "label"
+    if comparison is None:
+        return "related", None
+    relations = comparison.relations
+    if comparison.compounds.kept[row]:
+        return "kind_of", "question"
+    if comparison.compounds.feigned[row] or comparison.compounds.other[row]:
+        return "related", None
+    if not comparison.meaning.whole:  # only the head is known: what is added to it makes a kind of it
+        below = relations.same[row] > 0 or relations.narrower[row] > 0
+        return ("kind_of", "question") if below else ("related", None)
+    if relations.wider[row] > 0:
+        return "kind_of", "label"
+    if relations.narrower[row] > 0:
+        return "kind_of", "question"
+    if relations.part[row] > 0:
+        return "part_of", "question"
+    if relations.whole[row] > 0:
+        return "part_of", "label"
+    known = dict(zip(BASE, comparison.columns[row].tolist(), strict=True))
+    if known["known_kind"]:
+        return "kind_of", "label"
+    if known["known_below"]:
+        return "kind_of", "question"
+    return "related", None

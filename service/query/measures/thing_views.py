@@ -53,7 +53,7 @@ def best_view_of_each(index: SceneIndex, thing_ids: Sequence[int]) -> Mapping[in
     cameras = {posed.name: posed for posed in index.scene.cameras}
     seen_by = index.things.best_views(thing_ids)
     seen: dict[int, list[ThingView]] = {}
-    for name in sorted({name for each in thing_ids for name in seen_by.get(each, ())}):
+    for name in sorted({name for thing_id in thing_ids for name in seen_by.get(thing_id, ())}):
         check_cancelled()
         shown = index.things.map(small_view(cameras[name]))
         for each in thing_ids:

@@ -139,7 +139,9 @@ def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
     if question is None or phrase is None:
         return True
     unnamed = plain.remarks.head or (phrase.refusal is not None and phrase.refusal.reason == "not_named")
-    more = question.not_understood or any(each.conditions or each.rank is not None for each in question.readings)
+    more = question.not_understood or any(
+        reading.conditions or reading.rank is not None for reading in question.readings
+    )
     return bool(unnamed) and not more and question.asks != "count"
 
 
@@ -197,7 +199,11 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, thing_ids=())
         return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
-    read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
+    read = [
+        witness.value
+        for witness in solved.witnesses
+        if witness.measure == READ and witness.value and witness.clearness > 0
+    ]
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
     doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
@@ -209,8 +215,8 @@ def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
         return plain
     asked = noun_phrase(plain.answer.text)
     _, head = split_modifiers(asked)
-    toys = [each for each in scene.names.match(asked).hyponyms if each in scene.things.table]
-    toys = [each for each in toys if is_toy(scene.things.table[each].label)]
+    toys = [hyponym for hyponym in scene.names.match(asked).hyponyms if hyponym in scene.things.table]
+    toys = [toy for toy in toys if is_toy(scene.things.table[toy].label)]
     if not toys and head == label_key(asked):  # it was ranked already
         return plain
     (found,) = scene.rank((scene.things.table[toys[0]].label if toys else head,))
@@ -285,7 +291,7 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 
     Readings about absent things, and empty ones if another has results, are discarded."""
     first = readings[0]
-    sensible = [each for each in readings if each.refusal is None or each.refusal.reason not in _NOT_MEANT]
+    sensible = [reading for reading in readings if reading.refusal is None or reading.refusal.reason not in _NOT_MEANT]
     some = [each for each in sensible if each.things or each.refusal is not None or question.asks == "count"]
     meant = some or sensible or [first]
     outcomes = {(each.things, frozenset(each.undecided), each.refusal) for each in meant}

@@ -6,36 +6,25 @@ readings. Purposes ("something to drink from") are not parsed: they are question
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.words.name_matching import NameIndex
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, without_address
-from fastsplat.service.query.phrases.phrase_words import (
-    ANYTHING,
-    ASKER,
-    COUNTED,
-    DEFINITE,
-    DETERMINERS,
-    LONGEST_MARKER,
-    MARKERS,
-    ORDINALS,
-    POSTPOSED,
-    SIZES,
-    SUPERLATIVES,
-    UNMEASURED_MODIFIERS,
-    Marker,
-)
 from fastsplat.service.query.phrases.phrases import (
     ColorWord,
     Condition,
+    OrderKind,
     ParsedQuestion,
     Phrase,
     Possession,
     Rank,
     Relation,
+    RelationKind,
     Says,
+    SizeKind,
     SizeWord,
 )
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
@@ -57,12 +46,99 @@ _NOTHING_WRITTEN = WrittenWords(())
 _EDGE = "?!.,;:\"'`“”‘’«»¿¡()[]"
 _JOINTS = frozenset({"and", "but", "or", ","})
 
+_MarkerKind = Literal["relation", "side", "distance", "of", "with", "says", "by", "not", "is", "rest"]
+
+
+_RELATIONS: Mapping[RelationKind, str] = {
+    "on": "on, upon, atop, on top of",
+    "in": "in, inside, inside of, within",
+    "under": "under, underneath, below, beneath",
+    "above": "above, over",
+    "next_to": "next to, beside, adjacent to, alongside",
+    "near": "near, near to, close to",
+    "left_of": "left of, to the left of, on the left of, at the left of, on the left side of, to the left side of",
+    "right_of": "right of, to the right of, on the right of, at the right of, on the right side of, "
+    "to the right side of",
+    "in_front_of": "in front of",
+    "behind": "behind, in back of",
+    "between": "between, in between",
+}
+_SIDES = (
+    "on the {}",
+    "to the {}",
+    "at the {}",
+    "on the {} side",
+    "on the far {}",
+    "to the far {}",
+    "from the {}",
+    "from {}",
+)
+_NOT = ("not", "that is not", "that are not", "which is not", "which are not", "is not", "are not", "isn't", "aren't")
+_SAYS = (
+    "that says, which says, that say, which say, that reads, which reads, says, saying, labeled, labelled, marked, "
+    "titled, entitled, with the word, with the words, with the text, with the title"
+)
+_PRONOUNS = "i you he she we they people someone somebody could would should will might may must"
+_DESCRIPTIVE = f"to for that which who whose when where because like but except {_PRONOUNS}"
+_UNMEASURED = "at from against around outside across through along toward towards opposite facing than beyond off"
+
+_DETERMINERS = frozenset(
+    "a an the my your our their his her its this that these those some any every each all both".split()
+)
+_DEFINITE = frozenset("the my your our their his her its this that".split())
+_ASKER = frozenset("me us myself here".split())
+"""Words for the asker as an anchor."""
+_ANYTHING = frozenset(
+    "thing things object objects item items something anything everything what whatever one ones stuff".split()
+)
+_COUNTED = frozenset("pair pairs piece pieces bunch set sets couple kind sort type stack pile".split())
+"""Words before "of" that belong to the name: "a pair of scissors"."""
+_UNMEASURED_MODIFIERS = frozenset(
+    "old new empty full open closed broken clean dirty two three four five six seven eight nine ten several many both "
+    "other another thick thin bright".split()
+)
+_POSTPOSED = frozenset("something anything everything what whatever".split())
+"""Words before their modifiers: "something red"."""
+
+_SIZES: Mapping[str, tuple[SizeKind, bool]] = {
+    **dict.fromkeys(("big", "large", "huge", "bigger", "larger"), ("size", True)),
+    **dict.fromkeys(("small", "little", "tiny", "smaller"), ("size", False)),
+    **dict.fromkeys(("tall", "taller"), ("height", True)),
+    **dict.fromkeys(("short", "shorter"), ("height", False)),
+    **dict.fromkeys(("long", "longer"), ("length", True)),
+    **dict.fromkeys(("wide", "wider"), ("width", True)),
+    "narrow": ("width", False),
+}
+"""Comparative sizes: kind, and True for the larger ones."""
+
+_SUPERLATIVES: Mapping[str, tuple[OrderKind, bool]] = {
+    **dict.fromkeys(("largest", "biggest"), ("size", True)),
+    **dict.fromkeys(("smallest", "littlest", "tiniest"), ("size", False)),
+    "tallest": ("height", True),
+    "shortest": ("height", False),
+    "longest": ("length", True),
+    "widest": ("width", True),
+    "narrowest": ("width", False),
+    **dict.fromkeys(("highest", "topmost", "uppermost"), ("elevation", True)),
+    **dict.fromkeys(("lowest", "bottommost"), ("elevation", False)),
+    **dict.fromkeys(("nearest", "closest"), ("distance", False)),
+    **dict.fromkeys(("farthest", "furthest"), ("distance", True)),
+    **dict.fromkeys(("leftmost", "left-most"), ("from_left", False)),
+    **dict.fromkeys(("rightmost", "right-most"), ("from_left", True)),
+}
+"""Orders: kind, and True for the largest first."""
+
+_ORDINALS = "first/1st second/2nd third/3rd fourth/4th fifth/5th sixth/6th seventh/7th eighth/8th ninth/9th tenth/10th"
+ORDINALS: Mapping[str, int] = {
+    word: number for number, words in enumerate(_ORDINALS.split(), start=1) for word in words.split("/")
+}
+
 
 @dataclass
 class _Part:
     """A marker with the words up to the next one."""
 
-    marker: Marker | None  # None for what the text begins with
+    marker: _Marker | None  # None for what the text begins with
     said: str = ""  # the words of the marker, as asked
     words: list[str] = field(default_factory=list)  # those after it
     joined: bool = False  # whether an "and" stands before it, so that it is said of the head
@@ -160,10 +236,10 @@ def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _P
                 count = len(after) if marker.kind == "says" else 0
             if count:
                 own = [word.strip(_EDGE) for word in after[:count]]
-                parts.append(_Part(Marker("says"), said, own, joined=_without_joint(parts[-1])))
+                parts.append(_Part(_Marker("says"), said, own, joined=_without_joint(parts[-1])))
                 at += length + count
                 continue
-            marker = Marker("rest")
+            marker = _Marker("rest")
         if marker.kind == "rest":
             return parts, _Part(marker, said, list(words[at + length :]))
         joined = _without_joint(parts[-1])
@@ -173,26 +249,26 @@ def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _P
     return parts, None
 
 
-def _marker_at(keys: Sequence[str], at: int, before: Sequence[str]) -> tuple[Marker | None, int]:
+def _marker_at(keys: Sequence[str], at: int, before: Sequence[str]) -> tuple[_Marker | None, int]:
     """The longest marker at a position, and its number of words."""
-    for length in range(min(LONGEST_MARKER, len(keys) - at), 0, -1):
+    for length in range(min(_LONGEST_MARKER, len(keys) - at), 0, -1):
         marker = MARKERS.get(tuple(keys[at : at + length]))
         if marker is None:
             continue
         after = keys[at + length] if at + length < len(keys) else ""
-        nouns = [word for word in before if word.casefold() not in DETERMINERS]
-        if marker.kind == "distance" and length == 1 and not nouns and after and after not in DETERMINERS:
+        nouns = [word for word in before if word.casefold() not in _DETERMINERS]
+        if marker.kind == "distance" and length == 1 and not nouns and after and after not in _DETERMINERS:
             return None, 0  # "the nearest mug"
-        if marker.kind == "of" and length == 1 and nouns and label_key(nouns[-1]) in COUNTED:
+        if marker.kind == "of" and length == 1 and nouns and label_key(nouns[-1]) in _COUNTED:
             return None, 0  # "a pair of scissors"
         if marker.kind == "rest" and keys[at] in ("to", "from") and _distance_before(before):
-            return Marker("distance"), 1  # "the nearest mug to the lamp"
+            return _Marker("distance"), 1  # "the nearest mug to the lamp"
         return marker, length
     return None, 0
 
 
 def _distance_before(words: Sequence[str]) -> bool:
-    orders = (SUPERLATIVES.get(word.casefold()) for word in words)
+    orders = (_SUPERLATIVES.get(word.casefold()) for word in words)
     return any(order is not None and order[0] == "distance" for order in orders)
 
 
@@ -267,7 +343,7 @@ def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | No
 def _anchors(part: _Part, is_name: IsName) -> tuple[Phrase, ...]:
     """Anchors of a relation; empty for the asker."""
     words = [word for word in part.words if word]
-    if not words or (len(words) == 1 and words[0].casefold() in ASKER):
+    if not words or (len(words) == 1 and words[0].casefold() in _ASKER):
         return ()
     groups = [words]
     if part.marker is not None and part.marker.relation == "between":
@@ -283,11 +359,11 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
     `described`: a description follows, so that "thing" belongs to it and is no wildcard."""
     left = [word.rstrip(",") if number == len(words) - 1 else word for number, word in enumerate(words)]
     definite = False
-    while left and (key := left[0].casefold()) in DETERMINERS:
-        definite = definite or key in DEFINITE
+    while left and (key := left[0].casefold()) in _DETERMINERS:
+        definite = definite or key in _DEFINITE
         left.pop(0)
     group = " ".join(left)
-    if left and left[0].casefold() in POSTPOSED and len(left) > 1 and not described:
+    if left and left[0].casefold() in _POSTPOSED and len(left) > 1 and not described:
         left, asking = [*left[1:]], True
     if len(left) > 1 and left[-1].casefold() in ORDINALS:
         left = [left[-1], *left[:-1]]
@@ -295,7 +371,7 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
     sizes: list[SizeWord] = []
     others: list[str] = []
     rank, number = None, None
-    while left and (asking or len(left) > 1 or left[0].casefold() in SUPERLATIVES):
+    while left and (asking or len(left) > 1 or left[0].casefold() in _SUPERLATIVES):
         key = left[0].casefold()
         after = left[1].casefold() if len(left) > 1 else ""
         if key in NAMES and any(is_name(" ".join(left[:end])) for end in range(2, len(left) + 1)):
@@ -305,20 +381,20 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
             left.pop(0)
         elif key in NAMES:
             colors.append(ColorWord(key))
-        elif key in SIZES:
-            sizes.append(SizeWord(key, *SIZES[key]))
-        elif key in SUPERLATIVES and rank is None:
+        elif key in _SIZES:
+            sizes.append(SizeWord(key, *_SIZES[key]))
+        elif key in _SUPERLATIVES and rank is None:
             ordinal = next((word for word, value in ORDINALS.items() if value == number), "") if number else ""
-            rank = Rank(*SUPERLATIVES[key], number or 1, (), f"{ordinal} {key}".strip())
+            rank = Rank(*_SUPERLATIVES[key], number or 1, (), f"{ordinal} {key}".strip())
             number = None
         elif key in ORDINALS and number is None and rank is None:
             number = ORDINALS[key]
-        elif key in UNMEASURED_MODIFIERS and after:
+        elif key in _UNMEASURED_MODIFIERS and after:
             others.append(left[0])
         else:
             break
         left.pop(0)
-    anything = not left or (len(left) == 1 and left[0].casefold() in ANYTHING and not described)
+    anything = not left or (len(left) == 1 and left[0].casefold() in _ANYTHING and not described)
     head = "" if anything and not others else " ".join([*others, *left])
     return _Group(
         Phrase(head, group, definite and label_key(head) == head.casefold(), tuple(colors), tuple(sizes), (), rank),
@@ -381,3 +457,46 @@ def _condition(part: _Part, anchors: tuple[Phrase, ...]) -> Condition | None:
     if part.marker.kind in ("of", "with"):
         return Possession("of" if part.marker.kind == "of" else "with", anchors[0], negated, part.text)
     return None
+
+
+@dataclass(frozen=True)
+class _Marker:
+    """Words that end a noun group.
+
+    Attributes:
+        kind: "side": "on the left" (of nothing), "from the left"; "distance": "nearest to"; "is": "that are"; "says":
+            "labeled", before its text; "by": the same, if the words are written on something; "rest": ends parsing.
+    """
+
+    kind: _MarkerKind
+    relation: RelationKind | None = None  # of a relation
+    negated: bool = False  # "without"; "is not"
+    most: bool = False  # of a side, the right one; of a distance, the farthest
+    descriptive: bool = False  # of "rest": a question of meaning ("to drink from"), not an unmeasured preposition
+
+
+def _markers() -> dict[tuple[str, ...], _Marker]:
+    table = {word: _Marker("rest", descriptive=True) for word in _DESCRIPTIVE.split()}
+    table |= {word: _Marker("rest") for word in _UNMEASURED.split()}
+    table |= {phrase: _Marker("says") for phrase in _SAYS.split(", ")} | {"by": _Marker("by")}
+    for relation, phrases in _RELATIONS.items():
+        table |= {phrase: _Marker("relation", relation) for phrase in phrases.split(", ")}
+    for side in ("left", "right"):
+        table |= {form.format(side): _Marker("side", most=side == "right") for form in _SIDES}
+    for word in ("nearest", "closest"):
+        table |= {f"{word}{to}": _Marker("distance") for to in ("", " to")}
+    for word in ("farthest", "furthest"):
+        table |= {f"{word}{end}": _Marker("distance", most=True) for end in ("", " from", " away from", " away")}
+    table |= {"of": _Marker("of"), "full of": _Marker("of"), "filled with": _Marker("of")}
+    table |= {"with": _Marker("with"), "having": _Marker("with"), "containing": _Marker("of")}
+    table |= {phrase: _Marker("with", negated=True) for phrase in ("without", "with no", "lacking", "without any")}
+    table |= {phrase: _Marker("not") for phrase in _NOT}
+    table |= {
+        phrase: _Marker("is") for phrase in ("that is", "that are", "which is", "which are", "is", "are", "that's")
+    }
+    return {tuple(phrase.split()): marker for phrase, marker in table.items()}
+
+
+MARKERS = _markers()
+"""Markers by their words; the longest match counts."""
+_LONGEST_MARKER = max(map(len, MARKERS))

@@ -147,7 +147,7 @@ class ParsedQuestion:
     @property
     def of_writing(self) -> bool:
         """True if it may ask for writing on things."""
-        return any(isinstance(each, Says) for reading in self.readings for each in reading.conditions)
+        return any(isinstance(condition, Says) for reading in self.readings for condition in reading.conditions)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class ThingLooks:
     @cached_property
     def _rows(self) -> NDArray[np.float64]:
         looks = [thing.looks.embedding for thing in self._looked_at if thing.looks is not None]
-        return np.stack([np.frombuffer(each, np.float16) for each in looks]).astype(np.float64)
+        return np.stack([np.frombuffer(look, np.float16) for look in looks]).astype(np.float64)
 
     def likely(self, text: str, before: Mapping[int, float]) -> Mapping[int, float]:
         """Posterior probability, 0..1, that a noun phrase is true of each thing with looks.

@@ -107,7 +107,7 @@ def pick_point(things: SceneThings, point: Vector3) -> tuple[PickedLevel, ...]:
 def chosen_level(levels: Sequence[PickedLevel], asked: AskedLevel) -> PickedLevel:
     """Selects the requested level (or raises NotFoundError), or the likeliest; things win ties."""
     if asked == "likeliest":
-        return max(levels, key=lambda each: (each.probability, each.level == "thing"))
+        return max(levels, key=lambda level: (level.probability, level.level == "thing"))
     for each in levels:
         if each.level == asked:
             return each

@@ -38,7 +38,11 @@ class SceneHistory:
     @property
     def later(self) -> tuple[Observation, ...]:
         """Observations of photos taken after the capture's."""
-        return tuple(each for each in self.observations if self.made_at is None or each.seen_at > self.made_at)
+        return tuple(
+            observation
+            for observation in self.observations
+            if self.made_at is None or observation.seen_at > self.made_at
+        )
 
     def sightings(self, thing_id: int) -> tuple[Sighting, ...]:
         """Sightings of a thing, oldest first; empty if undated and never looked at again."""
@@ -65,7 +69,9 @@ class SceneHistory:
 def scene_history(scene: Scene) -> SceneHistory:
     """Builds the history of a version's things."""
     frame = frame_of(scene)
-    placed = [replace(in_frame(each, frame), meters=scene.scale == "METRIC") for each in scene.observations]
+    placed = [
+        replace(in_frame(observation, frame), meters=scene.scale == "METRIC") for observation in scene.observations
+    ]
     observations = tuple(sorted(placed, key=lambda each: each.seen_at))
     made_at = scene.facts.newest_photo_at
     found: dict[int, list[Sighting]] = {}

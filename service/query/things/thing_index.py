@@ -123,7 +123,7 @@ class SceneThings:
     def groups(self) -> Mapping[int, ThingGroup]:
         """Groups with at least two present members, by id, with these members."""
         here = {thing.id for thing in self.present}
-        own = {group.id: tuple(each for each in group.members if each in here) for group in self.table.groups}
+        own = {group.id: tuple(member for member in group.members if member in here) for group in self.table.groups}
         return {each.id: replace(each, members=own[each.id]) for each in self.table.groups if len(own[each.id]) > 1}
 
     @cached_property
@@ -138,7 +138,7 @@ class SceneThings:
             tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
         counts = {each.id: int(self.counts[each.id]) for each in present}
-        counts |= {each.id: int(self.part_counts[each.id]) for each in parts}
+        counts |= {part.id: int(self.part_counts[part.id]) for part in parts}
         return ThingNames(
             self.scene.dictionary,
             present,
@@ -265,7 +265,7 @@ class SceneThings:
 
     def best_views(self, thing_ids: Sequence[int]) -> Mapping[int, tuple[str, ...]]:
         """Names of at most five best cameras for each thing or part, see `visibility`."""
-        missing = {each for each in thing_ids if each not in self._best_views}
+        missing = {thing_id for thing_id in thing_ids if thing_id not in self._best_views}
         if missing:
             gaussians, solid = self.scene.gaussians, solid_rows(self.scene.gaussians)
             owners = (self.owner, self.part_owner) if self.present_parts else (self.owner,)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.things.absence import ALL_SEEN, USUAL_M, Hollow, UnseenSpace
-from fastsplat.service.query.things.cube_grids import TRIM, CubeGrid, cube_grid, most_around, pieces_of
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat.service.query.things.visibility import SightLines, shows, spread_views
 from fastsplat.service.scene.artefact.scene import Scene, SurfaceKind
@@ -29,6 +29,14 @@ _MOST_LARGE = 8_192
 _MOST_NAMED = 2
 _BOUNDARIES: tuple[SurfaceKind, ...] = ("floor", "ceiling", "wall")
 """Surfaces that bound the place."""
+
+_Mask = NDArray[np.bool_]
+
+_FINEST = 1 / 40
+"""Least width of a cube, as a share of the longest side."""
+_MAX_HULL_POINTS = 2_000
+_TRIM = 0.01
+"""Share of points trimmed at either end of each axis."""
 
 
 def surface_kind(name: str, kind: SurfaceKind = "") -> SurfaceKind:
@@ -58,7 +66,7 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
         return ALL_SEEN
     rows = opaque_rows(scene)
     points, of = scene.gaussians.means[rows].astype(np.float64), owner[rows]
-    place = cube_grid(points[of > 0], 0)
+    place = _cube_grid(points[of > 0], 0)
     if place is None:
         return ALL_SEEN
     usual = _usual_size(points, of, surfaces)
@@ -81,7 +89,7 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
 class _Looked:
     """Visibility counts of a grid's cubes."""
 
-    grid: CubeGrid  # K cubes
+    grid: _CubeGrid  # K cubes
     seen: NDArray[np.int64]  # int64 [K], how many photos see the cube
     hidden: NDArray[np.int64]  # how many have it in the picture behind something
     outside: NDArray[np.int64]  # in how many of these that is a floor, a ceiling or a wall
@@ -90,7 +98,7 @@ class _Looked:
 
 
 def _looks(
-    scene: Scene, rows: NDArray[np.int64], of: I32, surfaces: Mapping[int, SurfaceKind], grids: Sequence[CubeGrid]
+    scene: Scene, rows: NDArray[np.int64], of: I32, surfaces: Mapping[int, SurfaceKind], grids: Sequence[_CubeGrid]
 ) -> list[_Looked]:
     """Counts the views of the cubes of some grids; `of`: things of the Gaussians `rows`."""
     boundary = np.zeros(int(of.max(initial=0)) + 1, np.bool_)
@@ -119,7 +127,7 @@ def _looks(
 def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vector3 | None]:
     """Computes `share`, `behind` and `middle` of `UnseenSpace`."""
     unseen = (place.seen == 0) & (place.hidden > 0) & (2 * place.outside <= place.hidden)
-    pieces = pieces_of(place.grid, unseen)
+    pieces = _pieces_of(place.grid, unseen)
     counted = unseen & (pieces.widths >= usual)[pieces.numbers]
     if not counted.any():
         return 0.0, (), None
@@ -131,7 +139,7 @@ def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vect
 
 def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
     """Unseen piece of a thing's inside with the largest ball; None for none."""
-    pieces = pieces_of(thing.grid, most_around(thing.grid, (thing.seen == 0) & (2 * thing.own >= thing.hidden)))
+    pieces = _pieces_of(thing.grid, _most_around(thing.grid, (thing.seen == 0) & (2 * thing.own >= thing.hidden)))
     best = int(pieces.widths.argmax())
     if not best or not thing.hidden.any():
         return None
@@ -142,15 +150,19 @@ def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
 
 def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
     """Name of the nearest camera with a place in the picture; "" for none."""
-    far = {each.name: np.linalg.norm(each.world_from_camera[:3, 3] - place) for each in cameras if shows(each, place)}
+    far = {
+        camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - place)
+        for camera in cameras
+        if shows(camera, place)
+    }
     return min(far, key=far.__getitem__, default="")
 
 
-def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[CubeGrid]:
+def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[_CubeGrid]:
     """Cubes of the largest things that are no surfaces."""
     groups = [(each, points[rows]) for each, rows in grouped_rows(of, np.arange(len(of))) if not surfaces.get(each)]
     groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
-    grids = (cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_THINGS])
+    grids = (_cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_THINGS])
     return [grid for grid in grids if grid is not None]
 
 
@@ -180,8 +192,77 @@ def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, 
 def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> float:
     """Median length of the things along their longest axis; 0 without things."""
     sizes = [
-        np.ptp(np.quantile(points[rows], [TRIM, 1 - TRIM], axis=0), axis=0).max()
+        np.ptp(np.quantile(points[rows], [_TRIM, 1 - _TRIM], axis=0), axis=0).max()
         for each, rows in grouped_rows(of, np.arange(len(of)))
         if not surfaces.get(each)
     ]
     return float(np.median(sizes)) if sizes else 0.0
+
+
+@dataclass(frozen=True)
+class _CubeGrid:
+    """Cubes inside a convex hull."""
+
+    thing_id: int  # whose hull; 0 for all together
+    inside: _Mask  # bool [X, Y, Z], which cubes are inside
+    middles: F64  # float64 [K, 3], their middles, world frame
+    width: float  # of a cube, scene units
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Connected components of a grid's cubes."""
+
+    numbers: NDArray[np.int64]  # int64 [K], of which piece each cube inside the hull is, from 1; 0 for none
+    widths: F64  # float64 [P + 1], of the largest ball that fits into each piece, scene units; 0 first
+    middles: tuple[Vector3, ...]  # P + 1 middles of these balls, world frame
+
+
+def _cube_grid(points: F64, thing_id: int, across: int = 0) -> _CubeGrid | None:
+    """Voxelizes the convex hull of points [K, 3]; None without volume.
+
+    `across`: cubes along the shortest side; at most 40 along the longest side, as for 0."""
+    if len(points) < 4:
+        return None
+    low, high = np.quantile(points, [_TRIM, 1 - _TRIM], axis=0)
+    core = points[((points >= low) & (points <= high)).all(axis=1)]
+    try:
+        planes = ConvexHull(core[:: -(-len(core) // _MAX_HULL_POINTS) or 1]).equations
+    except (QhullError, ValueError):
+        return None
+    size = high - low
+    width = float(max(size.max() * _FINEST, size.min() / across if across else 0.0))
+    if not width:
+        return None
+    counts = np.maximum(np.ceil(size / width), 1).astype(int)
+    axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = np.ones(grid.shape[:3], np.bool_)
+    for a, b, c, d in planes:
+        inside &= grid @ np.array([a, b, c]) + d <= 0
+    return _CubeGrid(thing_id, inside, grid[inside], width) if inside.any() else None
+
+
+def _most_around(grid: _CubeGrid, marked: _Mask) -> _Mask:
+    """Majority filter over the 3×3×3 neighborhoods inside the hull, bool [K]."""
+    from scipy import ndimage
+
+    whole = np.zeros((2, *grid.inside.shape))
+    whole[0][grid.inside], whole[1] = marked, grid.inside
+    share, there = (ndimage.uniform_filter(values, 3, mode="constant")[grid.inside] for values in whole)
+    return np.asarray(2 * share > there)
+
+
+def _pieces_of(grid: _CubeGrid, marked: _Mask) -> _Pieces:
+    """Connected components of the marked cubes, bool [K], inside a grid's hull."""
+    from scipy import ndimage  # no other question needs it
+
+    whole = np.zeros(grid.inside.shape, np.bool_)
+    whole[grid.inside] = marked
+    numbers, count = ndimage.label(whole)
+    within = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1, 1:-1][grid.inside]
+    own = numbers[grid.inside].astype(np.int64)
+    deepest = [0, *(int(np.where(own == number, within, 0).argmax()) for number in range(1, count + 1))]
+    widths = (2 * within[deepest] - 1) * grid.width
+    widths[0] = 0.0
+    return _Pieces(own, widths, tuple(Vector3(*grid.middles[row].tolist()) for row in deepest))

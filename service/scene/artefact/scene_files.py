@@ -6,27 +6,20 @@ Files: `scene.json`, `gaussians.safetensors`, `cameras.json`, and optionally `ev
 
 from __future__ import annotations
 
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
 
+from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.scene.artefact.alignment import frame_name
-from fastsplat.service.scene.artefact.arrays import (
-    Array,
-    Shapes,
-    check_evidence,
-    check_membership,
-    digest_arrays,
-    evidence_shapes,
-    first_non_finite,
-    head_shapes,
-    map_arrays,
-    save_arrays,
-    scene_shapes,
-)
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Parts, Scene, SemanticHead, Thing, Things
 from fastsplat.service.scene.artefact.scene_manifest import (
     Manifest,
@@ -45,6 +38,13 @@ _THINGS = "things.safetensors"
 _PARTS = "parts.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
+_CHUNK_BYTES = 16 << 20
+_CODES: Mapping[str, np.dtype[np.generic]] = {"F32": np.dtype("<f4"), "I64": np.dtype("<i8"), "U16": np.dtype("<u2")}
+
+_Array = NDArray[np.generic]
+_Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
+"""Safetensors dtype name and shape of each array of a file, by array name."""
+
 
 def write_scene(scene: Scene, folder: Path) -> None:
     """Writes `scene` to the new folder `folder` atomically.
@@ -60,7 +60,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
     for name, array in arrays.items():
         if array.dtype != np.float32:
             raise InvalidInputError(f"{name} is {array.dtype}, expected float32", field=name)
-    if bad := first_non_finite(arrays):
+    if bad := _first_non_finite(arrays):
         raise InvalidInputError(f"{bad} holds NaN or infinite numbers", field=bad, hint="Drop those Gaussians first.")
     evidence, membership, parts = _evidence_of(scene), _membership_of(scene), _parts_of(scene)
     cameras = cameras_to_bytes(scene.cameras)
@@ -77,17 +77,17 @@ def write_scene(scene: Scene, folder: Path) -> None:
             sh=scene.gaussians.sh.shape[1],
             code=scene.gaussians.codes.shape[1],
             embedding=scene.label_embeddings.shape[1],
-            arrays_sha256=digest_arrays(arrays),
+            arrays_sha256=_digest_arrays(arrays),
             evidence_entries=len(evidence["counts"]) if evidence else None,
-            evidence_sha256=digest_arrays(evidence) if evidence else "",
+            evidence_sha256=_digest_arrays(evidence) if evidence else "",
             things=None if scene.things is None else scene.things.table,
             things_entries=len(membership["counts"]) if membership else 0,
-            things_sha256=digest_arrays(membership) if membership else "",
+            things_sha256=_digest_arrays(membership) if membership else "",
             things_classes=None if scene.things is None or scene.things.head is None else len(scene.things.head.bias),
             next_thing_id=0 if scene.things is None else scene.things.next_id,
             parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
             parts_entries=len(parts["counts"]) if parts else 0,
-            parts_sha256=digest_arrays(parts) if parts else "",
+            parts_sha256=_digest_arrays(parts) if parts else "",
             groups=() if scene.things is None else scene.things.groups,
             scaling=scene.scaling,
             alignment=scene.alignment,
@@ -97,13 +97,13 @@ def write_scene(scene: Scene, folder: Path) -> None:
     )
     try:
         with atomic_directory(folder, replace=False) as beside:
-            save_arrays(arrays, beside / _ARRAYS)
+            _save_arrays(arrays, beside / _ARRAYS)
             if evidence:
-                save_arrays(evidence, beside / _EVIDENCE)
+                _save_arrays(evidence, beside / _EVIDENCE)
             if membership:
-                save_arrays(membership, beside / _THINGS)
+                _save_arrays(membership, beside / _THINGS)
             if parts:
-                save_arrays(parts, beside / _PARTS)
+                _save_arrays(parts, beside / _PARTS)
             (beside / _CAMERAS).write_bytes(cameras)
             (beside / _MANIFEST).write_bytes(manifest)
     except FileExistsError as error:  # another writer was faster
@@ -129,9 +129,9 @@ def read_scene(folder: Path) -> Scene:
 def _read_scene(folder: Path) -> Scene:
     cameras_bytes = _read(folder / _CAMERAS)
     manifest = manifest_from_bytes(_read(folder / _MANIFEST), cameras_bytes)
-    shapes = scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
+    shapes = _scene_shapes(manifest.gaussians, manifest.sh, manifest.code, len(manifest.dictionary), manifest.embedding)
     arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
-    if bad := first_non_finite(arrays):
+    if bad := _first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
     return Scene(
         gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
@@ -165,34 +165,34 @@ def _arrays_of(scene: Scene) -> dict[str, F32]:
     }
 
 
-def _evidence_of(scene: Scene) -> dict[str, Array]:
+def _evidence_of(scene: Scene) -> dict[str, _Array]:
     if scene.evidence is None:
         return {}
-    if wrong := check_evidence(scene.evidence, len(scene.dictionary)):
+    if wrong := _check_evidence(scene.evidence, len(scene.dictionary)):
         raise InvalidInputError(f"the evidence contradicts the scene: {wrong}", field="evidence")
     return {field.name: getattr(scene.evidence, field.name) for field in fields(Evidence)}
 
 
-def _membership_of(scene: Scene) -> dict[str, Array]:
+def _membership_of(scene: Scene) -> dict[str, _Array]:
     if scene.things is None:
         return {}
-    if wrong := check_membership(scene.things.membership, [thing.id for thing in scene.things.table]):
+    if wrong := _check_membership(scene.things.membership, [thing.id for thing in scene.things.table]):
         raise InvalidInputError(f"the things contradict the scene: {wrong}", field="things")
     arrays = {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
     head = scene.things.head
     if head is None:
         return arrays
-    of_head: dict[str, Array] = {"head.weight": head.weight, "head.bias": head.bias}
-    if bad := first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+    of_head: dict[str, _Array] = {"head.weight": head.weight, "head.bias": head.bias}
+    if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
         raise InvalidInputError(f"the things' {bad} holds NaN or infinite numbers", field="things.head")
     return arrays | of_head
 
 
-def _parts_of(scene: Scene) -> dict[str, Array]:
+def _parts_of(scene: Scene) -> dict[str, _Array]:
     parts = None if scene.things is None else scene.things.parts
     if parts is None:
         return {}
-    if wrong := check_membership(parts.membership, [part.id for part in parts.table]):
+    if wrong := _check_membership(parts.membership, [part.id for part in parts.table]):
         raise InvalidInputError(f"the parts contradict the scene: {wrong}", field="things")
     return {field.name: getattr(parts.membership, field.name) for field in fields(Evidence)}
 
@@ -200,9 +200,9 @@ def _parts_of(scene: Scene) -> dict[str, Array]:
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     if manifest.evidence_entries is None:
         return None
-    shapes = evidence_shapes(manifest.gaussians, manifest.evidence_entries)
+    shapes = _evidence_shapes(manifest.gaussians, manifest.evidence_entries)
     evidence = _sparse_counts(path, _mapped(path, shapes, manifest.evidence_sha256))
-    if wrong := check_evidence(evidence, len(manifest.dictionary)):
+    if wrong := _check_evidence(evidence, len(manifest.dictionary)):
         raise _damaged(path, wrong)
     return evidence
 
@@ -211,26 +211,26 @@ def _read_things(folder: Path, manifest: Manifest) -> Things | None:
     if manifest.things is None:
         return None
     path = folder / _THINGS
-    classes, shapes = manifest.things_classes, evidence_shapes(manifest.gaussians, manifest.things_entries)
+    classes, shapes = manifest.things_classes, _evidence_shapes(manifest.gaussians, manifest.things_entries)
     arrays = _mapped(
-        path, shapes if classes is None else {**shapes, **head_shapes(classes, manifest.code)}, manifest.things_sha256
+        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.things_sha256
     )
     head = None
     if classes is not None:
         head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
-        if bad := first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+        if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
             raise _damaged(path, f"{bad} has NaN or infinite numbers")
     membership = _members(path, _sparse_counts(path, arrays), manifest.things)
     parts = None
     if manifest.parts is not None:
         path = folder / _PARTS
-        arrays = _mapped(path, evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
+        arrays = _mapped(path, _evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
         parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
     return Things(manifest.things, membership, manifest.next_thing_id, parts, head, manifest.groups)
 
 
 def _members(path: Path, membership: Evidence, table: tuple[Thing, ...]) -> Evidence:
-    if wrong := check_membership(membership, [thing.id for thing in table]):
+    if wrong := _check_membership(membership, [thing.id for thing in table]):
         raise _damaged(path, wrong)
     return membership
 
@@ -245,9 +245,9 @@ def _damaged(path: Path, what: str) -> SceneFileError:
     return SceneFileError(f"{path.name} is damaged: {what}", field=path.name, hint=_RESTORE)
 
 
-def _mapped(path: Path, shapes: Shapes, sha256: str) -> dict[str, Any]:
-    arrays = map_arrays(path, shapes)
-    if digest_arrays(arrays) != sha256:
+def _mapped(path: Path, shapes: _Shapes, sha256: str) -> dict[str, Any]:
+    arrays = _map_arrays(path, shapes)
+    if _digest_arrays(arrays) != sha256:
         raise SceneFileError(f"{path.name} does not match its digest in {_MANIFEST}", field=path.name, hint=_RESTORE)
     return arrays
 
@@ -267,3 +267,128 @@ def _exists(folder: Path) -> ConflictError:
     return ConflictError(
         f"the scene folder {folder.name} exists", field="scene", hint="Write a new version into a new folder."
     )
+
+
+def _scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int) -> _Shapes:
+    """Returns the scene file's arrays for G, K = (degree + 1)², D, N, E."""
+    shapes: dict[str, tuple[int, ...]] = {
+        "means": (gaussians, 3),
+        "quats": (gaussians, 4),
+        "log_scales": (gaussians, 3),
+        "logit_opacities": (gaussians,),
+        "sh": (gaussians, sh, 3),
+        "codes": (gaussians, code),
+        "label_embeddings": (labels, embedding),
+    }
+    return {name: ("F32", shape) for name, shape in shapes.items()} | _head_shapes(labels + 1, code)
+
+
+def _evidence_shapes(gaussians: int, entries: int) -> _Shapes:
+    """Returns the arrays of an evidence file with G Gaussians and M entries."""
+    return {"starts": ("I64", (gaussians + 1,)), "labels": ("U16", (entries,)), "counts": ("I64", (entries,))}
+
+
+def _head_shapes(classes: int, code: int) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Returns the arrays of an affine map from D code dimensions to C classes."""
+    return {"head.weight": ("F32", (classes, code)), "head.bias": ("F32", (classes,))}
+
+
+def _check_evidence(evidence: Evidence, labels: int) -> str:
+    """Describes the first error in evidence over `labels` labels; "" if it is valid."""
+    if (np.diff(evidence.starts) < 0).any():
+        return "its rows do not ascend"
+    if len(evidence.labels) == 0:
+        return ""
+    if int(evidence.labels.max()) > labels:
+        return f"it holds the label {int(evidence.labels.max())}, and the dictionary has {labels}"
+    return _check_entries(evidence)
+
+
+def _check_membership(membership: Evidence, ids: Sequence[int]) -> str:
+    """Describes the first error in a membership of these things; "" if it is valid."""
+    if (np.diff(membership.starts) < 0).any():
+        return "its rows do not ascend"
+    strangers = np.setdiff1d(membership.labels, [0, *ids])
+    if len(strangers):
+        return f"it holds the thing {int(strangers[0])}, which the table does not have"
+    return _check_entries(membership) if len(membership.labels) else ""
+
+
+def _check_entries(evidence: Evidence) -> str:
+    if int(evidence.counts.min()) <= 0:
+        return "it holds a count that is not positive"
+    rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
+    if (np.diff(rows << 16 | evidence.labels) <= 0).any():
+        return "the labels of a row do not ascend"
+    return ""
+
+
+def _save_arrays(arrays: Mapping[str, _Array], path: Path) -> None:
+    """Writes arrays to `path`; equal arrays give equal bytes."""
+    write_arrays({name: np.ascontiguousarray(array) for name, array in arrays.items()}, path)
+
+
+def _map_arrays(path: Path, shapes: _Shapes) -> dict[str, _Array]:
+    """Maps a file's arrays read-only, without loading them.
+
+    Raises:
+        SceneFileError: not a complete safetensors file, or names, dtypes or shapes differ from `shapes`.
+    """
+    try:
+        with safe_open(path, framework="np") as file:  # the library's strict parser: offsets, overlaps, length
+            names = set(file.keys())
+            stored = {name: (file.get_slice(name).get_dtype(), file.get_slice(name).get_shape()) for name in names}
+        with path.open("rb") as raw:
+            header_bytes = int.from_bytes(raw.read(8), "little")
+            header = json.loads(raw.read(header_bytes))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise _damaged_arrays(path, f"cannot be read: {error}") from error
+    if names != set(shapes):
+        raise _damaged_arrays(path, f"holds the arrays {sorted(names)}, expected {sorted(shapes)}")
+    for name, (code, shape) in shapes.items():
+        if stored[name] != (code, list(shape)):
+            raise _damaged_arrays(
+                path, f"has {name} as {stored[name][0]} {stored[name][1]}, expected {code} {list(shape)}"
+            )
+    start = 8 + header_bytes
+    mapped = np.memmap(path, dtype=np.uint8, mode="r")
+    arrays: dict[str, _Array] = {}
+    for name, (code, shape) in shapes.items():
+        begin, end = header[name]["data_offsets"]
+        if (start + begin) % _CODES[code].itemsize:
+            raise _damaged_arrays(path, f"has {name} at a place that is not aligned to its numbers")
+        arrays[name] = np.asarray(mapped[start + begin : start + end]).view(_CODES[code]).reshape(shape)
+    return arrays
+
+
+def _first_non_finite(arrays: Mapping[str, F32]) -> str:
+    """Names the first array that holds NaN or infinity; "" if none does."""
+    for name, array in arrays.items():
+        if not all(np.isfinite(chunk.view(np.float32)).all() for chunk in _chunks(array)):
+            return name
+    return ""
+
+
+def _digest_arrays(arrays: Mapping[str, _Array]) -> str:
+    """Returns a SHA-256 hex digest over the arrays' names, shapes and little-endian values.
+
+    Scenes with equal digests have bit-identical arrays in the same row order.
+    """
+    digest = hashlib.sha256()
+    for name in sorted(arrays):
+        digest.update(f"{name} {list(arrays[name].shape)}\n".encode())
+        for chunk in _chunks(arrays[name]):
+            digest.update(np.ascontiguousarray(chunk, dtype=chunk.dtype.newbyteorder("<")).view(np.uint8).data)
+    return digest.hexdigest()
+
+
+def _chunks(array: _Array) -> Iterator[_Array]:
+    """Yields flat pieces of bounded size, so that large arrays are not copied whole."""
+    flat = np.ascontiguousarray(array).reshape(-1)
+    step = _CHUNK_BYTES // flat.itemsize
+    for start in range(0, len(flat), step):
+        yield flat[start : start + step]
+
+
+def _damaged_arrays(path: Path, what: str) -> SceneFileError:
+    return SceneFileError.of(path.name, f"{what}", "Restore the scene's folder from a backup, or train it again.")

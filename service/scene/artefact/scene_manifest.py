@@ -2,33 +2,172 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene.artefact.alignment import Alignment, alignment_from_json, alignment_to_json
 from fastsplat.service.scene.artefact.observations import observations_from_json, observations_to_json
+from fastsplat.service.scene.artefact.reads import MAX_READ_CHARS, MOST_READS
 from fastsplat.service.scene.artefact.scaling import Scaling, scaling_from_json, scaling_to_json
-from fastsplat.service.scene.artefact.scene import SH_COUNTS, Thing, ThingGroup
+from fastsplat.service.scene.artefact.scene import SH_COUNTS, Looks, NameSource, SurfaceKind, Thing, ThingGroup
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
-from fastsplat.service.scene.artefact.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
+from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.messages.scenes import Scale
+from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 from fastsplat_contract.photos.observations import Observation
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+_Words = Annotated[tuple[str, ...], Field(strict=False)]
+_Pair = Annotated[tuple[str, _Share], Field(strict=False)]
+_Told = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
+_Suggestion = _Pair | _Told
+"""The source is omitted for suggestions of the scene's own models."""
+
+_Line = Annotated[str, Field(min_length=1, max_length=MAX_READ_CHARS)]
+_Read = Annotated[tuple[ReadKind, _Line, _Share, Annotated[int, Field(ge=1)]], Field(strict=False)]
+_Cameras = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(strict=False)]
 
 SCHEMA = 1
 """Version of the folder layout; no other is read or written."""
 
 _FORMAT = "fastsplat-scene"
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
+
+
+def _is_base64(text: str) -> str:
+    base64.b64decode(text, validate=True)
+    return text
+
+
+_Base64 = Annotated[str, AfterValidator(_is_base64)]
+
+
+class _StrictRow(BaseModel):
+    """Base of JSON rows: no unknown fields, no type coercion."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class _ThingRow(_StrictRow):
+    """A thing, or a part of one."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    name: str
+    source: NameSource | None
+    probability: _Share
+    consensus: _Share
+    surface: SurfaceKind
+    suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
+    parent: Annotated[int, Field(ge=0, le=65535)]
+    appearance: _Base64 = ""
+    picture: _Base64 = ""
+    proposed_in: _Cameras = ()
+    missed_in: _Cameras = ()
+    reads: Annotated[tuple[_Read, ...], Field(strict=False, max_length=MOST_READS)] = ()
+    looks: Annotated[tuple[str, _Base64], Field(strict=False)] | None = None
+
+    @model_validator(mode="after")
+    def _names_have_a_source(self) -> _ThingRow:
+        if bool(self.name) != (self.source is not None):
+            raise ValueError(f"the thing {self.id} has a name without a source, or the other way round")
+        return self
+
+
+class _GroupRow(_StrictRow):
+    """A group of things."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    members: Annotated[tuple[int, ...], Field(strict=False, min_length=2)]
+    consensus: _Share
+
+
+class _Parts(_StrictRow):
+    table: list[_ThingRow]
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+
+
+class _ThingsRow(_StrictRow):
+    """Things of a scene with their parts and groups."""
+
+    table: list[_ThingRow]
+    next_id: Annotated[int, Field(ge=0, le=65536)]
+    entries: Annotated[int, Field(ge=0)]
+    sha256: str
+    classes: Annotated[int, Field(ge=1)] | None
+    parts: _Parts | None
+    groups: list[_GroupRow]
+
+    @model_validator(mode="after")
+    def _ids_ascend(self) -> _ThingsRow:
+        ids = [thing.id for thing in self.table]
+        if ids != sorted(set(ids)):
+            raise ValueError("the things' ids do not ascend")
+        return self
+
+    @model_validator(mode="after")
+    def _parts_are_of_things(self) -> _ThingsRow:
+        own = [thing.id for thing in self.table]
+        parts = [] if self.parts is None else self.parts.table
+        ids = [part.id for part in parts]
+        if ids != sorted(set(ids)) or set(ids) & set(own):
+            raise ValueError("the parts' ids do not ascend, or are those of things")
+        if any(thing.parent for thing in self.table) or not {part.parent for part in parts} <= set(own):
+            raise ValueError("a part is of no thing, or a thing of another")
+        return self
+
+    @model_validator(mode="after")
+    def _groups_are_of_things(self) -> _ThingsRow:
+        own = {thing.id for thing in self.table}
+        parts = set() if self.parts is None else {part.id for part in self.parts.table}
+        ids = [group.id for group in self.groups]
+        if ids != sorted(set(ids)) or set(ids) & (own | parts):
+            raise ValueError("the groups' ids do not ascend, or are those of things or parts")
+        for group in self.groups:
+            if list(group.members) != sorted(set(group.members)) or not set(group.members) <= own:
+                raise ValueError(f"the members of group {group.id} do not ascend, or are no things")
+        return self
+
+
+def _thing_row(thing: Thing) -> dict[str, Any]:
+    """Encodes a thing as JSON with base64 bytes; omits most empty fields."""
+    row = asdict(replace(thing, looks=None))
+    del row["looks"]
+    if thing.looks is not None:
+        row["looks"] = thing.looks.sha256, base64.b64encode(thing.looks.embedding).decode()
+    for name in ("appearance", "picture"):
+        if coded := base64.b64encode(row.pop(name)).decode():
+            row[name] = coded
+    for name in ("proposed_in", "missed_in", "reads"):
+        if not row[name]:
+            del row[name]
+    row["suggestions"] = [tuple(each) if each.source else each[:2] for each in thing.suggestions]
+    return row
+
+
+def _thing_of_row(row: _ThingRow) -> Thing:
+    """Decodes the output of `_thing_row`."""
+    decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
+    suggestions = tuple(Suggestion(*each) for each in row.suggestions)
+    reads = tuple(ThingRead(*each) for each in row.reads)
+    looks = None if row.looks is None else Looks(row.looks[0], base64.b64decode(row.looks[1]))
+    return Thing(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
+
+
+def _group_of_row(row: _GroupRow) -> ThingGroup:
+    """Decodes a group from its `asdict` form."""
+    return ThingGroup(row.id, row.members, row.consensus)
 
 
 @dataclass(frozen=True)
@@ -102,7 +241,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "things": None
         if manifest.things is None
         else {
-            "table": [thing_row(thing) for thing in manifest.things],
+            "table": [_thing_row(thing) for thing in manifest.things],
             "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
@@ -110,7 +249,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
             "parts": None
             if manifest.parts is None
             else {
-                "table": [thing_row(part) for part in manifest.parts],
+                "table": [_thing_row(part) for part in manifest.parts],
                 "entries": manifest.parts_entries,
                 "sha256": manifest.parts_sha256,
             },
@@ -173,15 +312,15 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         arrays_sha256=checked.arrays_sha256,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
-        things=None if checked.things is None else tuple(thing_of_row(row) for row in checked.things.table),
+        things=None if checked.things is None else tuple(_thing_of_row(row) for row in checked.things.table),
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
         things_classes=None if checked.things is None else checked.things.classes,
         next_thing_id=0 if checked.things is None else checked.things.next_id,
-        parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
+        parts=None if parts is None else tuple(_thing_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
-        groups=() if checked.things is None else tuple(group_of_row(row) for row in checked.things.groups),
+        groups=() if checked.things is None else tuple(_group_of_row(row) for row in checked.things.groups),
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
         alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
         observations=observations,
@@ -223,7 +362,7 @@ def cameras_from_bytes(data: bytes, frame_id: str) -> tuple[PosedCamera, ...]:
         raise SceneFileError(f"cameras.json is malformed: {error}", field="cameras.json", hint=_RESTORE) from error
 
 
-class _Entry(StrictRow):
+class _Entry(_StrictRow):
     label: str
     aliases: Annotated[tuple[str, ...], Field(strict=False)]
     pixels: int
@@ -231,7 +370,7 @@ class _Entry(StrictRow):
     confidence: Annotated[float, Field(ge=0, le=1)]
 
 
-class _Encoder(StrictRow):
+class _Encoder(_StrictRow):
     name: str
     sha256: str
 
@@ -242,14 +381,14 @@ def _sh_count(count: int) -> int:
     return count
 
 
-class _Sizes(StrictRow):
+class _Sizes(_StrictRow):
     gaussians: Annotated[int, Field(ge=0)]
     sh: Annotated[int, AfterValidator(_sh_count)]
     code: Annotated[int, Field(ge=0)]
     embedding: Annotated[int, Field(ge=0)]
 
 
-class _Evidence(StrictRow):
+class _Evidence(_StrictRow):
     entries: Annotated[int, Field(ge=0)]
     sha256: str
 
@@ -258,14 +397,14 @@ _Positive = Annotated[float, Field(gt=0)]
 _Deviation = Annotated[float, Field(ge=0)]
 
 
-class _Length(StrictRow):
+class _Length(_StrictRow):
     units: _Positive
     deviation: _Deviation
     meters: _Positive
     meters_deviation: _Deviation
 
 
-class _Scaling(StrictRow):
+class _Scaling(_StrictRow):
     meters_per_unit: _Positive
     low: _Positive
     high: _Positive
@@ -275,7 +414,7 @@ class _Scaling(StrictRow):
 _Row3 = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
-class _Alignment(StrictRow):
+class _Alignment(_StrictRow):
     frame: str
     rotation: Annotated[list[_Row3], Field(min_length=3, max_length=3)]
     translation: _Row3
@@ -286,7 +425,7 @@ class _Alignment(StrictRow):
     scaled: bool
 
 
-class _Body(StrictRow):
+class _Body(_StrictRow):
     format: str
     schema_: int = Field(alias="schema")
     dictionary: list[_Entry]
@@ -298,7 +437,7 @@ class _Body(StrictRow):
     sizes: _Sizes
     arrays_sha256: str
     evidence: _Evidence | None
-    things: ThingsRow | None
+    things: _ThingsRow | None
     cameras_sha256: str
     scaling: _Scaling | None
     alignment: _Alignment | None
@@ -308,7 +447,7 @@ class _Body(StrictRow):
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
 
 
-class _CameraRow(StrictRow):
+class _CameraRow(_StrictRow):
     name: str
     width: int
     height: int

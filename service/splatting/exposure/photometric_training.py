@@ -17,9 +17,9 @@ from torch import Tensor
 
 from fastsplat.service.splatting.exposure.photometric import fitted_correction, zero_mean
 from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.raster.types import Rendering
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.raster.image_formation import Rendering
 from fastsplat.service.splatting.state import SplatState
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
 _PHOTOMETRIC_FIT_UNTIL = 0.7

@@ -18,7 +18,7 @@ from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians
 from fastsplat.service.splatting.exposure.photometric import SATURATED, channel_evs, correct, to_light
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend, Rendering
+from fastsplat.service.splatting.raster.image_formation import Backend, Rendering
 from fastsplat.service.splatting.training_views import Frame, TrainingView, render_frame
 
 _COVERED = 0.5

@@ -16,9 +16,9 @@ from fastsplat.service.scene.objects.thing_codes import codes_of_things
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, Splats
 from fastsplat.service.splatting.raster.rendering import label_map, rasterize
 from fastsplat.service.splatting.raster.share_maps import ShareMaps
-from fastsplat.service.splatting.raster.types import Backend, LabelMap, Splats
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 

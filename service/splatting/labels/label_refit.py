@@ -21,8 +21,8 @@ from fastsplat.service.splatting.gaussians import activate_opacities, current_ga
 from fastsplat.service.splatting.labels.semantics import label_loss
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.optim import adam_update
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.geometry.camera import Camera

@@ -7,7 +7,7 @@ import torch
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import LabelMode
 from fastsplat.service.splatting.labels.semantics import class_weights, code_size, separated_codes
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame
 
 

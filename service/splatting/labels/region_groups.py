@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, eye_array
 
-from fastsplat.service.splatting.raster.types import LabelSums
+from fastsplat.service.splatting.raster.image_formation import LabelSums
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

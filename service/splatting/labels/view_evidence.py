@@ -14,8 +14,8 @@ from fastsplat.service.scene.artefact.scene import Evidence, Gaussians
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, merged, no_evidence
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.raster.rendering import label_sums
-from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
+from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings, Splats
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, Rendering
+from fastsplat.service.splatting.raster.image_formation import LabelMap, LabelSums, Rendering
 
 LOGIT_LIMIT = 1e30
 _CHUNK = 1 << 22

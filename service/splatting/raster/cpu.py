@@ -16,8 +16,8 @@ from torch import Tensor
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.splatting.raster import classify, harmonics
 from fastsplat.service.splatting.raster.checks import isect_limit_error
+from fastsplat.service.splatting.raster.image_formation import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat.service.splatting.raster.kernels import arrays, kernels, running
-from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.errors import CancelledError, InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -18,8 +18,8 @@ from torch.nn.utils import get_total_norm
 
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
+from fastsplat.service.splatting.raster.image_formation import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat.service.splatting.raster.median_depth import median_depth
-from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -18,7 +18,7 @@ def median_depth(meta: Mapping[str, Any], height: int, width: int, *, alpha_min:
     """Returns camera z where transmittance first falls to 0.5 or below, else 0, [height, width].
 
     Composites front to back in the order of gsplat's tile lists, by its kernel's rules
-    (`service.splatting.raster.types`). A pixel where the kernel stops early has passed the median already.
+    (`service.splatting.raster.image_formation`). A pixel where the kernel stops early has passed the median already.
 
     Args:
         meta: of `gsplat.rasterization` for one view with `packed=False`: means2d [1, G, 2] in pixels, conics [1, G, 3],

@@ -15,7 +15,7 @@ from torch import Tensor
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
 from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
-from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat.service.splatting.raster.image_formation import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 _CHUNK = 4_000_000

@@ -14,7 +14,14 @@ from torch import Tensor
 
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
-from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
+from fastsplat.service.splatting.raster.image_formation import (
+    Backend,
+    LabelMap,
+    LabelSums,
+    RasterSettings,
+    Rendering,
+    Splats,
+)
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -14,8 +14,8 @@ from torch import Tensor
 from fastsplat.service.scene.artefact.scene import F32
 from fastsplat.service.splatting.raster import cpu
 from fastsplat.service.splatting.raster.checks import check_call
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, RasterSettings, Rendering, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize_bands
-from fastsplat.service.splatting.raster.types import Backend, LabelMap, RasterSettings, Rendering, Splats
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera
 

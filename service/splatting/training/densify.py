@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat.service.splatting.training.schedule import event_due
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 _DEAD_OPACITY = 0.005
 """A Gaussian less opaque than this is relocated."""

@@ -10,9 +10,9 @@ from torch import Tensor
 from fastsplat.service.splatting.exposure.photometric import corrected_for
 from fastsplat.service.splatting.labels.semantics import label_loss
 from fastsplat.service.splatting.losses.functional import image_loss
-from fastsplat.service.splatting.raster.types import Rendering, Splats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.raster.image_formation import Rendering, Splats
 from fastsplat.service.splatting.training.depth_regularization import DepthAnchors, depth_terms
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame
 
 _ALPHA_MIN = 0.1  # pixels with less alpha have no depth

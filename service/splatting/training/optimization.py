@@ -15,7 +15,6 @@ from fastsplat.service.splatting.exposure.photometric import correct
 from fastsplat.service.splatting.exposure.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.label_supervision import LabelSupervision
-from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.training.densify import densify_if_due
 from fastsplat.service.splatting.training.depth_regularization import AnchorPoints, depth_anchors
@@ -29,6 +28,7 @@ from fastsplat.service.splatting.training.schedule import (
     run_progress,
     sh_degree,
 )
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, render_frame
 from fastsplat_contract.errors import InvalidInputError, TrainingDivergedError
 

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training_views import TrainingView, render_frame, training_size
 

@@ -14,8 +14,8 @@ from torch import Tensor
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.geometry.camera import Camera
 
 MAX_EVAL_VIEWS = 8  # held-out views used for measurement

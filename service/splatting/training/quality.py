@@ -13,7 +13,7 @@ from torch import Tensor
 from fastsplat.service.splatting.exposure.photometric import corrected_for
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.losses.functional import image_loss
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.training_views import TrainingView, render_frame
 from fastsplat_contract.errors import TrainingDivergedError
 

@@ -11,12 +11,12 @@ from torch import Tensor
 
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.splatting.exposure.photometric import corrected_for
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat.service.splatting.training.previews import Previews
 from fastsplat.service.splatting.training.quality import measure_views, psnr
 from fastsplat.service.splatting.training.schedule import event_due, sh_degree
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
 _REPORT_EVERY_S = 0.5

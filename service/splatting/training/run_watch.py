@@ -14,8 +14,8 @@ from torch import Tensor
 
 from fastsplat.service.splatting.exposure.photometric_training import CORRECTIONS, begin_corrections
 from fastsplat.service.splatting.gaussians import activate_opacities
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView
 
 _WINDOW = 100

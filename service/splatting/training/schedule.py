@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 
 def run_progress(iteration: int, elapsed_s: float, settings: TrainingSettings) -> float:

@@ -29,9 +29,8 @@ from fastsplat.service.splatting.labels.label_supervision import LabelSupervisio
 from fastsplat.service.splatting.labels.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training.checkpoint import (
@@ -48,6 +47,7 @@ from fastsplat.service.splatting.training.quality import measure_views, require_
 from fastsplat.service.splatting.training.recorder import Recorder
 from fastsplat.service.splatting.training.run_watch import return_warnings
 from fastsplat.service.splatting.training.schedule import image_scales
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, capture_split, drop_empty_label_maps, load_views
 from fastsplat_contract.errors import InvalidInputError
 

@@ -29,9 +29,9 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.blobs import Blobs, remove, trash_name
 from fastsplat.service.store.blobs.file_digests import write_digests
-from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
 
 _MANIFEST = "manifest.json"

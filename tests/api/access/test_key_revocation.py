@@ -29,7 +29,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.repositories.key_repository import KeyRecord
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat_client import Client
-from fastsplat_client.events import events_of
+from fastsplat_client.transport import events_of
 from fastsplat_contract.errors import DatabaseError, UnauthenticatedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene

@@ -10,7 +10,7 @@ from typing import Any
 import grpc
 from grpc import aio
 
-from fastsplat.api.grpc.servicer import _whole
+from fastsplat.api.grpc.rpcs import _whole
 from fastsplat_contract.errors import CancelledError
 
 _METHOD = "/test/Send"

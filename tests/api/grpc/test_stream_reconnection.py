@@ -14,8 +14,8 @@ import httpx
 import pytest
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import (
     Answer,

@@ -14,7 +14,7 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError
-from fastsplat_client.events import Event, events_of
+from fastsplat_client.transport import Event, events_of
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.jobs.operations import Operation

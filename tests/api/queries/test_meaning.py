@@ -8,9 +8,9 @@ import pytest
 
 from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Edit

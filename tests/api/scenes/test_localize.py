@@ -14,13 +14,13 @@ from PIL import Image
 
 from fastsplat.service.application.answering.localizing import MAX_PHOTOS_BYTES
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.capture.photos.scene_photos import write_photos
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.localization.localization_settings import LocalizationSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import from_plain

@@ -16,10 +16,10 @@ from PIL import Image
 
 from fastsplat.service.application.editing import observing
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.common.withheld import WithheldReport
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client

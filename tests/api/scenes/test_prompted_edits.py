@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.instances.settings import PromptOptions
+from fastsplat.service.instances.discovery_settings import PromptOptions
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import (

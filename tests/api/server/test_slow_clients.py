@@ -12,8 +12,8 @@ import pytest
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat_contract.errors import CancelledError

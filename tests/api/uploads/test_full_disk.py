@@ -19,7 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from fastsplat.api.errors import refusal_of
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.settings import Settings, UploadSettings
 from fastsplat_contract.server.keys import KeyIn
 from fastsplat_contract.jobs.look_again import LookAgainIn

@@ -17,8 +17,8 @@ from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.calibration import calibration_for
 from fastsplat.service.query.language.meaning.embeddings import TextCache
 from fastsplat.service.query.language.meaning.probability import label_set
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import make_scene
 from tests.query.language.test_minilm import TABLETOP
 

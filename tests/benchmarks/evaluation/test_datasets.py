@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import training_capture
-from benchmarks.evaluation.datasets.types import Dataset, TrueView
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import (

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from benchmarks.evaluation.image_quality import psnr, ssim
-from benchmarks.evaluation.types import Skipped
+from benchmarks.evaluation.metrics import Skipped
 from fastsplat.service.splatting.losses.functional import image_loss
 
 

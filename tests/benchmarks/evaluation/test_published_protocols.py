@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from benchmarks.evaluation.datasets.dataset import Dataset, QueryTruth, TrueView
 from benchmarks.evaluation.published.mask_pairs import (
     PairScore,
     direct_selection,

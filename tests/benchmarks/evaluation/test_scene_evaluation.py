@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.evaluation.datasets.dataset import Dataset, QueryTruth, TrueView
 from benchmarks.evaluation.datasets.reading import read_dataset
-from benchmarks.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from benchmarks.evaluation.registry import METRICS
 from benchmarks.evaluation.scene_evaluation import evaluate_scene
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.evaluation.datasets.types import Dataset, TrueView
+from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
 from benchmarks.evaluation.thing_discovery import ThingCounts, count_things, precision_at, recall_at, simulate_clicks
 from fastsplat.service.scene.artefact.scene import Scene, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import evidence_of

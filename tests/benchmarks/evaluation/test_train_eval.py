@@ -11,12 +11,12 @@ from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from benchmarks.evaluation.train_eval import TrainingLabels, train_on_split
 from benchmarks.evaluation.validation_split import Split
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from tests.benchmarks.evaluation import made_data
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import training_capture
 from benchmarks.evaluation.validation_split import validation_names
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.poses import look_at

@@ -117,7 +117,7 @@ def test_its_library_is_loaded_by_such_a_photo_only(tmp_path: Path) -> None:
 import sys
 from pathlib import Path
 from fastsplat.service.capture.formats.image_io import check_image
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 check_image(Path(sys.argv[1]), "a.jpg", CaptureSettings())
 print(sum(name.split(".")[0] in ("pi_heif", "_pi_heif", "pillow_heif") for name in sys.modules))
 """

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.uploads.photo_check import check_photos
 from fastsplat_contract.errors import InvalidInputError
 from tests.commands import invoke

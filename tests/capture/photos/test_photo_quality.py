@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict

@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ExifTags, Image
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import check_image
 from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 
 _BASE, _GPS = ExifTags.Base, ExifTags.GPS

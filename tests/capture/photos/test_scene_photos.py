@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture, CaptureReport, Source, View
 from fastsplat.service.capture.photos.scene_photos import (
     kept_lenses,
@@ -18,7 +19,6 @@ from fastsplat.service.capture.photos.scene_photos import (
     write_observed_photos,
     write_photos,
 )
-from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

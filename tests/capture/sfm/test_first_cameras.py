@@ -9,9 +9,9 @@ import pycolmap
 import pytest
 
 from fastsplat.service.capture.sfm import reconstruction
-from fastsplat.service.capture.sfm.first_cameras import FIRST_IMAGES, first_pairs, place_first
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.pairs import choose_pairs
+from fastsplat.service.capture.sfm.reconstruction import FIRST_IMAGES, first_pairs, place_first
 from tests.capture.synthetic_views import synthesize_views
 
 _REQUEST = {"sfm_max_side": 400, "sfm_features": 10, "sfm_threads": 1, "min_registered_share": 0.2}

@@ -11,8 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.sfm import model_agreement
-from fastsplat.service.capture.sfm.mapping import Mapping, Models, mapper_options, strongest_pairs
-from fastsplat.service.capture.sfm.match_cycles import contradicting_pairs
+from fastsplat.service.capture.sfm.mapping import Mapping, Models, contradicting_pairs, mapper_options, strongest_pairs
 from fastsplat.service.capture.sfm.model_agreement import (
     VerifiedMatches,
     choose_held_out,

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture, load_image
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.uploads.upload_validation import validate_upload

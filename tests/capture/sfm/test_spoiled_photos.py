@@ -14,7 +14,7 @@ from PIL import Image
 
 from benchmarks.robustness.spoiled_photos import DAMAGED, SETTINGS, SPOILED, capture_of, exif, jpeg
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
+from fastsplat.service.capture.sfm.mapping import take_out_impossible
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError

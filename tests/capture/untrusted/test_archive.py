@@ -15,7 +15,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.untrusted.archive import unpack
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError

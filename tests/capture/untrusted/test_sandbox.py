@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.untrusted import sandbox
 from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.upload_validation import validate_upload

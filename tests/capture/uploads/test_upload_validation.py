@@ -12,10 +12,10 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.image_io import check_image, load_upright
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent

@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import load_image
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import View
 from fastsplat.service.capture.photos.camera_model import CameraModel
 from fastsplat.service.capture.photos.lens_faces import face_rays, fisheye_faces, is_fisheye
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import InvalidInputError
 from tests.capture import made_room

@@ -11,6 +11,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from fastsplat.service.capture.build import build_capture, load_image
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.lens_faces import FACES, face_camera, face_rays
@@ -25,7 +26,6 @@ from fastsplat.service.capture.photos.panorama import (
     wrapped,
 )
 from fastsplat.service.capture.photos.withholding import WithheldPixels
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.sfm_images import frame_width, source_ids, upright_photos, video_frames
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed

@@ -15,6 +15,7 @@ from PIL import Image
 
 from fastsplat.service.capture import build
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
@@ -22,7 +23,6 @@ from fastsplat.service.capture.photos.lens_faces import FACES
 from fastsplat.service.capture.photos.panorama import full_frame, panorama_faces, wrapped
 from fastsplat.service.capture.photos.video import middle_per_interval
 from fastsplat.service.capture.photos.withholding import BLANK, WithheldPixels, Withholding
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.sfm_images import SfmImage, upright_photos
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import Task, run_sandboxed

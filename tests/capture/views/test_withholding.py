@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings, PhotoSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.photos.scene_photos import photo_path, write_photos
 from fastsplat.service.capture.photos.withholding import BLANK, Withholding
-from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.capture.sfm.features import extract_features
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.jobs.operations import Privacy
 
 _SIZE = (120, 90)

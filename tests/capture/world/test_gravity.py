@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import ExifTags
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.image_io import PhotoInfo, apply_orientation
 from fastsplat.service.capture.formats.ply_points import read_points
 from fastsplat.service.capture.photos.photo_metadata import up_of_exif
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.world.gravity import vertical_of_capture
 from tests.capture import made_room
 

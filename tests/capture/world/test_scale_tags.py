@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.capture.world.scale_tags import TagSighting, draw_tag, estimate_scale, find_tags
 from fastsplat.service.common.progress import silent

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.edits.aligning import align_scene, fit_pairs, placed_gaussians
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.frames import frame_of, scaled
 from fastsplat.service.scene.artefact.scaling import combined
 from fastsplat.service.scene.artefact.scene import Scene

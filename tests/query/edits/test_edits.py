@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edited_rows import edited_rows
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from scipy.special import expit, logit
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.gaussian_filters import inside
+from fastsplat.service.query.edits.edited_rows import inside
 from fastsplat.service.query.edits.previews import preview_of
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat.service.scene.gaussians.isolation import isolation
 from fastsplat.service.scene.objects.things import thing_rows

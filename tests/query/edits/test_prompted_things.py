@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.prompt_views import further_views
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat_contract.errors import InvalidInputError

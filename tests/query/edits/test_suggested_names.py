@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.merged_suggestions import merged_suggestions, source_trust
 from fastsplat.service.scene.artefact.scene import Thing, Things
 from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import make_scene
 from tests.query.decisions import decided
 

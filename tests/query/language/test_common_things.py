@@ -18,7 +18,7 @@ from fastsplat.service.query.language.meaning.common_things import (
     common_things,
 )
 from fastsplat.service.query.language.meaning.embeddings import TextCache
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from tests.query.conftest import DrawnEncoder
 
 _LINES = FILE.read_text("ascii").splitlines()

@@ -10,8 +10,8 @@ import pytest
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene, SemanticHead, Thing, Things
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError

@@ -14,16 +14,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
-from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon, find_lexicon
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.query.language.meaning.compounds import Compounds
 from fastsplat.service.query.language.meaning.embeddings import TextCache, text_caches
-from fastsplat.service.query.language.meaning.label_meanings import BASE, LabelMeanings
+from fastsplat.service.query.language.meaning.label_meanings import BASE, Compounds, LabelMeanings
 from fastsplat.service.query.language.meaning.meaning import FILE, MeaningModel, expanded, model_for
 from fastsplat.service.query.language.words.name_matching import NameIndex
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import ModelUnavailableError
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import DrawnEncoder, make_scene

@@ -13,8 +13,8 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.meaning.calibration import calibration_for
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import make_scene
 

@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 
 LABELS = (

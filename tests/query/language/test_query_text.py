@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 
 

@@ -10,8 +10,8 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.measuring import measure
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera

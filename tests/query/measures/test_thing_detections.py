@@ -12,8 +12,8 @@ import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.measures.thing_detections import detections_of
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import evidence_of

@@ -11,11 +11,11 @@ import pytest
 
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.perception.image_text import open_image_text
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.probability import Logistic
 from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Looks, Scene, Thing
 from fastsplat_contract.messages.queries import Answer
 from tests.looks_model import COLORS, MODEL, write_looks_model

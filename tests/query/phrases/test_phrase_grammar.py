@@ -8,8 +8,13 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.language.words.name_matching import NameIndex
-from fastsplat.service.query.phrases.phrase_grammar import MAX_CONDITIONS, MAX_WORDS, parse_question, parsed_questions
-from fastsplat.service.query.phrases.phrase_words import MARKERS
+from fastsplat.service.query.phrases.phrase_grammar import (
+    MARKERS,
+    MAX_CONDITIONS,
+    MAX_WORDS,
+    parse_question,
+    parsed_questions,
+)
 from fastsplat.service.query.phrases.phrases import Condition, Phrase, Possession, Relation, Says
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene, Thing
 from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 from tests.query.conftest import DrawnEncoder

@@ -13,8 +13,8 @@ import yaml
 from PIL import Image
 
 from fastsplat.service.application.exporting.map_files import map_file
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import (
     FREE,
     OCCUPIED,

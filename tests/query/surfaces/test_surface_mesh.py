@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from fastsplat.service.application.exporting.geometry_files import mesh_file
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.surface_mesh import fused, surface_mesh, surface_net
 from fastsplat.service.query.surfaces.surface_points import cell_keys
 from fastsplat.service.query.surfaces.surface_views import surface_views

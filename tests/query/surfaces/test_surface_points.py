@@ -9,8 +9,8 @@ import pytest
 from plyfile import PlyData
 
 from fastsplat.service.application.exporting.geometry_files import points_file
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.surface_points import surface_points
 from fastsplat.service.query.surfaces.surface_views import (
     SurfaceView,

@@ -18,9 +18,9 @@ from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names.names_by_looks import KnownThing
 from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.suggestions import Suggestion

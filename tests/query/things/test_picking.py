@@ -30,7 +30,7 @@ MUG, SPREAD, HALF, BOTH = 3, 5, 6, 9
 
 
 def scene_with(**other: float) -> Scene:
-    """A mug, thing 3, whose upper half is part 6, and a book, thing 5, in group 9; consensus .8, or another by level."""
+    """A mug, thing 3, whose upper half is part 6, and a book, thing 5, in group 9; consensus .8 but by level."""
     consensus = {"thing": 0.8, "part": 0.8, "group": 0.8, **other}
     scene = scene_of([CUP, BOOK], orbit())
     count = len(scene.gaussians)

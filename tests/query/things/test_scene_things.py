@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Thing, Things
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene

@@ -13,8 +13,8 @@ import torch
 from fastsplat.service.scene.artefact.scene import Evidence
 from fastsplat.service.scene.objects.label_evidence import evidence_of, posterior
 from fastsplat.service.splatting.labels.blending import EvidenceBlend
+from fastsplat.service.splatting.raster.image_formation import LabelMap, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import LabelMap, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 CPU = torch.device("cpu")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.splatting.labels import region_groups
 from fastsplat.service.splatting.labels.region_groups import greedy_groups, lift_regions, one_piece_each, overlaps_of
-from fastsplat.service.splatting.raster.types import LabelSums
+from fastsplat.service.splatting.raster.image_formation import LabelSums
 
 Region = tuple[int, int]  # view and region number, 1 the first
 

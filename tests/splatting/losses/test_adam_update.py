@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from fastsplat.service.splatting.optim import adam_update
+from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
-from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.errors import InvalidInputError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.image_formation import Backend
 
 sys.path.insert(0, str(Path(__file__).parent))
 

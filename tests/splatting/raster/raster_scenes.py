@@ -8,8 +8,8 @@ from functools import cache
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings, Rendering, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Rendering, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 NAMES = ("means", "quats", "scales", "opacities", "features")

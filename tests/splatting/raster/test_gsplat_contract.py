@@ -15,7 +15,7 @@ import torch
 from raster_scenes import crowded
 
 from fastsplat.service.splatting.raster import cuda, median_depth
-from fastsplat.service.splatting.raster.types import RasterSettings
+from fastsplat.service.splatting.raster.image_formation import RasterSettings
 from tests.splatting import gsplat_front_end
 
 _SPEC = importlib.util.find_spec("gsplat")

@@ -12,7 +12,7 @@ from fastsplat.service.scene.artefact.scene import SH_C0, SH_COUNTS
 from fastsplat.service.splatting.raster import harmonics
 from fastsplat.service.splatting.raster.kernels import kernels
 from fastsplat.service.splatting.raster.rendering import sh_to_rgb
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from tests.splatting.gsplat_front_end import needs_gpu
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render
 
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, LabelSums, RasterSettings, Splats
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, label_map, label_sums, rasterize
-from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Splats
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from raster_scenes import NAMES, by_reference, crowded, relative, render, render_with_gradients
 
+from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings, Splats
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
-from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
 from fastsplat_contract.geometry.camera import Camera
 
 

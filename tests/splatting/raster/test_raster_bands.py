@@ -7,8 +7,8 @@ import torch
 from raster_scenes import View, crowded, relative
 
 from fastsplat.service.splatting.raster import cpu
+from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings
 from fastsplat.service.splatting.raster.rendering import label_map, rasterize, rasterize_bands
-from fastsplat.service.splatting.raster.types import Backend, RasterSettings
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 

@@ -12,13 +12,13 @@ import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 from torch import Tensor
 
-from fastsplat.service.jobs.pipeline import build_views
+from fastsplat.service.jobs.create_scene import build_views
 from fastsplat.service.settings import load_settings
 from fastsplat.service.splatting.raster import cuda, median_depth
 from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.image_formation import RasterSettings, Splats
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
-from fastsplat.service.splatting.raster.types import RasterSettings, Splats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from tests.splatting.gsplat_front_end import needs_gpu
 

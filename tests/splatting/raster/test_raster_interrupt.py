@@ -13,9 +13,9 @@ import torch
 
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.common.process import lower_priority
+from fastsplat.service.splatting.raster.image_formation import Rendering, Splats
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat_contract.errors import CancelledError
 from fastsplat_contract.geometry.camera import Camera
 

@@ -10,9 +10,9 @@ import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 from torch import Tensor
 
+from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings, Splats
 from fastsplat.service.splatting.raster.kernels import instruction_sets, options_from, running_with
 from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
-from fastsplat.service.splatting.raster.types import Backend, RasterSettings, Splats
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 from fastsplat_contract.geometry.camera import Camera
 

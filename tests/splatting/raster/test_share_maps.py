@@ -10,10 +10,10 @@ import torch
 from raster_scenes import NAMES, View, crowded
 
 from fastsplat.service.splatting.raster import share_maps
+from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap
 from fastsplat.service.splatting.raster.kernels import running_with
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.share_maps import ShareMaps
-from fastsplat.service.splatting.raster.types import Backend, LabelMap
 from fastsplat_contract.errors import InvalidInputError
 
 

@@ -18,10 +18,10 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.splatting.exposure.photometric import correct
+from fastsplat.service.splatting.raster.image_formation import Rendering, Splats
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import CancelledError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at

@@ -9,8 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster.types import Rendering
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.raster.image_formation import Rendering
 from fastsplat.service.splatting.training.depth_regularization import (
     AnchorPoints,
     DepthAnchors,
@@ -22,6 +21,7 @@ from fastsplat.service.splatting.training.depth_regularization import (
     surface_loss,
 )
 from fastsplat.service.splatting.training.schedule import depth_regularized
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views, squared_depths
 from tests.splatting.training.conftest import assert_gradients_agree
 

@@ -16,11 +16,11 @@ from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Evidence
 from fastsplat.service.scene.objects.label_evidence import merged, posterior, seen_pixels
 from fastsplat.service.splatting.labels.view_evidence import view_evidence, views_evidence
+from fastsplat.service.splatting.raster.image_formation import Splats
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
-from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import drop_empty_label_maps, load_views, split_views
 from fastsplat_contract.errors import InvalidInputError
 

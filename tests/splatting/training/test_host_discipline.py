@@ -14,27 +14,27 @@ from benchmarks.evaluation.held_out_views import evaluate_views
 from benchmarks.evaluation.predictions import silhouette
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
+from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.localization.landmarks import find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, place_photos
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.measures.locating import locate
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.surface_views import surface_views
 from fastsplat.service.scene.objects.things import thing_rows
 from fastsplat.service.splat_import.bulk import find_bulk
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import Painter
-from fastsplat.service.splat_import.settings import SplatImportSettings
+from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
 from fastsplat.service.splatting.raster import cuda
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.places import Place
 from fastsplat_contract.geometry.thing_prompts import Pixel

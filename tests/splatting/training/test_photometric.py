@@ -31,7 +31,6 @@ from fastsplat.service.splatting.exposure.photometric_training import (
     start_corrections,
 )
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state
 from fastsplat.service.splatting.training import optimization
 from fastsplat.service.splatting.training import train as train_module
@@ -40,6 +39,7 @@ from fastsplat.service.splatting.training.previews import TrainingWatch
 from fastsplat.service.splatting.training.quality import color_corrected
 from fastsplat.service.splatting.training.recorder import Recorder
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat_contract.errors import CancelledError
 from tests.splatting.training.conftest import exposed, repainted, stopping_at
@@ -275,8 +275,8 @@ def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure
 
 
 def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:
-    from fastsplat.service.jobs.pipeline import scene_quality
-    from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+    from fastsplat.service.jobs.create_scene import scene_quality
+    from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 
     trained = train(*world, quick(photometric="on"), silent)
     save_trained(trained, tmp_path)

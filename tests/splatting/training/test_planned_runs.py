@@ -8,8 +8,8 @@ import pytest
 
 from fastsplat.service.common.progress import silent
 from fastsplat.service.planning.cost_model import SceneSize, fit_training, scene_size
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 
 
 def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:

@@ -12,18 +12,18 @@ import pytest
 import torch
 
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import scene_facts
+from fastsplat.service.jobs.create_scene import scene_facts
 from fastsplat.service.scene.artefact.scene import SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.exposure.photometric_training import CORRECTIONS
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, new_state
 from fastsplat.service.splatting.training import optimization
 from fastsplat.service.splatting.training.densify import densify_if_due
 from fastsplat.service.splatting.training.run_watch import RunWatch, return_warnings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, load_views
-from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 from fastsplat_contract.errors import CancelledError, TrainingDivergedError
 from tests.splatting.training.conftest import repainted, same_run, stopping_at
 

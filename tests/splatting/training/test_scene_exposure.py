@@ -15,8 +15,8 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.exposure.photometric import correct, to_light, zero_mean
 from fastsplat.service.splatting.exposure.scene_exposure import display_ev, exposed
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, load_views, render_frame
 from tests.splatting.training.conftest import exposed as photographed
 from tests.splatting.training.conftest import repainted

@@ -22,11 +22,11 @@ from fastsplat.service.perception.results import Labelling
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.depth_regularization import depth_spread
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import squared_depths
-from fastsplat.workers.kinds.create_scene_stages import load_trained, save_trained
+from fastsplat.workers.kinds.create_scene import load_trained, save_trained
 from fastsplat_contract.geometry.camera import Camera
 from tests.trained_scenes import trained
 

@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import CancelledError
 from tests.splatting.gsplat_front_end import needs_gpu
 from tests.splatting.training.conftest import stopping_at

@@ -17,8 +17,8 @@ from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.gaussians.morton import morton_order
-from fastsplat.service.splatting.settings import LearningRates
 from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import LearningRates
 from fastsplat_contract.errors import CancelledError, InvalidInputError, TrainingDivergedError
 from tests.splatting.training.conftest import masked, same_run
 

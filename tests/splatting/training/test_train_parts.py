@@ -20,7 +20,6 @@ from fastsplat.service.splatting.labels.semantics import (
     start_codes,
     start_head,
 )
-from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import new_state
 from fastsplat.service.splatting.training.densify import (
     MAX_COPIES,
@@ -38,6 +37,7 @@ from fastsplat.service.splatting.training.schedule import (
     run_progress,
     sh_degree,
 )
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views, split_views, training_size
 from fastsplat_contract.geometry.camera import Camera
 

@@ -13,7 +13,7 @@ import pytest
 
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import open_store
-from fastsplat.workers.engine.worker_process import wait_for_space
+from fastsplat.workers.engine.worker import wait_for_space
 
 _READ_ONLY = """
 import sys

@@ -16,7 +16,7 @@ from moto.moto_server.threaded_moto_server import ThreadedMotoServer
 
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.artefact.scene_files import read_scene
-from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from benchmarks.naming.replay import ReplayNamer, named, replayed
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import NamerSettings
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.scenes import Edit

@@ -20,9 +20,9 @@ from fastsplat.service.planning.job_time import PhotoSet, job_seconds
 from fastsplat.service.planning.presets import PRESETS, apply_preset, chosen_settings
 from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
-from fastsplat.workers.kinds.budget import job_time, make_plan, stored_plan
+from fastsplat.workers.kinds.create_scene import job_time, make_plan, stored_plan
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
 
@@ -30,7 +30,7 @@ from fastsplat_contract.jobs.operations import SceneOptions
 @pytest.fixture(autouse=True)
 def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """How busy the machine is while tests run must not decide what they see."""
-    monkeypatch.setattr("fastsplat.workers.kinds.budget.machine_speed", lambda backend: Speed())
+    monkeypatch.setattr("fastsplat.workers.kinds.create_scene.machine_speed", lambda backend: Speed())
 
 
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:
@@ -77,7 +77,7 @@ def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_p
 def test_the_speed_of_the_machine_is_measured_once_a_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured: list[str] = []
     monkeypatch.setattr(
-        "fastsplat.workers.kinds.budget.machine_speed", lambda backend: measured.append(backend) or Speed()
+        "fastsplat.workers.kinds.create_scene.machine_speed", lambda backend: measured.append(backend) or Speed()
     )
     monkeypatch.setattr("fastsplat.service.planning.machine._mean", lambda work: pytest.fail("once more"))
     capture = _capture(40)

@@ -10,8 +10,7 @@ import pytest
 from fastsplat.service.settings import Settings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import discard_damaged, finish_stage, stage_seconds, start_stage
-from fastsplat.workers.kinds.budget import stored_plan
-from fastsplat.workers.kinds.create_scene_stages import load_trained
+from fastsplat.workers.kinds.create_scene import load_trained, stored_plan
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.errors import ArtefactError
 from fastsplat_contract.jobs.operations import SceneOptions

@@ -16,7 +16,7 @@ from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.workers.job.protocol import Job
-from fastsplat.workers.kinds import drafts
+from fastsplat.workers.kinds import create_scene
 from fastsplat.workers.kinds.progress_files import ProgressFiles
 from fastsplat_contract.errors import NotReadyError
 from fastsplat_contract.jobs.job_watching import Provisional
@@ -55,10 +55,10 @@ def test_a_draft_that_cannot_be_made_does_not_end_its_job(
     def fail(*_: object) -> Scene:
         raise IndexError("of a view that is not there")
 
-    monkeypatch.setattr(drafts, "first_draft", fail)
+    monkeypatch.setattr(create_scene, "first_draft", fail)
     told: list[ProgressEvent] = []
     job = Job("operation", 1, tmp_path / "upload", tmp_path, SceneOptions(), Settings(data_dir=tmp_path))
-    made = drafts.Drafts(job, ProgressFiles(job, "perception", told.append))
+    made = create_scene.Drafts(job, ProgressFiles(job, "perception", told.append))
     report = CaptureReport("images", 0)
     capture = Capture((), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), "metric", report)
     made.of_points(capture, Labelling(Dictionary(()), ()), ())

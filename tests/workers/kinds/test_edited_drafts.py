@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import CallSettings
 from fastsplat.workers.job.made_scenes import EDITS
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3

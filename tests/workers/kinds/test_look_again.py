@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion
 from fastsplat_contract.jobs.look_again import LookAgainIn
 from fastsplat_contract.jobs.operations import Operation

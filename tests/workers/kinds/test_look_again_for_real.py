@@ -29,9 +29,9 @@ _PERCEPTION = {
 # That it looks at one view is no setting of a server.
 _WORKER = """
 from fastsplat.cli.operating.logs import log_to_stderr
-from fastsplat.service.instances.settings import LookAgainOptions
+from fastsplat.service.instances.discovery_settings import LookAgainOptions
 from fastsplat.service.settings import load_settings
-from fastsplat.workers.engine.worker_process import run
+from fastsplat.workers.engine.worker import run
 log_to_stderr("worker")
 run(load_settings().model_copy(update={"look_again": LookAgainOptions(views=1)}))
 """

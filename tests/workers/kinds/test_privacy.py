@@ -15,7 +15,7 @@ from PIL import Image
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.photos.withholding import BLANK
-from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, NotFoundError
 from fastsplat_contract.jobs.operations import SceneOptions

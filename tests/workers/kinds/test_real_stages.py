@@ -18,7 +18,7 @@ from PIL import Image
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.queries import QueryRequest

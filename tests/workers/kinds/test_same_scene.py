@@ -13,12 +13,12 @@ import pytest
 
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.train_eval import train_on_split
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.pipeline import build_scene, capture_folder, scene_facts, scene_quality
+from fastsplat.service.jobs.create_scene import build_scene, capture_folder, scene_facts, scene_quality
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.scene.artefact.scene import Scene
@@ -26,10 +26,10 @@ from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quali
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import finish_stage, start_stage
-from fastsplat.workers.kinds.create_scene_stages import STAGES
+from fastsplat.workers.kinds.create_scene import STAGES
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
 from tests.benchmarks.evaluation import made_data

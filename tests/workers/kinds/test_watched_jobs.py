@@ -9,7 +9,7 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat_contract.errors import NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import Operation
 from tests.postgres import PostgresServer

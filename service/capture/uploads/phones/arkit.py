@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, no_points
 from fastsplat.service.common.similarity import nearest_rotation

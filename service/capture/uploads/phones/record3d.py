@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.depth_files import DepthFile
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones import arkit
 from fastsplat.service.capture.uploads.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning

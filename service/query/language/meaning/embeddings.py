@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.errors import ModelUnavailableError
 
 if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely know the settings

@@ -18,7 +18,7 @@ from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.language.meaning.label_meanings import BASE
 from fastsplat.service.query.language.meaning.probability import Logistic, Nonconformities
 from fastsplat.service.query.language.meaning.relevancy import F64
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 
 FILE = Path(__file__).with_name("meaning.json")
 """Written by benchmarks/calibration."""

@@ -16,7 +16,7 @@ from fastsplat.service.query.language.meaning.calibration import calibration_for
 from fastsplat.service.query.language.meaning.embeddings import TextCache, embed_labels
 from fastsplat.service.query.language.meaning.probability import ScoreCalibration
 from fastsplat.service.query.language.meaning.relevancy import LERF_TEMPERATURE, Entries, entries
-from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used

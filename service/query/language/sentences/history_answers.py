@@ -113,14 +113,16 @@ class HistoryAnswers:
             if last.change is None or last.change.kind not in question.events:
                 continue
             if question.when is not None:
-                before = [each for each in sightings if each.at < question.when.start]
+                before = [sighting for sighting in sightings if sighting.at < question.when.start]
                 same = before and before[-1].change is not None and before[-1].change.kind == last.change.kind
                 if last.at < question.when.start or same:
                     continue
             found.append((last.change, last.at))
         for observation in self._history.later[-1:]:
             if question.when is None or observation.seen_at >= question.when.start:
-                nameless = [each for each in observation.changes if not each.thing_id and each.kind in question.events]
+                nameless = [
+                    change for change in observation.changes if not change.thing_id and change.kind in question.events
+                ]
                 found += [(each, observation.seen_at) for each in nameless]
         return sorted(found, key=lambda each: -each[0].probability)
 

@@ -27,7 +27,8 @@ _EVENTS: dict[str, frozenset[ChangeKind]] = {
 _ANYTHING = "|".join(sorted(_EVENTS, key=len, reverse=True))
 _WHAT = re.compile(
     rf"(?:what|what else|which (?:thing|object)s?|(?:is|has|have|did|was|are) (?:anything|something))"
-    rf"(?: has| have| is| are| was)?(?: been| got)? (?P<event>{_ANYTHING}|move|change)(?: (?:here|in (?:the|this) \w+))?(?: since (?P<when>.+))?"
+    rf"(?: has| have| is| are| was)?(?: been| got)? (?P<event>{_ANYTHING}|move|change)"
+    r"(?: (?:here|in (?:the|this) \w+))?(?: since (?P<when>.+))?"
 )
 _WHERE = re.compile(r"where (?:was|were) (?P<rest>.+)")
 _MOST_WORDS = 4

@@ -103,5 +103,5 @@ def _likeness(one: tuple[F64, F64], other: tuple[F64, F64]) -> float:
 
 
 def _suggested(thing: Thing, name: str, probability: float) -> Thing:
-    others = [each for each in thing.suggestions if each.source or each.name != name]
+    others = [suggestion for suggestion in thing.suggestions if suggestion.source or suggestion.name != name]
     return replace(thing, suggestions=ranked_suggestions([Suggestion(name, min(probability, 1.0)), *others]))

@@ -61,7 +61,7 @@ def agreed(probabilities: Sequence[float]) -> float:
     """Probability 0..1 that at least one of independent sources is right."""
     if len(probabilities) == 1:
         return probabilities[0]
-    return min(1.0 - prod(1.0 - each for each in probabilities), _MOST)
+    return min(1.0 - prod(1.0 - probability for probability in probabilities), _MOST)
 
 
 def source_trust(said: Iterable[SaidName]) -> Trust:

@@ -77,7 +77,9 @@ class ThingNames:
     @cached_property
     def dictionary(self) -> Dictionary:
         """The keys: the scene's labels, then suggested names that it lacks."""
-        lacking = [each for each in self._suggestions.values() if self.labels.id_of(each.name) is None]
+        lacking = [
+            suggestion for suggestion in self._suggestions.values() if self.labels.id_of(suggestion.name) is None
+        ]
         taken = {label_key(each.name) for each in lacking}
         entries = list(self.labels.entries)
         for each in lacking[: MAX_LABELS - len(self.labels)]:
@@ -91,7 +93,7 @@ class ThingNames:
     def table(self) -> Mapping[int, Name]:
         """Owners of each name, by id in `dictionary`: borne names, surest first, then suggested."""
         sureness = {thing.id: thing.probability for thing in self._everything}
-        suggested = {self.dictionary.id_of(each.name): each for each in self._suggestions.values()}
+        suggested = {self.dictionary.id_of(suggestion.name): suggestion for suggestion in self._suggestions.values()}
         names: dict[int, Name] = {}
         for label_id in range(1, len(self.dictionary) + 1):
             bearing, told = self.by_label.get(label_id, ()), suggested.get(label_id)
@@ -129,7 +131,9 @@ class ThingNames:
     @cached_property
     def sources(self) -> frozenset[str]:
         """Sources of suggestions, without the scene's own models."""
-        return frozenset(each.source for thing in self._everything for each in thing.suggestions if each.source)
+        return frozenset(
+            suggestion.source for thing in self._everything for suggestion in thing.suggestions if suggestion.source
+        )
 
     @cached_property
     def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
@@ -149,7 +153,7 @@ class ThingNames:
 
     def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
         """The things that these names belong to, in order of the names."""
-        ids = [thing_id for each in label_ids if each in self.table for thing_id in self.table[each].things]
+        ids = [thing_id for label_id in label_ids if label_id in self.table for thing_id in self.table[label_id].things]
         return tuple(dict.fromkeys(ids))
 
     def suggesting(self, elsewhere: Mapping[int, NameFromScene], said: Sequence[SaidName] = ()) -> ThingNames:
@@ -158,9 +162,9 @@ class ThingNames:
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
             own = [
-                each
-                for each in thing.suggestions
-                if each.source != name.source or label_key(each.name) != label_key(name.name)
+                suggestion
+                for suggestion in thing.suggestions
+                if suggestion.source != name.source or label_key(suggestion.name) != label_key(name.name)
             ]
             return replace(thing, suggestions=(Suggestion(name.name, name.probability, name.source), *own))
 
@@ -189,7 +193,8 @@ class ThingNames:
             return sum(self.counts.get(each, 0) for each in self.of_labels((label_id,)) if each in picked)
 
         matches = (
-            each._replace(gaussian_count=count(each.label_id)) if each.relevant else each for each in answer.matches
+            match._replace(gaussian_count=count(match.label_id)) if match.relevant else match
+            for match in answer.matches
         )
         return replace(answer, matches=tuple(matches))
 
@@ -203,11 +208,13 @@ class ThingNames:
 
     def counted_once(self, thing_ids: Sequence[int]) -> tuple[int, ...]:
         """Drops fragments: things that lie in the place of another one of their name."""
-        boxes = {each: self.boxes[each] for each in thing_ids if each in self.boxes}
+        boxes = {thing_id: self.boxes[thing_id] for thing_id in thing_ids if thing_id in self.boxes}
         wholes: list[int] = []
-        for each in sorted(boxes, key=lambda one: -prod(boxes[one].size)):
+        for each in sorted(boxes, key=lambda box: -prod(boxes[box].size)):
             name = self.called.get(each)
-            if not (name and any(self.called[one] == name and _lies_in(boxes[each], boxes[one]) for one in wholes)):
+            if not (
+                name and any(self.called[whole] == name and _lies_in(boxes[each], boxes[whole]) for whole in wholes)
+            ):
                 wholes.append(each)
         return tuple(each for each in thing_ids if each in wholes or each not in boxes)
 
@@ -220,8 +227,11 @@ class ThingNames:
     def taken_for(self) -> Mapping[int, str]:
         """Each thing's name, else its likeliest suggestion or ""; without stored things, labels by id."""
         if not self.stored:
-            return {number: each.label for number, each in enumerate(self.labels.entries, start=1)}
-        return {each.id: each.name or next((one.name for one in each.suggestions), "") for each in self.present}
+            return {number: entry.label for number, entry in enumerate(self.labels.entries, start=1)}
+        return {
+            each.id: each.name or next((suggestion.name for suggestion in each.suggestions), "")
+            for each in self.present
+        }
 
     @cached_property
     def searched(self) -> Searched:
