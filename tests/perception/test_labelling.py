@@ -29,7 +29,7 @@ from fastsplat.service.perception.segmenters.sam1 import Sam1
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import make_capture, read_rgb
 
-_SETTINGS = PerceptionSettings(threads=2)
+_SETTINGS = PerceptionSettings(threads=1)
 
 
 @pytest.fixture(scope="module", autouse=True)
