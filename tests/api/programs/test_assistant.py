@@ -110,14 +110,14 @@ def test_a_goal_is_that_of_rest_and_refused_as_there(
     faces: Faces, service: SceneService, api_settings: Settings, scene_id: str
 ) -> None:
     upright = add_upright_scene(service, api_settings)
-    said = _said(_call(faces, "goal", thing=1, robot_radius=0.15, scene=upright))
+    said = _said(_call(faces, "goal", thing_id=1, robot_radius=0.15, scene=upright))
     truth = service.exports.goal(upright, 1, 0.15)
     assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["thing_id"] == 1
     assert [said[name] for name in ("yaw", "distance", "clearance")] == pytest.approx(
         [truth.yaw, truth.distance, truth.clearance], abs=1e-4
     )
     assert said["frame"] == "the scene's own world frame"
-    refused = _refusal(_call(faces, "goal", thing=1, scene=scene_id))  # its z is not up
+    refused = _refusal(_call(faces, "goal", thing_id=1, scene=scene_id))  # its z is not up
     assert "INVALID_INPUT: up is" in refused and "z axis" in refused
 
 
@@ -241,7 +241,7 @@ def test_a_name_is_given_and_found(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "to be named")
     editor = {"X-Api-Key": guarded.keys["editor"]}
     thing = _said(_call(guarded.faces, "find", editor, text="ball", scene="To Be Named"))["things"][0]["id"]
-    named = _said(_call(guarded.faces, "name_thing", editor, thing=thing, name="beaker", scene=scene_id))
+    named = _said(_call(guarded.faces, "name_thing", editor, thing_id=thing, name="beaker", scene=scene_id))
     assert guarded.service.get_scene(scene_id).version == named["version"]
     found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
     assert found["outcome"] == "here" and [each["id"] for each in found["things"]] == [thing]
@@ -266,7 +266,7 @@ def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) 
     scene_id = add_scene(guarded.service, guarded.settings, "kept")
     before = guarded.service.get_scene(scene_id).version
     refusal = _refusal(
-        _call(guarded.faces, "name_thing", guarded.header("reader"), thing=1, name="moon", scene=scene_id)
+        _call(guarded.faces, "name_thing", guarded.header("reader"), thing_id=1, name="moon", scene=scene_id)
     )
     with client_of(guarded.faces, key=guarded.keys["reader"]) as reader, pytest.raises(PermissionDeniedError) as raised:
         reader.name_things(scene_id, 1, "moon")

@@ -74,11 +74,11 @@ def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(guarded: Gua
     version = guarded.service.get_scene(scene_id).version
     for replaces in ({}, {"replaces": "mug"}):
         refusal = _refusal(
-            _call(guarded.faces, "name_thing", editor, thing=1, name="beaker", scene=scene_id, **replaces)
+            _call(guarded.faces, "name_thing", editor, thing_id=1, name="beaker", scene=scene_id, **replaces)
         )
         assert "CONFLICT: a person has named thing 1" in refusal
     assert guarded.service.get_scene(scene_id).version == version
-    said = _said(_call(guarded.faces, "name_thing", editor, thing=1, name="beaker", replaces="Sphere", scene=scene_id))
+    said = _said(_call(guarded.faces, "name_thing", editor, thing_id=1, name="beaker", replaces="Sphere", scene=scene_id))
     assert said["version"] != version
 
 
