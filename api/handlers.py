@@ -75,15 +75,15 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=scene_examples.LABELS,
         ),
         Handler(
-            calls.LIST_THINGS,
-            lambda service, asked: service.answers.list_things(
+            calls.LIST_OBJECTS,
+            lambda service, asked: service.answers.list_objects(
                 asked.scene_id, asked.version, asked.page_size, asked.page_token, asked.parts
             ),
             computes=True,
-            example=scene_examples.THINGS,
+            example=scene_examples.OBJECTS,
         ),
         Handler(
-            calls.PICK_THING,
+            calls.PICK_OBJECT,
             lambda service, asked: service.answers.pick(asked),
             computes=True,
             example=scene_examples.PICKED,
@@ -204,7 +204,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.GET_GOAL,
             lambda service, asked: service.exports.goal(
-                asked.scene_id, asked.thing_id, asked.robot_radius, asked.version
+                asked.scene_id, asked.object_id, asked.robot_radius, asked.version
             ),
             computes=True,
             example=change_examples.GOAL,
@@ -245,20 +245,20 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.LIST_BEST_VIEWS,
             lambda service, asked: service.photos.best_views(
-                asked.scene_id, asked.thing_ids, asked.text, asked.max_views, asked.version
+                asked.scene_id, asked.object_ids, asked.text, asked.max_views, asked.version
             ),
             computes=True,
             renders=True,
             example=scene_examples.BEST_VIEWS,
         ),
         Handler(
-            calls.GET_THING_SHEET,
+            calls.GET_OBJECT_SHEET,
             lambda service, asked: service.sheets.page(
                 asked.scene_id, asked.version, asked.page_size, asked.page_token
             ),
             computes=True,
             renders=True,
-            example=scene_examples.THING_SHEET,
+            example=scene_examples.OBJECT_SHEET,
         ),
         Handler(
             calls.CREATE_KEY,

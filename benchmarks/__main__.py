@@ -51,14 +51,14 @@ BENCHMARKS = {
     "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
-    "reads": Benchmark("words printed on things in drawn rooms, read in photos (--split test: other rooms)"),
+    "reads": Benchmark("words printed on objects in drawn rooms, read in photos (--split test: other rooms)"),
     "relations": Benchmark("questions about places, sizes and colors in drawn rooms"),
     "rooms": Benchmark(
-        "twelve drawn rooms: how whole, clean and rightly named things are (six; --split test: the others)"
+        "twelve drawn rooms: how whole, clean and rightly named objects are (six; --split test: the others)"
     ),
     "serve": Benchmark("the API under load"),
     "standing": Benchmark("standing questions at 10 poses a second for 10 minutes, a training beside"),
-    "things": Benchmark("things without a vocabulary", _TEST),
+    "objects": Benchmark("objects without a vocabulary", _TEST),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
     "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),
     "workers": Benchmark("jobs a day by the number of workers, simulated from what a database was asked"),

@@ -95,20 +95,20 @@ def _megabytes(count: float) -> str:
     return f"{count / 1e6:.1f} MB"
 
 
-def _summary(default: Document, things: Document, absence: Document, standing: Document) -> Iterator[Row]:
+def _summary(default: Document, objects: Document, absence: Document, standing: Document) -> Iterator[Row]:
     """Of README alone: its links begin at the repository's root."""
-    sample, found, figures = default["sample"], things["rows"], absence["figures"]
+    sample, found, figures = default["sample"], objects["rows"], absence["figures"]
     alone = "docs/method.md#from-photos-alone"
     seconds = sum(sample["stage_seconds"].values())
     yield f"[sample photos with poses to a scene]({alone}), default models, 4,000 steps", f"{seconds:.0f} s"
     names = ("sample", "tabletop")
     pictures = " and ".join(f"{default[name]['figures']['psnr']:.1f} dB" for name in names)
     yield f"[PSNR of unseen views]({alone}), two scenes", pictures
-    recall = " and ".join(_count(found[name]["things_recall_50"], found[name]["things_true"]) for name in names)
-    yield f"[things found]({alone}), ready to be named by a click", recall
+    recall = " and ".join(_count(found[name]["objects_recall_50"], found[name]["objects_true"]) for name in names)
+    yield f"[objects found]({alone}), ready to be named by a click", recall
     said = " and ".join(f"{figures[each]['value'] * 100:.0f} %" for each in ("found_and_named", "rightly_absent"))
     reliable = "docs/asking.md#how-far-an-answer-can-be-relied-on"
-    yield f"[asked in other words: found; absent things said to be absent]({reliable})", said
+    yield f"[asked in other words: found; absent objects said to be absent]({reliable})", said
     within = f"95 % within {standing['p95_ms']:.0f} ms"
     yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
 
@@ -117,14 +117,14 @@ def _reads(document: Document) -> Iterator[Row]:
     whole = document["lines"]
     cpu = max(row["cpu_seconds"] * 26 / row["photos"] for row in document["rooms"])
     yield "lines said, letter for letter", _count(document["recall"], whole)
-    yield "right of all that things say", f"{document['precision'] * 100:.0f} %"
+    yield "right of all that objects say", f"{document['precision'] * 100:.0f} %"
     yield f"lines said with a probability from {document['threshold']:.2f}", _count(document["recall_at_95"], whole)
     yield "CPU seconds for 26 photos, at most", f"{cpu:.0f}"
 
 
 def _naming(document: Document) -> Iterator[Row]:
     for models, told in (("one", document), ("two", document["two"])):
-        counts = [f"{told[each]} of {told['things']}" for each in ("reached", "stated", "named", "obeyed")]
+        counts = [f"{told[each]} of {told['objects']}" for each in ("reached", "stated", "named", "obeyed")]
         yield models, *counts, f"{told['refused']}", f"{told['seconds_of_longest']:.0f} s"
 
 
@@ -174,11 +174,11 @@ def _default_path(document: Document) -> Iterator[Row]:
         yield name, *cells
 
 
-def _things(document: Document) -> Iterator[Row]:
+def _objects(document: Document) -> Iterator[Row]:
     for name, row in document["rows"].items():
-        if "things_true" in row:
-            found = [_count(row[f"things_recall_{share}"], row["things_true"]) for share in (50, 75)]
-            yield name, *found, _count(row["things_precision"], row["things_judged"]), f"{row['clicks_miou']:.2f}"
+        if "objects_true" in row:
+            found = [_count(row[f"objects_recall_{share}"], row["objects_true"]) for share in (50, 75)]
+            yield name, *found, _count(row["objects_precision"], row["objects_judged"]), f"{row['clicks_miou']:.2f}"
 
 
 def _rooms(document: Document) -> Iterator[Row]:
@@ -194,7 +194,7 @@ def _rooms(document: Document) -> Iterator[Row]:
 def _names(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         between = f"{row['from']:.0%} to {row['to']:.0%}"
-        yield between, f"{row['predicted']:.0%}", f"{row['right']} of {row['things']}"
+        yield between, f"{row['predicted']:.0%}", f"{row['right']} of {row['objects']}"
 
 
 def _absence(document: Document) -> Iterator[Row]:
@@ -212,8 +212,8 @@ def _absence(document: Document) -> Iterator[Row]:
         ("asked by a synonym", "synonym"),
         ("by a kind", "kind"),
         ("by a use", "use"),
-        ("absent: things of elsewhere", "far"),
-        ("absent: things of a household", "household"),
+        ("absent: objects of elsewhere", "far"),
+        ("absent: objects of a household", "household"),
         ("absent: near misses", "near"),
     ):
         yield title, _count(figures[name]["value"], asked[name]), ""
@@ -222,7 +222,7 @@ def _absence(document: Document) -> Iterator[Row]:
 def _questions(document: Document) -> Iterator[Row]:
     halves = {"mending": "sample, half by which answers were mended", "scored": "sample, other half"}
     parts = {"doll": "a doll on a bed", **halves}
-    times = {"unseen": "before anything was changed by it", "named": "its main thing named by hand"}
+    times = {"unseen": "before anything was changed by it", "named": "its main object named by hand"}
     for name, when in {**times, "validation": "now"}.items():
         row = document["rows"].get(name)
         for part, tally in () if row is None else row["by_part"].items():
@@ -237,7 +237,7 @@ def _presence(document: Document) -> Iterator[Row]:
 
 
 def _relations(document: Document) -> Iterator[Row]:
-    yield "decided by how things stand", _right(document["decided"]), "answered rightly"
+    yield "decided by how objects stand", _right(document["decided"]), "answered rightly"
     yield "", str(document["wrong"]), "answered wrongly"
     yield "", str(document["wrongly_refused"]), "refused"
     yield "not decided by it", _right(document["rightly_refused"]), "refused"
@@ -306,7 +306,7 @@ def _changes(document: Document) -> Iterator[Row]:
 _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")
 
 TABLES: Mapping[str, Table] = {
-    "summary": Table(("default_path", "things", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
+    "summary": Table(("default_path", "objects", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
     "raster": Table(("raster",), ("instructions", "Gaussians", "picture", "forward, ms", "backward, ms"), _raster),
     "gpu": Table(
         ("gpu", "gpu_million"), ("NVIDIA H200", "Gaussians", "picture", "ms", "peak MiB of the GPU's memory"), _gpu
@@ -330,8 +330,10 @@ TABLES: Mapping[str, Table] = {
         ("", "names right", "mIoU by them", "IoU of a click", "PSNR", "perception, s", "training, s"),
         _default_path,
     ),
-    "things": Table(
-        ("things",), ("", "found at IoU 0.5", "at IoU 0.75", "found things that are right", "IoU of a click"), _things
+    "objects": Table(
+        ("objects",),
+        ("", "found at IoU 0.5", "at IoU 0.75", "found objects that are right", "IoU of a click"),
+        _objects,
     ),
     "rooms": Table(
         ("rooms",),

@@ -38,11 +38,11 @@ def add_training_bounds(parser: argparse.ArgumentParser, *, iterations: int, gau
 
 def bounded_settings(options: argparse.Namespace) -> Settings:
     """The balanced preset with so many steps, Gaussians and pixels whatever time they take, so that figures do not
-    depend on the machine; nothing is held out by number, and things are not looked for."""
+    depend on the machine; nothing is held out by number, and objects are not looked for."""
     bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
     settings = override_training(apply_preset(load_settings(), "balanced"), **bounds, held_out_every=0, evaluations=0)
     training = settings.training.model_copy(update={"time_budget_s": None})
-    discovery = settings.discovery.model_copy(update={"things": "off"})
+    discovery = settings.discovery.model_copy(update={"objects": "off"})
     return settings.model_copy(update={"training": training, "discovery": discovery})
 
 

@@ -36,8 +36,8 @@ from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a gr
     version_commands,
 )
 from fastsplat.cli.scenes.ask_command import ask
+from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.scenes.scene_commands import scenes_app
-from fastsplat.cli.scenes.thing_commands import things_app
 from fastsplat.service.common.process import die_with_named_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 
@@ -51,7 +51,7 @@ app = typer.Typer(
 )
 for _name, _group in {
     "scenes": scenes_app,
-    "things": things_app,
+    "objects": objects_app,
     "jobs": jobs_app,
     "keys": keys_app,
     "projects": projects_app,

@@ -5,8 +5,8 @@
 
 Everything is modelled and painted by the modules beside this one, from fixed seeds; nothing is downloaded. Pictures are
 path traced by Cycles on the CPU and denoised; masks come from a second render with one ray through each pixel's centre
-and the object's id as its colour, so that they are exact; a third one has an id for each single thing, where a mask
-has one for all things of a label. Poses are nerfstudio's `transforms.json`.
+and the object's id as its colour, so that they are exact; a third one has an id for each single object, where a mask
+has one for all objects of a label. Poses are nerfstudio's `transforms.json`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 
 import bpy
 
-from demo.sample_layout import THINGS
+from demo.sample_layout import OBJECTS
 from demo.sample_mesh import Parts
 from demo.sample_room import build_room, build_table, camera_poses
 
@@ -75,9 +75,9 @@ def main() -> None:
 
 
 def _build() -> tuple[dict[str, int], list[tuple[str, Parts]]]:
-    """Ids of the labels, and of every thing its label and parts."""
+    """Ids of the labels, and of every object its label and parts."""
     build_room()
-    copies = [(label, build()) for label, builders in THINGS.items() for build in builders]
+    copies = [(label, build()) for label, builders in OBJECTS.items() for build in builders]
     copies.append((_TABLE_LABEL, build_table()))
     labels = dict.fromkeys(label for label, _ in copies)
     return {label: number for number, label in enumerate(labels, start=1)}, copies

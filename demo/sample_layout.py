@@ -1,4 +1,4 @@
-"""Where each thing stands on the sample scene's table: meters from the table's middle, turned about z."""
+"""Where each object stands on the sample scene's table: meters from the table's middle, turned about z."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Callable
 from demo.sample_flora import plant, tulips, vase
 from demo.sample_food import apple, banana, donut, orange
 from demo.sample_mesh import Parts, place
-from demo.sample_things import book, bottle, bowl, clock, cup, knife, plate, teddy
+from demo.sample_objects import book, bottle, bowl, clock, cup, knife, plate, teddy
 
 _RED = ("#8a1520", "#a81c26", "#b5242a", "#c95a4a")
 _GREEN = ("#7f9c30", "#94ae42", "#a2b850", "#bcc66c")
 
-# Label: builders of its copies. Labels have ids from 1 in this order, and so have things, every copy counted; the room
+# Label: builders of its copies. Labels have ids from 1 in this order, and so have objects, every copy counted; the room
 # adds the table itself.
-THINGS: dict[str, tuple[Callable[[], Parts], ...]] = {
+OBJECTS: dict[str, tuple[Callable[[], Parts], ...]] = {
     "apple": (
         lambda: place(apple(_RED, 1), 0.045, -0.005, 0.4, 0.016, 0.15),
         lambda: place(apple(_GREEN, 2), -0.06, -0.2, 1.9, 0.0, 0.0),

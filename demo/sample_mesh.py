@@ -57,10 +57,10 @@ def ball(
     theta, phi = np.linspace(1e-4, np.pi - 1e-4, 32), np.linspace(0, 2 * np.pi, 48, endpoint=False)
     s = np.sin(theta)[:, None]
     unit = np.stack([s * np.cos(phi), s * np.sin(phi), np.cos(theta)[:, None] + 0 * phi], axis=-1)
-    thing = grid(name, (unit * np.asarray(radii, float))[::-1], material, wrap=True)
-    thing.location = centre
-    thing.rotation_euler = tuple(np.asarray(turn, float)) if np.size(turn) else (0, 0, 0)
-    return thing
+    obj = grid(name, (unit * np.asarray(radii, float))[::-1], material, wrap=True)
+    obj.location = centre
+    obj.rotation_euler = tuple(np.asarray(turn, float)) if np.size(turn) else (0, 0, 0)
+    return obj
 
 
 def tube(name: str, path: ArrayLike, radius: ArrayLike, material: Any, sides: int = 24, squash: float = 1.0) -> Any:
@@ -92,12 +92,12 @@ def box(
     mesh = bpy.data.meshes.new(name)
     sides = [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     mesh.from_pydata(np.stack([x * size[0], y * size[1], z * size[2]], axis=1).tolist(), [], sides)
-    thing = _link(name, mesh, material)
-    thing.location = centre
+    obj = _link(name, mesh, material)
+    obj.location = centre
     if bevel:
-        rounding = thing.modifiers.new("bevel", "BEVEL")
+        rounding = obj.modifiers.new("bevel", "BEVEL")
         rounding.width, rounding.segments = bevel, 3
-    return thing
+    return obj
 
 
 def picture(name: str, corners: ArrayLike, image: NDArray[np.float32], rough: float = 0.6) -> Any:
@@ -111,9 +111,9 @@ def writing(text: str, size: float, centre: Sequence[float], turn: Sequence[floa
     curve = bpy.data.curves.new(text, "FONT")
     curve.body, curve.size, curve.extrude = text, size, 0.0003
     curve.align_x, curve.align_y = "CENTER", "CENTER"
-    thing = _link(text, curve, material)
-    thing.location, thing.rotation_euler = centre, turn
-    return thing
+    obj = _link(text, curve, material)
+    obj.location, obj.rotation_euler = centre, turn
+    return obj
 
 
 def plain(name: str, colour: str, rough: float = 0.5, **inputs: float) -> Any:
@@ -165,10 +165,10 @@ def painted(name: str, image: NDArray[np.float32], rough: float = 0.6, **inputs:
     return material
 
 
-def fur(thing: Any, count: int, length: float, seed: int) -> None:
-    """Short plush hair in the thing's own material."""
-    thing.modifiers.new("fur", "PARTICLE_SYSTEM")
-    system = thing.particle_systems[0]
+def fur(obj: Any, count: int, length: float, seed: int) -> None:
+    """Short plush hair in the object's own material."""
+    obj.modifiers.new("fur", "PARTICLE_SYSTEM")
+    system = obj.particle_systems[0]
     system.seed = seed
     hair = system.settings
     hair.type, hair.count, hair.hair_length, hair.hair_step = "HAIR", count, length, 3
@@ -190,11 +190,11 @@ def place(parts: Parts, x: float, y: float, turn: float, z: float = 0.0, tip: fl
 
 
 def _link(name: str, data: Any, material: Any) -> Any:
-    thing = bpy.data.objects.new(name, data)
+    obj = bpy.data.objects.new(name, data)
     if material is not None:
         data.materials.append(material)
-    bpy.context.scene.collection.objects.link(thing)
-    return thing
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
 
 
 def _material(name: str, rough: float, inputs: dict[str, float]) -> tuple[Any, Any]:

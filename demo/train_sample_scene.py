@@ -1,8 +1,8 @@
 """Trains the sample scene that the product brings: `make sample-scene`.
 
 The capture in `demo/sample` goes through the stages of the service with its own poses, in meters, and its own label
-maps; bounded by steps, with a seed, so that the same machine and models make the same scene. Things are discovered
-(`FASTSPLAT_DISCOVERY__THINGS=on`), so that two books on each other are two. The default models must be there.
+maps; bounded by steps, with a seed, so that the same machine and models make the same scene. Objects are discovered
+(`FASTSPLAT_DISCOVERY__OBJECTS=on`), so that two books on each other are two. The default models must be there.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MOST_BYTES = 3_000_000
 _TRAINING = {"time_budget_s": None, "iterations": 4_000, "max_gaussians": 14_000, "max_sh_degree": 1}
 _SETTINGS = {
     "FASTSPLAT_TRAINING": json.dumps(_TRAINING),
-    "FASTSPLAT_DISCOVERY__THINGS": "on",
+    "FASTSPLAT_DISCOVERY__OBJECTS": "on",
     "FASTSPLAT_JOBS__NICENESS": "0",  # nobody else waits for this machine
     "FASTSPLAT_PHOTOS__MAX_SIDE": "320",
     "FASTSPLAT_PHOTOS__QUALITY": "75",
@@ -48,9 +48,9 @@ def main() -> None:
         poses = {**json.loads((_CAPTURE / "transforms.json").read_text()), "units": "meters"}
         (capture / "transforms.json").write_text(json.dumps(poses))
         with train(capture, data, name="sample") as scene:
-            info, things = scene.info, scene.things()
+            info, objects = scene.info, scene.objects()
             print(scene, {name: info.quality[name] for name in ("psnr",) if name in info.quality})
-            print(dict(Counter(thing.name or "(no name)" for thing in things)))
+            print(dict(Counter(obj.name or "(no name)" for obj in objects)))
         store = open_store(data, "", load_settings().artefacts)
         try:
             back_up(store, data, "", saved)

@@ -1,4 +1,4 @@
-"""FAST-Splat scene service: photos of a place in, a 3D scene out that answers, in plain words, where things are.
+"""FAST-Splat scene service: photos of a place in, a 3D scene out that answers, in plain words, where objects are.
 
     scene = fastsplat.train("photos/")
     scene.ask("something to drink from").sentence

@@ -157,7 +157,7 @@ class CallOptions(Options):
     """What is kept of labels, and how an answer is cut and kept alive."""
 
     ranking_memory_bytes: int = Field(512 << 20, ge=1)
-    """Labels and names of things, by which scenes are asked all at once, are kept up to this; about 2 MB for 50
+    """Labels and names of objects, by which scenes are asked all at once, are kept up to this; about 2 MB for 50
     labels; least recently used leave first."""
     max_matches: int = Field(100, ge=1)
     """Entries an answer ranks where the request does not say how many."""

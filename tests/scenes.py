@@ -115,7 +115,7 @@ def finish_job(
     rows = [{**label, **row} for label in content["dictionary"]]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
     quality = scene.facts.with_quality(scene.quality)
-    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, content["things"])
+    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, content["objects"])
     if draft is None:
         store.jobs.succeed(claim, summary)
     else:

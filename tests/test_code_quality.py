@@ -23,7 +23,7 @@ _VAGUE_PARAMETERS_IN: set[str] = set()
 
 _SPELLINGS = {re.compile(r'(?<!")metre|metre(?!s?")', re.IGNORECASE): "meter"}
 """Spellings, and the one that is used here. In quotes, files for other programs may hold the other one as a value."""
-_WORDS_OF_PEOPLE = Path("service/query/language/meaning/common_things.txt")
+_WORDS_OF_PEOPLE = Path("service/query/language/meaning/common_objects.txt")
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def _run(folder: Path, *words: str) -> tuple[str, int, list[list[str]]]:
     log = folder / "log.txt"
     log.unlink(missing_ok=True)
     for name in (
-        "web/things/test_ask.py",
+        "web/objects/test_ask.py",
         "web/viewer/test_look.py",
         "web/test_journey.py",
         "scene/test_ply.py",
@@ -83,7 +83,7 @@ def test_each_test_is_in_one_lane_and_postgresql_in_the_rest(tmp_path: Path) -> 
     }
     assert sorted(row[:2] for row in now + later) == sorted(row[:2] for row in everything) and len(everything) == 60
     assert {name for name, _, _ in everything[:24]} == {
-        "web/things/test_ask.py",
+        "web/objects/test_ask.py",
         "web/viewer/test_look.py",
     }  # long ones begin
 
@@ -93,7 +93,7 @@ def test_a_group_and_a_file_without_one_stay_in_one_process(tmp_path: Path) -> N
     assert status == 0, said
     processes = {name: {process for other, _, process in ran if other == name} for name, _, _ in ran}
     assert len(processes) == 5 and all(len(ids) == 1 for ids in processes.values())
-    assert processes["web/things/test_ask.py"] == processes["web/viewer/test_look.py"]
+    assert processes["web/objects/test_ask.py"] == processes["web/viewer/test_look.py"]
     assert len({*map(tuple, processes.values())}) == 3
     rows = {line.split()[0] for line in said.partition("minutes by folder")[2].splitlines() if line}
     assert rows >= {"web", "scene", "all"}  # of all processes

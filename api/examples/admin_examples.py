@@ -41,7 +41,7 @@ KNOWN_NAMES = KnownNameList(
             name="mug",
             scene_id=IDS["scene_id"],
             version=IDS["version"],
-            thing_id=1,
+            object_id=1,
             named_at=_MADE,
             picture=b"\xff\xd8\xff",
         ),
@@ -50,7 +50,7 @@ KNOWN_NAMES = KnownNameList(
 )
 NAMER = NamerStatus("localhost:11434", "model-of-your-choice", agreed=True)
 AGREEMENTS: Bodies = {
-    "yes": ("pictures of things without a name may go there", AgreeIn("localhost:11434")),
+    "yes": ("pictures of objects without a name may go there", AgreeIn("localhost:11434")),
     "no": ("nothing is sent any more", AgreeIn("")),
 }
 STATUS = ServerStatus(

@@ -10,9 +10,9 @@ import numpy as np
 
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.places import KnownLength, Place
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.geometry.thing_prompts import Pixel
 from fastsplat_contract.jobs.look_again import LookAgainIn
 from fastsplat_contract.jobs.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
 from fastsplat_contract.jobs.operations import RetryIn
@@ -20,8 +20,8 @@ from fastsplat_contract.messages.detections import Detection, DetectionList, Sup
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditIn
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.measurements import Length, LocatedPlace, MeasureIn, Measurement
+from fastsplat_contract.messages.objects import NameSuggestion
 from fastsplat_contract.messages.scenes import Edit, EditIn, RedoIn, RestoreIn
-from fastsplat_contract.messages.things import NameSuggestion
 from fastsplat_contract.photos.next_photos import NextPhoto, NextPhotoList
 
 Bodies = Mapping[str, tuple[str, Any]]
@@ -81,12 +81,12 @@ GOAL = Goal(
 DETECTIONS = DetectionList(
     (
         Detection(
-            thing_id=1,
+            object_id=1,
             label="mug",
             source="detected",
             probability=0.93,
             alternatives=(NameSuggestion("cup", 0.05),),
-            kind="thing",
+            kind="object",
             box=Box(Pose(Vector3(0.4, 0.1, 0.78), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.12, 0.08, 0.1)),
             position_covariance=(4e-6, 0.0, 0.0, 0.0, 4e-6, 0.0, 0.0, 0.0, 9e-6),
             rotation_covariance=(3e-5, 0.0, 0.0, 0.0, 3e-5, 0.0, 0.0, 0.0, 0.004),
@@ -108,14 +108,14 @@ DETECTIONS = DetectionList(
 )
 
 MEASURED: Bodies = {
-    "size": ("how large a thing is", MeasureIn((Place(thing_id=1),))),
+    "size": ("how large an object is", MeasureIn((Place(object_id=1),))),
     "points": (
         "how far two points are apart",
         MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
     ),
     "pixel": (
-        "how far a thing is from what a view shows at a pixel",
-        MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing_id=1))),
+        "how far an object is from what a view shows at a pixel",
+        MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(object_id=1))),
     ),
 }
 SOUGHT: Bodies = {
@@ -126,7 +126,7 @@ SOUGHT: Bodies = {
 }
 SUGGESTED: Bodies = {
     "an assistant": (
-        "what an assistant takes two things for",
+        "what an assistant takes two objects for",
         SuggestIn(
             (
                 SuggestedName(2, "mug", 0.9, "assistant", "model-of-your-choice", ("cup",)),
@@ -136,7 +136,7 @@ SUGGESTED: Bodies = {
         ),
     )
 }
-NAMER_ASKED: Bodies = {"all": ("about all things without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
+NAMER_ASKED: Bodies = {"all": ("about all objects without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
 RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}
 RESTORED: Bodies = {"trained": ("back to the scene as it was trained", RestoreIn("1"))}

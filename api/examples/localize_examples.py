@@ -11,14 +11,14 @@ import numpy as np
 
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.object_prompts import PixelBox
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.geometry.thing_prompts import PixelBox
 from fastsplat_contract.photos.localization import (
     Localization,
     LocalizedPhoto,
+    ObjectInView,
     PhotoDifference,
     SceneChange,
-    ThingInView,
 )
 from fastsplat_contract.photos.observations import Observation, ObservationList, ObservedPhoto
 
@@ -52,7 +52,7 @@ LOCALIZATION = Localization(
             spread=0.62,
             agreement=0.81,
             refined=True,
-            things=(ThingInView(2, "ball", 0.043, PixelBox(1690.0, 1310.0, 2310.0, 1930.0)),),
+            objects=(ObjectInView(2, "ball", 0.043, PixelBox(1690.0, 1310.0, 2310.0, 1930.0)),),
             differences=(PhotoDifference("new", PixelBox(310.0, 1840.0, 820.0, 2410.0), 0.97),),
         ),
         LocalizedPhoto(
@@ -68,14 +68,14 @@ LOCALIZATION = Localization(
             spread=0.01,
             agreement=None,
             refined=False,
-            things=(),
+            objects=(),
             differences=(),
         ),
     ),
     changes=(
         SceneChange(
             kind="moved",
-            thing_id=2,
+            object_id=2,
             name="ball",
             probability=0.97,
             distance=0.42,

@@ -14,10 +14,22 @@ from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
 from fastsplat.api.examples.job_watching_examples import running_operation
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.geometry.thing_prompts import ThingPrompt
 from fastsplat_contract.jobs.operations import OperationList
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
+from fastsplat_contract.messages.object_reads import ObjectRead
+from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
+from fastsplat_contract.messages.objects import (
+    NameSuggestion,
+    ObjectList,
+    PickedLevel,
+    PickedObject,
+    PickIn,
+    Pixel,
+    PixelBox,
+    SceneObject,
+)
 from fastsplat_contract.messages.phrases import PhraseAnswer, Witness
 from fastsplat_contract.messages.queries import Answer, Match, QueryIn, QueryOut, SkippedScene
 from fastsplat_contract.messages.scenes import (
@@ -34,18 +46,6 @@ from fastsplat_contract.messages.scenes import (
     UndoIn,
     VersionList,
 )
-from fastsplat_contract.messages.thing_reads import ThingRead
-from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
-from fastsplat_contract.messages.things import (
-    NameSuggestion,
-    PickedLevel,
-    PickedThing,
-    PickIn,
-    Pixel,
-    PixelBox,
-    SceneThing,
-    ThingList,
-)
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.photos.pictures import RenderIn, Tint
 from fastsplat_contract.photos.scene_photos import BestView, BestViewList, PhotoList, ScenePhoto
@@ -59,13 +59,13 @@ VIEW = PosedCamera(_PINHOLE, np.eye(4), "front.png")
 _MUG = DictionaryEntry(label_id=1, label="mug", aliases=("cup",), pixels=48_210, views=31, gaussian_count=5_120)
 _BALL = DictionaryEntry(label_id=2, label="ball", aliases=(), pixels=20_007, views=28, gaussian_count=2_416)
 _BOX = Box(center=Pose(Vector3(0.12, 0.05, 0.81), _UPRIGHT), size=Vector3(0.09, 0.11, 0.09))
-_THING = SceneThing(
+_OBJECT = SceneObject(
     id=1,
     name="mug",
     source="person",
     probability=1.0,
     suggestions=(),
-    kind="thing",
+    kind="object",
     surface="",
     consensus=0.96,
     gaussian_count=5_120,
@@ -76,14 +76,14 @@ _THING = SceneThing(
 )
 _SUGGESTED = (NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"]))
 _UNNAMED = replace(
-    _THING,
+    _OBJECT,
     id=2,
     name="",
     label_id=0,
     source=None,
     probability=0.0,
     suggestions=_SUGGESTED,
-    reads=(ThingRead("text", "oat milk", 0.97, 3),),
+    reads=(ObjectRead("text", "oat milk", 0.97, 3),),
 )
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
@@ -106,7 +106,7 @@ _SUMMARY = SceneSummary(
     scale="METRIC",
     version="1",
     label_count=2,
-    thing_count=7,
+    object_count=7,
     captured_at=_POSTED - timedelta(hours=2),
 )
 _PHOTO = PhotoVerdict(
@@ -145,17 +145,17 @@ _ANSWER = Answer(
     match_count=2,
     matches=(
         Match(1, "mug", 0.91, 0.88, "object", 5_120, True, 0.96),
-        Match(2, "ball", 0.32, 0.41, "things", 2_416, False, 0.02),
+        Match(2, "ball", 0.32, 0.41, "objects", 2_416, False, 0.02),
     ),
     masks=(_VIEW_MASK,),
-    objects=(replace(_THING, best_views=("front.png",)),),
+    objects=(replace(_OBJECT, best_views=("front.png",)),),
     presence=0.99,
     phrase=PhraseAnswer(
-        asks="things",
+        asks="objects",
         head="cup",
         conditions=("left of the ball",),
         not_understood="",
-        thing_ids=(1,),
+        object_ids=(1,),
         undecided=(),
         witnesses=(Witness("left of the ball", 1, (2,), "direction", 12.5, "deg", 5.2),),
     ),
@@ -173,13 +173,13 @@ SCENE = Scene(
 SCENES = SceneList((_SUMMARY,), PAGE_TOKEN)
 LABELS = LabelList((_MUG, _BALL), "")
 PHOTO_VERDICTS = PhotoVerdictList((_PHOTO,), PAGE_TOKEN, True, placed_count=59, photo_count=60)
-THINGS = ThingList((_THING, _UNNAMED), "", "1")
-PICKED = PickedThing(_THING, _VIEW_MASK, "1", levels=(PickedLevel("thing", _THING.id, (), 1.0),))
+OBJECTS = ObjectList((_OBJECT, _UNNAMED), "", "1")
+PICKED = PickedObject(_OBJECT, _VIEW_MASK, "1", levels=(PickedLevel("object", _OBJECT.id, (), 1.0),))
 PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
-THING_SHEET = ThingSheet(
+OBJECT_SHEET = ObjectSheet(
     b"\xff\xd8\xff",
-    (SheetThing(1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED),),
+    (SheetObject(1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborObject(_OBJECT.id, "mug"),), _SUGGESTED),),
     (),
     True,
     "",
@@ -198,7 +198,7 @@ QUESTIONS: Bodies = {
         QueryIn(("mug",), cameras=(_VIEWPOINT,), outputs=frozenset({"mask2d"}), mask2d_encoding="png"),
     ),
     "relation": (
-        "the thing left of another, as seen from one of the scene's own views",
+        "the object left of another, as seen from one of the scene's own views",
         QueryIn(("the mug left of the ball",), outputs=frozenset({"objects"}), asker_view="front.png"),
     ),
     "gaussians": (
@@ -211,7 +211,7 @@ PICTURES: Bodies = {
     "viewpoint": ("depth in millimeters from a robot's camera", RenderIn("depth", camera=_VIEWPOINT)),
     "array": ("label ids as numpy's file", RenderIn("label_map", view="front.png", format="npy")),
     "tinted": (
-        "a quick picture in which a thing glows",
+        "a quick picture in which an object glows",
         RenderIn(
             "rgb", camera=_VIEWPOINT, format="jpeg", tints=(Tint((1,), Color(1.0, 0.56, 0.06), 0.75),), dimming=0.5
         ),
@@ -226,35 +226,35 @@ EDITS: Bodies = {
         "move all balls half a unit along x",
         EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
     ),
-    "name": ("name a thing that had no name, or another", EditIn((Edit("name", thing_ids=(2,), name="ball"),))),
+    "name": ("name an object that had no name, or another", EditIn((Edit("name", object_ids=(2,), name="ball"),))),
     "split": (
-        "take two things apart that were one",
+        "take two objects apart that were one",
         EditIn(
             (
-                Edit("merge", thing_ids=(1, 2)),
-                Edit("split", thing_ids=(1,), prompt=ThingPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
+                Edit("merge", object_ids=(1, 2)),
+                Edit("split", object_ids=(1,), prompt=ObjectPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
             )
         ),
     ),
     "add": (
-        "make a thing that was missing, and name it",
+        "make an object that was missing, and name it",
         EditIn(
             (
-                Edit("discard", thing_ids=(2,)),
-                Edit("add", prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)), name="ball"),
+                Edit("discard", object_ids=(2,)),
+                Edit("add", prompt=ObjectPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)), name="ball"),
             )
         ),
     ),
     "scale": SCALE,
-    "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
+    "remove": ("remove one kind of object", EditIn((Edit("remove", label="story book"),))),
 }
 PLACES: Bodies = {
-    "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(24.0, 18.0))),
-    "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
-    "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
+    "pixel": ("the object at a pixel of a view", PickIn(view="front.png", pixel=Pixel(24.0, 18.0))),
+    "box": ("the object that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
+    "viewpoint": ("the object that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     "level": (
-        "which Gaussians are of the whole thing at a pixel",
-        PickIn(view="front.png", pixel=Pixel(24.0, 18.0), level="thing", mask3d=True),
+        "which Gaussians are of the whole object at a pixel",
+        PickIn(view="front.png", pixel=Pixel(24.0, 18.0), level="object", mask3d=True),
     ),
 }
 NAMES: Bodies = {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))}

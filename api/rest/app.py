@@ -62,7 +62,7 @@ _DOCS_POLICY = (  # Swagger UI needs inline styles and an inline script
     "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "object-src 'none'; base-uri 'none'; frame-ancestors 'none'"
 )
-_DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where things are.
+_DESCRIPTION = """Photos of a place in, a 3D scene out that can be asked, in plain words, where objects are.
 
 **Frames**: OpenCV camera axes (x right, y down, z forward), poses are world_from_camera, quaternions x y z w.
 **Units**: scene units (meters when the scene's `scale` is METRIC), seconds, pixels with centers at +0.5.

@@ -51,6 +51,6 @@ export default defineConfig({
     isolate: false,
     fileParallelism: false,
     unstubGlobals: true,
-    testTimeout: 120_000, // of the 200 gestures, on a machine that does other things, too
+    testTimeout: 120_000, // of the 200 gestures, on a machine that does other objects, too
   },
 });

@@ -12,7 +12,7 @@ benchmarks/results/absence.json:
   label_sets: how often the 90 % label set holds an acceptable answer where there is one, and says "nothing here" where
     there is none, and its mean size;
   undecided: share of all questions of which it is said that they cannot be answered; none of them counts as right;
-  found_and_named_unlisted: found_and_named of the questions that the list of common things does not hold word by word.
+  found_and_named_unlisted: found_and_named of the questions that the list of common objects does not hold word by word.
 Intervals are 95 %, by 2,000 draws of whole dictionaries.
 """
 

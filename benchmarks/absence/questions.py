@@ -9,7 +9,7 @@ from pathlib import Path
 
 from benchmarks.calibration.lists import names_of, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.meaning.common_things import FILE as LISTED
+from fastsplat.service.query.language.meaning.common_objects import FILE as LISTED
 
 FILE = Path(__file__).with_name("questions.txt")
 FITTED = FILE.parents[1] / "calibration" / "lists.txt"
@@ -87,7 +87,7 @@ def calibrating_keys() -> set[str]:
 
 
 def listed_keys() -> set[str]:
-    """Keys of all that the product's own list of common things holds word by word: names, kinds and uses."""
+    """Keys of all that the product's own list of common objects holds word by word: names, kinds and uses."""
     parts = (part for line in LISTED.read_text().splitlines() for part in re.split(r"[|,;]", line))
     return {label_key(part) for part in parts}
 

@@ -10,7 +10,7 @@ official MCP client over HTTP of a real server process, one after another. Write
   intervals_true: share of the 95 % intervals of measured lengths that hold the truth;
   p50_ms, p95_ms: of a call, by tool and over all; first_ms: of the first to each room, which opens it;
     the others are without it.
-Intervals are 95 % (Wilson). The truth comes from how things were placed.
+Intervals are 95 % (Wilson). The truth comes from how objects were placed.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ async def ask_all(
     ):
         first = []
         for layout in rooms:
-            opened = await _asked(client, Question(layout.name, "find", layout.room.things[0].name), layout, ids)
+            opened = await _asked(client, Question(layout.name, "find", layout.room.objects[0].name), layout, ids)
             first.append(opened.milliseconds)
         answered = [await _asked(client, each, by_name[each.room], ids) for each in questions]
     return answered, first
@@ -176,7 +176,7 @@ def _main() -> None:
     for each in answered if options.misses else ():
         if not each.right:
             question = each.question
-            print(f"{question.room}, {question.kind}: {question.text!r} {question.names} {question.things}")
+            print(f"{question.room}, {question.kind}: {question.text!r} {question.names} {question.objects}")
             print(f"  but {each.error or dict(each.said)}")
     document = {
         "encoder": settings.perception.text_encoder,

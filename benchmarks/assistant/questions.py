@@ -15,7 +15,7 @@ from benchmarks.calibration.lists import names_of
 
 FILE = Path(__file__).with_name("questions.txt")
 PLACE_OFF = 0.03
-"""Meters that a thing's middle may be off."""
+"""Meters that an object's middle may be off."""
 LENGTH_OFF, SHARE_OFF = 0.02, 0.05
 """Meters, or the share of a length, that it may be off, whichever is more."""
 _ABSENT = ("not_here", "not_seen")
@@ -32,7 +32,7 @@ class Question:
         text: of the question; of a measurement its keys.
         view: from which left and right are meant; "" for none.
         names: of which one must lead.
-        things: ids; None where the placing decides nothing.
+        objects: ids; None where the placing decides nothing.
     """
 
     room: str
@@ -40,7 +40,7 @@ class Question:
     text: str
     view: str = ""
     names: tuple[str, ...] = ()
-    things: tuple[int, ...] | None = ()
+    objects: tuple[int, ...] | None = ()
 
     @property
     def tool(self) -> str:
@@ -50,8 +50,8 @@ class Question:
     def arguments(self) -> dict[str, Any]:
         """Of the call, without the scene."""
         if self.tool == "measure":
-            assert self.things
-            return dict(zip(("first", "second"), self.things, strict=False))
+            assert self.objects
+            return dict(zip(("first", "second"), self.objects, strict=False))
         return {"text": self.text} | ({"view": self.view} if self.view else {})
 
 
@@ -89,7 +89,7 @@ def is_right(question: Question, said: Mapping[str, Any], layout: Layout) -> boo
     judges = {
         "find": _names_right,
         "names": _names_right,
-        "absent": lambda question, said, layout: said["outcome"] in _ABSENT and not said["things"],
+        "absent": lambda question, said, layout: said["outcome"] in _ABSENT and not said["objects"],
         "count": _count_right,
         "count of": _count_right,
         "relations": _relation_right,
@@ -108,25 +108,25 @@ def _questions(layout: Layout, kind: str, view: str, rest: str, number: int) -> 
         keys = [key.strip() for key in text.split("|")]
         if len(keys) != 1 + (kind == "distance"):
             raise ValueError(f"line {number}: {text!r} is not to be measured")
-        yield Question(layout.name, kind, text, things=tuple(layout.ids[key] for key in keys))
+        yield Question(layout.name, kind, text, objects=tuple(layout.ids[key] for key in keys))
     elif kind in ("find", "names", "count") and arrow:
         names = names_of(truth)
-        things = frozenset().union(*(layout.bearing(name) for name in names))
-        if bool(names) != bool(things) or (kind != "count" and not names):
+        objects = frozenset().union(*(layout.bearing(name) for name in names))
+        if bool(names) != bool(objects) or (kind != "count" and not names):
             raise ValueError(f"line {number}: nothing bears {truth!r}")
-        yield Question(layout.name, kind, text, names=names, things=tuple(sorted(things)))
+        yield Question(layout.name, kind, text, names=names, objects=tuple(sorted(objects)))
     elif kind in ("count of", "relations", "where") and arrow:
         keys = [] if truth in ("nothing", "refused") else names_of(truth)
         ids = None if truth == "refused" else tuple(sorted(layout.ids[key] for key in keys))
-        yield Question(layout.name, kind, text, view, things=ids)
+        yield Question(layout.name, kind, text, view, objects=ids)
     else:
         raise ValueError(f"line {number}: {kind!r} is no kind of question")
 
 
 def _names_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
-    """The label, and every thing that bears it and none of another name than was said."""
-    answered = {each["id"] for each in said["things"]}
-    named = {each["name"] for each in said["things"]} <= {said["label"], *said["alternatives"]}
+    """The label, and every object that bears it and none of another name than was said."""
+    answered = {each["id"] for each in said["objects"]}
+    named = {each["name"] for each in said["objects"]} <= {said["label"], *said["alternatives"]}
     return (
         said["outcome"] not in _ABSENT
         and said["label"] in question.names
@@ -136,21 +136,21 @@ def _names_right(question: Question, said: Mapping[str, Any], layout: Layout) ->
 
 
 def _count_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
-    assert question.things is not None
-    return bool(said["count"] == len(question.things) and sorted(said["counted"]) == list(question.things))
+    assert question.objects is not None
+    return bool(said["count"] == len(question.objects) and sorted(said["counted"]) == list(question.objects))
 
 
 def _relation_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
-    answered = sorted(each["id"] for each in said["things"])
-    if question.things is None:
+    answered = sorted(each["id"] for each in said["objects"])
+    if question.objects is None:
         return bool(said["refusal"]) and not answered
-    return not said["refusal"] and answered == list(question.things)
+    return not said["refusal"] and answered == list(question.objects)
 
 
 def _places_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
-    assert question.things is not None
+    assert question.objects is not None
     places = {each["id"]: np.array(each["center"]) for each in said["places"]}
-    if sorted(places) != list(question.things) or (said["outcome"] in _ABSENT) != (not places):
+    if sorted(places) != list(question.objects) or (said["outcome"] in _ABSENT) != (not places):
         return False
     off = [float(np.linalg.norm(layout.center(number) - place)) for number, place in places.items()]
     return said["unit"] == "m" and max(off, default=0.0) <= PLACE_OFF
@@ -158,11 +158,11 @@ def _places_right(question: Question, said: Mapping[str, Any], layout: Layout) -
 
 def lengths(question: Question, said: Mapping[str, Any], layout: Layout) -> list[tuple[Mapping[str, float], float]]:
     """Each length that a measurement says, with value, low and high, and the truth; edges from the shortest on."""
-    assert question.things is not None
+    assert question.objects is not None
     if question.kind == "size":
         sides = sorted(said["sides"], key=lambda side: float(side["value"]))
-        return list(zip(sides, layout.size(question.things[0]).tolist(), strict=True))
-    one, other = question.things
+        return list(zip(sides, layout.size(question.objects[0]).tolist(), strict=True))
+    one, other = question.objects
     between = float(np.linalg.norm(layout.center(one) - layout.center(other)))
     return [(said["distance"], layout.distance(one, other)), (said["center_distance"], between)]
 

@@ -19,9 +19,9 @@ class Layout:
 
     Attributes:
         name: of the room.
-        room: its things.
+        room: its objects.
         world: float64 [4, 4], rigid: the scene's frame from the room's.
-        ids: of the things, by key: the name, with a number from 2 on where several bear it ("mug", "mug 2").
+        ids: of the objects, by key: the name, with a number from 2 on where several bear it ("mug", "mug 2").
     """
 
     name: str
@@ -30,23 +30,23 @@ class Layout:
     ids: Mapping[str, int]
 
     def bearing(self, name: str) -> frozenset[int]:
-        """Ids of the things of this name."""
-        return frozenset(number for number, thing in enumerate(self.room.things, start=1) if thing.name == name)
+        """Ids of the objects of this name."""
+        return frozenset(number for number, obj in enumerate(self.room.objects, start=1) if obj.name == name)
 
     def center(self, number: int) -> F64:
-        """float64 [3], meters, in the scene's frame: the middle of the box around a thing."""
-        thing = self.room.things[number - 1]
-        return _into(self.world, _into(_pose(thing), np.mean(_bounds(thing.slabs), axis=0)))
+        """float64 [3], meters, in the scene's frame: the middle of the box around an object."""
+        obj = self.room.objects[number - 1]
+        return _into(self.world, _into(_pose(obj), np.mean(_bounds(obj.slabs), axis=0)))
 
     def size(self, number: int) -> F64:
-        """float64 [3], meters: the edges of the box around a thing, shortest first."""
-        low, high = _bounds(self.room.things[number - 1].slabs)
+        """float64 [3], meters: the edges of the box around an object, shortest first."""
+        low, high = _bounds(self.room.objects[number - 1].slabs)
         return np.sort(high - low)
 
     def distance(self, one: int, other: int) -> float:
-        """Meters, the shortest way from the surface of a thing to that of another."""
-        things = self.room.things[one - 1], self.room.things[other - 1]
-        return min(_apart(things[0], a, things[1], b) for a, b in product(things[0].slabs, things[1].slabs))
+        """Meters, the shortest way from the surface of an object to that of another."""
+        objects = self.room.objects[one - 1], self.room.objects[other - 1]
+        return min(_apart(objects[0], a, objects[1], b) for a, b in product(objects[0].slabs, objects[1].slabs))
 
 
 def layouts() -> tuple[Layout, Layout]:
@@ -108,9 +108,9 @@ def _put(room: Room, name: str, slabs: tuple[Slab, ...], base: Triple, yaw: floa
 
 def _layout(name: str, room: Room, seed: int) -> Layout:
     ids: dict[str, int] = {}
-    for number, thing in enumerate(room.things, start=1):
-        same = sum(other.name == thing.name for other in room.things[:number])
-        ids[thing.name if same == 1 else f"{thing.name} {same}"] = number
+    for number, obj in enumerate(room.objects, start=1):
+        same = sum(other.name == obj.name for other in room.objects[:number])
+        ids[obj.name if same == 1 else f"{obj.name} {same}"] = number
     return Layout(name, room, drawn_frame(np.random.default_rng(seed)), ids)
 
 
@@ -118,11 +118,11 @@ def _bounds(slabs: tuple[Slab, ...]) -> tuple[F64, F64]:
     return np.min([slab.low for slab in slabs], axis=0), np.max([slab.high for slab in slabs], axis=0)
 
 
-def _pose(thing: Placed) -> F64:
-    c, s = np.cos(thing.yaw), np.sin(thing.yaw)
+def _pose(obj: Placed) -> F64:
+    c, s = np.cos(obj.yaw), np.sin(obj.yaw)
     pose = np.eye(4)
     pose[:2, :2] = [[c, -s], [s, c]]
-    pose[:3, 3] = thing.base
+    pose[:3, 3] = obj.base
     return pose
 
 
@@ -130,11 +130,11 @@ def _into(pose: F64, point: F64) -> F64:
     return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
 
 
-def _apart(thing: Placed, slab: Slab, other: Placed, other_slab: Slab) -> float:
+def _apart(obj: Placed, slab: Slab, other: Placed, other_slab: Slab) -> float:
     """Distance of two cuboids: the least of a convex square over the places in both."""
     ends = [
         (_into(_pose(whole), np.array(part.low)), _pose(whole)[:3, :3] * np.subtract(part.high, part.low))
-        for whole, part in ((thing, slab), (other, other_slab))
+        for whole, part in ((obj, slab), (other, other_slab))
     ]
     (start, edges), (other_start, other_edges) = ends
     map_to_offset = np.hstack([edges, -other_edges])

@@ -6,7 +6,7 @@ five folds of whole dictionaries, those that share labels in one (`folds`). What
 however many questions there are of each, and a label is shown from a presence of a half on: there as large a share of
 the one is lost as of the other is let in. Of each question that has an answer there is a second one without it, at a
 lower weight: the same words to a dictionary from which the answers were taken, so that the form of a question
-("something to ...") says nothing of whether the thing is there.
+("something to ...") says nothing of whether the object is there.
 """
 
 from __future__ import annotations

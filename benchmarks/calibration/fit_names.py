@@ -1,17 +1,17 @@
-"""Fit `name_calibration.json`: how probable it is that the default detector calls a thing right; and count
-`found_names.json`: how often a thing is called so that is one.
+"""Fit `name_calibration.json`: how probable it is that the default detector calls an object right; and count
+`found_names.json`: how often an object is called so that is one.
 
     python -m benchmarks.calibration.fit_names FOLDER [FOLDER ...] [--keep FOLDER] [--dry-run]
 
-A folder has photos with poses and maps of true things, laid out as `demo/sample`, or maps of labels, as `tabletop`;
+A folder has photos with poses and maps of true objects, laid out as `demo/sample`, or maps of labels, as `tabletop`;
 `benchmarks.rooms` draws such rooms. The detector looks at 20 photos at most. As in a scene, a region votes for the true
-thing that it overlaps most, by at least a half, and a thing's evidence for its best name is `name_evidence` of the mean
-scores over the photos that show most of it. One thing counts once. A name is right that is the true label, or that
-`_SAME` says is another word for it. What was seen of a set that lies in `--keep` is not looked for again.
+object that it overlaps most, by at least a half, and an object's evidence for its best name is `name_evidence` of the
+mean scores over the photos that show most of it. One object counts once. A name is right that is the true label, or
+that `_SAME` says is another word for it. What was seen of a set that lies in `--keep` is not looked for again.
 
 The model is logistic in ln(e / (1 - e)) of the evidence e, with an offset for each name, by ridge: names that are often
 wrong, as "cup" for all that is round, need more evidence, and a name that was seen seldom is as good as the mean. What
-one set has of one name is right or wrong together, as the books of a shelf: n such things weigh √n. What
+one set has of one name is right or wrong together, as the books of a shelf: n such objects weigh √n. What
 benchmarks/results/names.json counts are predictions by models that had seen no set of the kind ("desk-1" and "desk-11"
 are of one kind).
 """
@@ -42,7 +42,7 @@ from fastsplat.service.instances.naming.naming import (
     evidence_logit,
     name_evidence,
 )
-from fastsplat.service.instances.scene_things import NAME_OVERLAP
+from fastsplat.service.instances.scene_objects import NAME_OVERLAP
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.results import Regions
@@ -54,9 +54,9 @@ F64 = NDArray[np.float64]
 
 _PHOTOS = 20
 _LEAST_PX = 64
-"""Pixels of a thing from which a photo shows it."""
+"""Pixels of an object from which a photo shows it."""
 _MOST_SHOWN = 0.5
-"""Of a thing's usual pixels, from which a photo shows most of it."""
+"""Of an object's usual pixels, from which a photo shows most of it."""
 _RIDGE = 0.5
 """Of the names' offsets, whose mean is 0; of 0.5, 1, 2 and 4 the one by which kinds left out are most probable."""
 _EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
@@ -69,7 +69,7 @@ _SAME = frozenset(
 
 @dataclass(frozen=True)
 class Named:
-    """One thing that some photo shows.
+    """One object that some photo shows.
 
     Attributes:
         group: its set.
@@ -94,33 +94,31 @@ def main() -> None:
     parser.add_argument("--dry-run", action="store_true", help="Write nothing but that.")
     options = parser.parse_args()
     start, settings = begin(), load_settings()
-    things = [thing for folder in options.folders for thing in _kept(folder, settings, options.keep)]
-    named, found = [thing for thing in things if thing.name], found_names(things)
-    for thing in sorted(named, key=lambda one: -one.evidence):
-        print(
-            f"{thing.evidence:.2f} {'right' if thing.right else 'WRONG'} {thing.group}: {thing.label} is {thing.name}"
-        )
+    objects = [obj for folder in options.folders for obj in _kept(folder, settings, options.keep)]
+    named, found = [obj for obj in objects if obj.name], found_names(objects)
+    for obj in sorted(named, key=lambda one: -one.evidence):
+        print(f"{obj.evidence:.2f} {'right' if obj.right else 'WRONG'} {obj.group}: {obj.label} is {obj.name}")
     model = fitted(named, settings.perception.closed_set_detector)
     rows = left_out(named)
     print(json.dumps(rows, indent=1), json.dumps(found), sep="\n")
     if not options.dry_run:
         FILE.write_text(json.dumps(model.model_dump(mode="json"), indent=1) + "\n")
         FOUND.write_text(json.dumps({"detector": model.detector, "sets": model.sets, **found}, indent=1) + "\n")
-        about = provenance(start, settings=options, chosen_on="the same things, by kinds of sets that were left out")
-        write_json(RESULTS / "names.json", {"rows": rows, "things": len(named), **about})
+        about = provenance(start, settings=options, chosen_on="the same objects, by kinds of sets that were left out")
+        write_json(RESULTS / "names.json", {"rows": rows, "objects": len(named), **about})
 
 
 def _kept(folder: Path, settings: Settings, keep: Path | None) -> list[Named]:
     if keep is None:
-        return named_things(folder, settings)
+        return named_objects(folder, settings)
     stored = keep / f"{folder.name}.json"
     if not stored.is_file():
-        stored.write_text(json.dumps([vars(each) for each in named_things(folder, settings)]))
+        stored.write_text(json.dumps([vars(each) for each in named_objects(folder, settings)]))
     return [Named(**row) for row in json.loads(stored.read_text())]
 
 
-def named_things(folder: Path, settings: Settings) -> list[Named]:
-    """What the detector calls the things of one set."""
+def named_objects(folder: Path, settings: Settings) -> list[Named]:
+    """What the detector calls the objects of one set."""
     document = json.loads((folder / "transforms.json").read_text())
     frames = document["frames"][:: -(-len(document["frames"]) // _PHOTOS)]
     camera = Camera(*(document[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")))
@@ -146,83 +144,83 @@ def named_things(folder: Path, settings: Settings) -> list[Named]:
     ]
 
 
-def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], things: int, names: int) -> F64:
-    """float64 [T, N + 1]: as `NameVotes.mean_scores`, of true things by their pixels.
+def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], objects: int, names: int) -> F64:
+    """float64 [T, N + 1]: as `NameVotes.mean_scores`, of true objects by their pixels.
 
     Args:
-        maps: int64 [H, W] of each photo, the true thing of each pixel from 1, 0 for none.
+        maps: int64 [H, W] of each photo, the true object of each pixel from 1, 0 for none.
         regions: of each photo.
-        things: T.
+        objects: T.
         names: N.
     """
-    area = np.array([np.bincount(each.ravel(), minlength=things + 1)[1 : things + 1] for each in maps])
+    area = np.array([np.bincount(each.ravel(), minlength=objects + 1)[1 : objects + 1] for each in maps])
     usual = [np.median(own[own >= _LEAST_PX]) if (own >= _LEAST_PX).any() else np.inf for own in area.T]
     able = ((area >= _LEAST_PX) & (area >= _MOST_SHOWN * np.array(usual))).sum(axis=0)
-    scores = np.zeros((things, names + 1))
+    scores = np.zeros((objects, names + 1))
     for ids, own, shown in zip(maps, regions, area, strict=True):
         best = np.zeros_like(scores)
         pairs = np.bincount(
-            (own.ids.astype(np.int64) * (things + 1) + ids).ravel(), minlength=(len(own.votes) + 1) * (things + 1)
-        ).reshape(-1, things + 1)
+            (own.ids.astype(np.int64) * (objects + 1) + ids).ravel(), minlength=(len(own.votes) + 1) * (objects + 1)
+        ).reshape(-1, objects + 1)
         for number, votes in enumerate(own.votes, start=1):
             common = pairs[number, 1:]
             overlap = common / np.maximum(pairs[number].sum() + shown - common, 1)
-            thing = int(overlap.argmax())
-            if overlap[thing] >= NAME_OVERLAP:
+            obj = int(overlap.argmax())
+            if overlap[obj] >= NAME_OVERLAP:
                 for label, score in votes:
-                    best[thing, label] = max(best[thing, label], score)
+                    best[obj, label] = max(best[obj, label], score)
         scores += best
     return np.minimum(scores / np.maximum(able, 1)[:, None], 1.0)
 
 
 def is_right(label: str, name: str) -> bool:
-    """Whether a thing that is `label` is rightly called `name`."""
+    """Whether an object that is `label` is rightly called `name`."""
     return label_key(label) == label_key(name) or (label, name) in _SAME
 
 
-def found_names(things: Sequence[Named]) -> dict[str, Any]:
-    """How many things of each of the detector's names were called so, of how many; and the share of all but books,
+def found_names(objects: Sequence[Named]) -> dict[str, Any]:
+    """How many objects of each of the detector's names were called so, of how many; and the share of all but books,
     which lie in rows of their like."""
-    words = [label_key(dict(_SAME).get(thing.label, thing.label)) for thing in things]
-    found = Counter(word for word, thing in zip(words, things, strict=True) if thing.right)
+    words = [label_key(dict(_SAME).get(obj.label, obj.label)) for obj in objects]
+    found = Counter(word for word, obj in zip(words, objects, strict=True) if obj.right)
     there = Counter(word for word in words if word in map(label_key, COCO_80))
     share = (found.total() - found["book"]) / (there.total() - there["book"])
     return {"share": round(share, 3), "names": {word: (found[word], there[word]) for word in sorted(there)}}
 
 
 def fitted(named: Sequence[Named], detector: str) -> NameModel:
-    """The model of these things."""
-    names = sorted({label_key(thing.name) for thing in named})
+    """The model of these objects."""
+    names = sorted({label_key(obj.name) for obj in named})
     factor, offset, *offsets = _fit(named, names)
-    counted = {name: [thing.right for thing in named if label_key(thing.name) == name] for name in names}
+    counted = {name: [obj.right for obj in named if label_key(obj.name) == name] for name in names}
     return NameModel(
         detector=detector,
-        sets=tuple(dict.fromkeys(thing.group for thing in named)),
+        sets=tuple(dict.fromkeys(obj.group for obj in named)),
         factor=round(factor, 3),
         offset=round(offset, 3),
         categories={
-            name: NameCategory(offset=round(own, 3), things=len(counted[name]), right=sum(counted[name]))
+            name: NameCategory(offset=round(own, 3), objects=len(counted[name]), right=sum(counted[name]))
             for name, own in zip(names, offsets, strict=True)
         },
     )
 
 
 def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
-    """How many things had a probability between two edges, and how many of them were right, by models that saw no set
+    """How many objects had a probability between two edges, and how many of them were right, by models that saw no set
     of their kind."""
     predicted = np.zeros(len(named))
-    kinds = np.array([thing.group.split("-")[0] for thing in named])
+    kinds = np.array([obj.group.split("-")[0] for obj in named])
     for kind in set(kinds.tolist()):
-        model = fitted([thing for thing, own in zip(named, kinds, strict=True) if own != kind], "")
+        model = fitted([obj for obj, own in zip(named, kinds, strict=True) if own != kind], "")
         for row in np.flatnonzero(kinds == kind):
             predicted[row] = model.probability(np.array([[named[row].evidence]]), [named[row].name])[0, 0]
-    right = np.array([thing.right for thing in named])
+    right = np.array([obj.right for obj in named])
     place = np.clip(np.searchsorted(_EDGES, predicted, side="right") - 1, 0, len(_EDGES) - 2)
     return [
         {
             "from": low,
             "to": high,
-            "things": int((place == number).sum()),
+            "objects": int((place == number).sum()),
             "right": int(right[place == number].sum()),
             "predicted": round(float(predicted[place == number].mean()), 3),
         }
@@ -232,13 +230,13 @@ def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
 
 
 def _fit(named: Sequence[Named], names: Sequence[str]) -> list[float]:
-    """Factor and offset, then the offset of each name, by maximum likelihood with a ridge; things of one set and name
+    """Factor and offset, then the offset of each name, by maximum likelihood with a ridge; objects of one set and name
     weigh less the more they are."""
-    logit = evidence_logit(np.array([thing.evidence for thing in named]))
-    alike = Counter((thing.group, label_key(thing.name)) for thing in named)
-    weight = np.array([alike[thing.group, label_key(thing.name)] ** -0.5 for thing in named])
-    place = np.array([names.index(label_key(thing.name)) for thing in named])
-    sign = np.where([thing.right for thing in named], 1.0, -1.0)
+    logit = evidence_logit(np.array([obj.evidence for obj in named]))
+    alike = Counter((obj.group, label_key(obj.name)) for obj in named)
+    weight = np.array([alike[obj.group, label_key(obj.name)] ** -0.5 for obj in named])
+    place = np.array([names.index(label_key(obj.name)) for obj in named])
+    sign = np.where([obj.right for obj in named], 1.0, -1.0)
 
     def loss(factors: F64) -> float:
         predicted = factors[0] * logit + factors[1] + factors[2:][place]

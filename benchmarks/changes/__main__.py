@@ -30,7 +30,7 @@ from PIL import Image
 
 from benchmarks.changes.changed_rooms import TrueChange, later_photos
 from benchmarks.provenance import begin, parser_of, provenance, put_row
-from benchmarks.rooms.__main__ import kept_room, with_things
+from benchmarks.rooms.__main__ import kept_room, with_objects
 from benchmarks.rooms.drawing import ROOMS
 from benchmarks.splits import results_file
 from fastsplat.service.application.answering.scene_changes import scene_changes
@@ -110,7 +110,7 @@ def _derived(totals: dict[str, int], errors: list[float]) -> dict[str, float | N
 def _opened(name: str, folder: Path, settings: Settings) -> tuple[SceneIndex, Landmarks]:
     dataset, capture, scene, labelling = kept_room(name, folder, settings)
     del dataset
-    scene = with_things(scene, capture, labelling, settings)
+    scene = with_objects(scene, capture, labelling, settings)
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     index = SceneIndex(scene, encoder, settings.query)
     photos = [(view.posed, _reader(folder / "drawn" / view.posed.name)) for view in capture.views]
@@ -151,7 +151,9 @@ def _move_error(told: SceneChange, true: TrueChange) -> float:
 
 def _print(told: Sequence[SceneChange], truth: Sequence[TrueChange], pairs: list[tuple[int, int]], about: str) -> None:
     right, found = {row for row, _ in pairs}, {true for _, true in pairs}
-    wrong = [f"{each.kind} {each.thing_id} {each.probability:.2f}" for row, each in enumerate(told) if row not in right]
+    wrong = [
+        f"{each.kind} {each.object_id} {each.probability:.2f}" for row, each in enumerate(told) if row not in right
+    ]
     missed = [f"{each.kind} {each.label}" for number, each in enumerate(truth) if number not in found]
     print(about, "wrong:", wrong, "missed:", missed, flush=True)
 

@@ -1,4 +1,4 @@
-"""Drawn rooms some days later: things that were taken away, moved or put there, and ten new photos of them."""
+"""Drawn rooms some days later: objects that were taken away, moved or put there, and ten new photos of them."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ PHOTOS = 10
 _MOST_CHANGES = 6
 _LARGEST_EV, _LARGEST_BALANCE = 0.7, 0.04
 _NEAREST, _FARTHEST = 0.08, 0.45
-"""Meters that a thing is moved by; times three where things are as large as chairs."""
+"""Meters that an object is moved by; times three where objects are as large as chairs."""
 _GAP = 0.02
 _TRIES = 200
 
 
 @dataclass(frozen=True)
 class TrueChange:
-    """What became of a thing.
+    """What became of an object.
 
     Attributes:
         kind: "gone", "moved" or "new".
@@ -63,7 +63,7 @@ def later_photos(name: str, seed: int, changes: int, views: int = PHOTOS) -> Lat
     Args:
         name: of the room, see `benchmarks.rooms.drawing`.
         seed: of changes, path and light.
-        changes: how many things change; 0 for none.
+        changes: how many objects change; 0 for none.
         views: how many photos.
     """
     room, light_seed = room_of(name)
@@ -84,7 +84,7 @@ def _faults(rng: Random) -> Faults:
 def _path(room: Room, rng: Random, views: int) -> list[F64]:
     """Between the places of the first photos, a little aside of them, towards what they look at."""
     order = np.sort(rng.choice(len(room.poses), min(views, len(room.poses)), replace=False))
-    low, high = extent([mesh for thing in room.things if not thing.surface for mesh in thing.meshes])
+    low, high = extent([mesh for obj in room.objects if not obj.surface for mesh in obj.meshes])
     middle, poses = (low + high) / 2, []
     for pose in (room.poses[row] for row in order.tolist()):
         eye, forward = pose[:3, 3], pose[:3, 2]
@@ -95,38 +95,38 @@ def _path(room: Room, rng: Random, views: int) -> list[F64]:
 
 
 def _changed(room: Room, name: str, rng: Random, count: int) -> tuple[Room, tuple[TrueChange, ...]]:
-    things: list[Placed | None] = list(room.things)
-    free = [number for number, thing in enumerate(things) if thing is not None and _movable(room, number)]
+    objects: list[Placed | None] = list(room.objects)
+    free = [number for number, obj in enumerate(objects) if obj is not None and _movable(room, number)]
     chosen = rng.permutation(free).tolist()[: min(count, _MOST_CHANGES)]
     others = _others(name, rng)
     made: list[TrueChange] = []
     for number in chosen:
         kind = str(rng.choice(["gone", "moved", "new"]))
-        thing = room.things[number]
-        standing = [each for each in things if each is not None]
+        obj = room.objects[number]
+        standing = [each for each in objects if each is not None]
         if kind == "new" and others:
             new = others.pop()
             put = _somewhere(new, [*standing], room, rng, None)
             if put is not None:
-                things.append(replace(new, meshes=put))
+                objects.append(replace(new, meshes=put))
                 made.append(TrueChange("new", new.label, None, _box(put)))
             continue
-        if kind == "moved" and _rests(thing, room):
-            put = _somewhere(thing, [each for each in standing if each is not thing], room, rng, thing)
+        if kind == "moved" and _rests(obj, room):
+            put = _somewhere(obj, [each for each in standing if each is not obj], room, rng, obj)
             if put is not None:
-                things[number] = replace(thing, meshes=put)
-                made.append(TrueChange("moved", thing.label, _box(thing.meshes), _box(put)))
+                objects[number] = replace(obj, meshes=put)
+                made.append(TrueChange("moved", obj.label, _box(obj.meshes), _box(put)))
             continue
-        things[number] = None
-        made.append(TrueChange("gone", thing.label, _box(thing.meshes), None))
-    return replace(room, things=[each for each in things if each is not None]), tuple(made)
+        objects[number] = None
+        made.append(TrueChange("gone", obj.label, _box(obj.meshes), None))
+    return replace(room, objects=[each for each in objects if each is not None]), tuple(made)
 
 
 def _others(name: str, rng: Random) -> list[Placed]:
-    """Things of another room of the same kind that stand on its table or floor."""
+    """Objects of another room of the same kind that stand on its table or floor."""
     other, _ = room_of(f"{name.split('-')[0]}-{int(rng.integers(50, 99))}")
-    things = [thing for number, thing in enumerate(other.things) if _movable(other, number) and _rests(thing, other)]
-    return [things[row] for row in rng.permutation(len(things)).tolist()]
+    objects = [obj for number, obj in enumerate(other.objects) if _movable(other, number) and _rests(obj, other)]
+    return [objects[row] for row in rng.permutation(len(objects)).tolist()]
 
 
 def _box(meshes: Meshes) -> F64:
@@ -134,13 +134,13 @@ def _box(meshes: Meshes) -> F64:
 
 
 def _movable(room: Room, number: int) -> bool:
-    """Whether a thing is no surface, not as large as furniture that others stand on, and carries nothing."""
-    thing = room.things[number]
-    if thing.surface:
+    """Whether an object is no surface, not as large as furniture that others stand on, and carries nothing."""
+    obj = room.objects[number]
+    if obj.surface:
         return False
-    low, high = extent(thing.meshes)
-    for other in room.things:
-        if other is thing or other.surface:
+    low, high = extent(obj.meshes)
+    for other in room.objects:
+        if other is obj or other.surface:
             continue
         below, above = extent(other.meshes)
         over = (below[:2] < high[:2]).all() and (above[:2] > low[:2]).all()
@@ -149,10 +149,10 @@ def _movable(room: Room, number: int) -> bool:
     return True
 
 
-def _rests(thing: Placed, room: Room) -> bool:
+def _rests(obj: Placed, room: Room) -> bool:
     """Whether it stands on the main surface, z = 0 in all rooms."""
-    low, high = extent(thing.meshes)
-    return bool(abs(low[2]) < 0.008 and not any(_over(low, high, each) for each in room.things if each is not thing))
+    low, high = extent(obj.meshes)
+    return bool(abs(low[2]) < 0.008 and not any(_over(low, high, each) for each in room.objects if each is not obj))
 
 
 def _over(low: F64, high: F64, other: Placed) -> bool:
@@ -163,11 +163,11 @@ def _over(low: F64, high: F64, other: Placed) -> bool:
 
 
 def _somewhere(
-    thing: Placed, standing: Sequence[Placed], room: Room, rng: Random, before: Placed | None
+    obj: Placed, standing: Sequence[Placed], room: Room, rng: Random, before: Placed | None
 ) -> Meshes | None:
-    """The thing at a free place of the main surface within what photos show; where it was, not too near to that."""
-    low, high = extent([mesh for each in room.things if not each.surface and _rests_low(each) for mesh in each.meshes])
-    own = extent(thing.meshes)
+    """The object at a free place of the main surface within what photos show; where it was, not too near to that."""
+    low, high = extent([mesh for each in room.objects if not each.surface and _rests_low(each) for mesh in each.meshes])
+    own = extent(obj.meshes)
     size = own[1] - own[0]
     scale = 3.0 if max(high[0] - low[0], high[1] - low[1]) > 2.0 else 1.0
     middle = (own[0] + own[1]) / 2
@@ -176,7 +176,7 @@ def _somewhere(
         away = float(np.linalg.norm(spot - middle[:2]))
         if before is not None and not _NEAREST * scale < away < _FARTHEST * scale:
             continue
-        centered = placed(thing.meshes, -float(middle[0]), -float(middle[1]))
+        centered = placed(obj.meshes, -float(middle[0]), -float(middle[1]))
         turned = placed(centered, float(spot[0]), float(spot[1]), float(rng.uniform(-np.pi, np.pi)))
         put = resting(turned, 0.001)
         box = _box(put)
@@ -185,8 +185,8 @@ def _somewhere(
     return None
 
 
-def _rests_low(thing: Placed) -> bool:
-    return bool(abs(extent(thing.meshes)[0][2]) < 0.02)
+def _rests_low(obj: Placed) -> bool:
+    return bool(abs(extent(obj.meshes)[0][2]) < 0.02)
 
 
 def _apart(box: F64, other: Placed) -> bool:

@@ -7,7 +7,7 @@ NAME is `sample` (the demo's), `tabletop` or `skull` of FASTSPLAT_TEST_DATA; all
 training views as a job trains it that says nothing but "here are photos" (preset balanced), except that the run is
 bounded by steps, so that a busy machine changes seconds only. The detector names what it knows, in its own words: a
 true label counts where the scene has that very name or alias, so what is named otherwise, or not at all, counts as
-missing. `names_right` says how many true labels the scene has; things are counted without their names. With --profile
+missing. `names_right` says how many true labels the scene has; objects are counted without their names. With --profile
 the row says which functions the seconds went to, and goes to profile.json. Every row
 replaces itself in benchmarks/results/default_path.json, of validation views (the default) in
 default_path_validation.json.
@@ -99,7 +99,7 @@ def measure(
         "labels": [entry.label for entry in trained.scene.dictionary.entries],
         "names_right": len(named),
         "names": len(dataset.dictionary),
-        "things": len(index.things.present),
+        "objects": len(index.objects.present),
         "gaussians": len(trained.scene.gaussians),
         "bytes": scene_size(trained.scene),
         "stage_seconds": {stage: round(seconds, 1) for stage, seconds in trained.seconds.items()},

@@ -1,4 +1,4 @@
-"""Nouns of things that fit on no table and in no kitchen, for questions to which the answer is no."""
+"""Nouns of objects that fit on no table and in no kitchen, for questions to which the answer is no."""
 
 from __future__ import annotations
 

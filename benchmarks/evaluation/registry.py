@@ -8,10 +8,10 @@ from benchmarks.evaluation.boundary_iou import BOUNDARY_IOU
 from benchmarks.evaluation.depth_error import DEPTH_ERROR
 from benchmarks.evaluation.image_quality import PSNR, PSNR_COLOR_CORRECTED, SSIM
 from benchmarks.evaluation.metrics import SceneMetric, ViewMetric
+from benchmarks.evaluation.object_discovery import CLICKS_MIOU, OBJECTS_PRECISION, OBJECTS_RECALL_50, OBJECTS_RECALL_75
 from benchmarks.evaluation.published.published_metrics import PUBLISHED
 from benchmarks.evaluation.query_scores import LOCALIZATION, MIOU_VIEWS
 from benchmarks.evaluation.segmentation import MIOU
-from benchmarks.evaluation.thing_discovery import CLICKS_MIOU, THINGS_PRECISION, THINGS_RECALL_50, THINGS_RECALL_75
 
 METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     MIOU,
@@ -23,8 +23,8 @@ METRICS: tuple[ViewMetric[Any] | SceneMetric, ...] = (
     PSNR_COLOR_CORRECTED,
     SSIM,
     DEPTH_ERROR,
-    THINGS_RECALL_50,
-    THINGS_RECALL_75,
-    THINGS_PRECISION,
+    OBJECTS_RECALL_50,
+    OBJECTS_RECALL_75,
+    OBJECTS_PRECISION,
     CLICKS_MIOU,
 )

@@ -71,7 +71,7 @@ def scene_size(scene: Scene) -> int:
     """Bytes of a scene's arrays."""
     arrays = [getattr(scene.gaussians, item.name) for item in fields(scene.gaussians)]
     arrays += [scene.head.weight, scene.head.bias, scene.label_embeddings]
-    for counts in (scene.evidence, None if scene.things is None else scene.things.membership):
+    for counts in (scene.evidence, None if scene.objects is None else scene.objects.membership):
         if counts is not None:
             arrays += [counts.starts, counts.labels, counts.counts]
     return sum(int(array.nbytes) for array in arrays)

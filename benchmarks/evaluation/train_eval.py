@@ -24,7 +24,7 @@ from fastsplat_contract.errors import InvalidInputError
 
 TrainingLabels = Literal["given", "detected", "discovered", "default"]
 """`given`: the data set's label maps; `detected`: the models find them, prompted with the data set's label names;
-`discovered`: no names at all, the scene gets things instead; `default`: what a job makes of photos without a word, the
+`discovered`: no names at all, the scene gets objects instead; `default`: what a job makes of photos without a word, the
 models name what they know."""
 
 
@@ -72,7 +72,7 @@ def train_on_split(
     capture_seconds = time.monotonic() - begun
     names = tuple(entry.label for entry in dataset.dictionary.entries) if labels in ("given", "detected") else ()
     if labels == "discovered":
-        discovery = settings.discovery.model_copy(update={"things": "on"})
+        discovery = settings.discovery.model_copy(update={"objects": "on"})
         settings = settings.model_copy(update={"discovery": discovery})
     built = build_scene(
         _with_label_source(capture, dataset, labels),

@@ -1,16 +1,16 @@
-"""How often a name that people gave in some drawn rooms is suggested for the right things of others.
+"""How often a name that people gave in some drawn rooms is suggested for the right objects of others.
 
     python -m benchmarks.known_names [ROOM ...] --keep FOLDER
 
-The things of each room are discovered in a scene that was trained without labels; a discovered thing bears the name of
-the true one that it is, by pixels of the test views. In the six validation rooms all are named; what then is suggested
-in the six test rooms, whose things are other objects, is compared with the truth. Rooms whose folder lies in FOLDER are
-not drawn and trained again, see `benchmarks.rooms`. Rooms of the test split alone are counted: the rule was chosen on
-the others, each compared with the five others.
+The objects of each room are discovered in a scene that was trained without labels; a discovered object bears the name
+of the true one that it is, by pixels of the test views. In the six validation rooms all are named; what then is
+suggested in the six test rooms, whose objects are other objects, is compared with the truth. Rooms whose folder lies in
+FOLDER are not drawn and trained again, see `benchmarks.rooms`. Rooms of the test split alone are counted: the rule was
+chosen on the others, each compared with the five others.
 
-  nameable: discovered things of a kind that is known; suggested: things for which a name is, of any kind or none;
+  nameable: discovered objects of a kind that is known; suggested: objects for which a name is, of any kind or none;
   right: those whose name it is; suggested_80, right_80: those of at least 80 %;
-  `one` has the same where one kind alone is known, by at most three things, each kind in turn.
+  `one` has the same where one kind alone is known, by at most three objects, each kind in turn.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.objects.discovered import settings_by_steps
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
-from benchmarks.rooms.__main__ import kept_room, with_things
+from benchmarks.rooms.__main__ import kept_room, with_objects
 from benchmarks.rooms.drawing import ROOMS, room_of
 from benchmarks.rooms.figures import measured
 from benchmarks.rooms.truth import read_truth
-from benchmarks.things.discovered import settings_by_steps
-from fastsplat.service.instances.naming.thing_appearances import with_appearances
+from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
-from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_meters
-from fastsplat.service.query.things.names.names_by_looks import KnownThing, described, names_by_looks
-from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.query.objects.names.look_alikes import Sizes, sizes_in_meters
+from fastsplat.service.query.objects.names.names_by_looks import KnownObject, described, names_by_looks
+from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.settings import Settings
 
 _CHOSEN_ON = "the six validation rooms, each compared with the five others"
@@ -42,17 +42,17 @@ _NO_KIND = ("floor", "wall")
 
 
 class FoundRoom(NamedTuple):
-    """The things that were discovered in a room.
+    """The objects that were discovered in a room.
 
     Attributes:
         name: of the room.
-        things: with descriptors, where a view shows them well.
+        objects: with descriptors, where a view shows them well.
         sizes: see `sizes_in_meters`.
-        kinds: what each is, by id; things that are no true one are not among them.
+        kinds: what each is, by id; objects that are no true one are not among them.
     """
 
     name: str
-    things: Things
+    objects: Objects
     sizes: Sizes
     kinds: Mapping[int, str]
 
@@ -80,40 +80,40 @@ def _main() -> None:
 
 
 def found_room(name: str, keep: Path, settings: Settings) -> FoundRoom:
-    """A room's things, discovered and described as a job does it; see `kept_room`."""
+    """A room's objects, discovered and described as a job does it; see `kept_room`."""
     folder = keep / name
     dataset, capture, scene, labelling = kept_room(name, folder, settings)
-    found = with_things(scene, capture, labelling, settings)
-    assert found.things is not None
+    found = with_objects(scene, capture, labelling, settings)
+    assert found.objects is not None
     compared = measured(found, dataset, read_truth(folder / "drawn" / "truth.npz"))
     encoder = open_appearance_encoder(settings.perception, settings.models)
-    things = with_appearances(found.things, found.gaussians, capture.views, encoder, settings.training.max_side)
-    labels = [thing.label for thing in room_of(name)[0].things]
-    kinds = {things.table[place].id: labels[number - 1] for number, place in compared.matches().items()}
-    sizes = sizes_in_meters(replace(found, things=things, scale="METRIC"))  # rooms are drawn in meters
-    return FoundRoom(name, things, sizes, {each: kind for each, kind in kinds.items() if kind not in _NO_KIND})
+    objects = with_appearances(found.objects, found.gaussians, capture.views, encoder, settings.training.max_side)
+    labels = [obj.label for obj in room_of(name)[0].objects]
+    kinds = {objects.table[place].id: labels[number - 1] for number, place in compared.matches().items()}
+    sizes = sizes_in_meters(replace(found, objects=objects, scale="METRIC"))  # rooms are drawn in meters
+    return FoundRoom(name, objects, sizes, {each: kind for each, kind in kinds.items() if kind not in _NO_KIND})
 
 
-def examples(room: FoundRoom) -> list[KnownThing]:
-    """What is known when a person has named all things of a room."""
-    looks = described(room.things, room.sizes)
-    return [KnownThing(room.name, room.kinds[each], looks[each]) for each in sorted(room.kinds) if each in looks]
+def examples(room: FoundRoom) -> list[KnownObject]:
+    """What is known when a person has named all objects of a room."""
+    looks = described(room.objects, room.sizes)
+    return [KnownObject(room.name, room.kinds[each], looks[each]) for each in sorted(room.kinds) if each in looks]
 
 
-def one_kind_each(known: Sequence[KnownThing]) -> list[list[KnownThing]]:
+def one_kind_each(known: Sequence[KnownObject]) -> list[list[KnownObject]]:
     """At most `_EXAMPLES` of each kind, by itself."""
     return [[each for each in known if each.name == kind][:_EXAMPLES] for kind in sorted({each.name for each in known})]
 
 
-def told(room: FoundRoom, known: Sequence[KnownThing]) -> dict[str, int]:
-    """What is suggested for a room's things, counted."""
-    things: list[Thing] = [thing for thing in room.things.table if thing.appearance]
-    names = names_by_looks(things, known, room.sizes)
+def told(room: FoundRoom, known: Sequence[KnownObject]) -> dict[str, int]:
+    """What is suggested for a room's objects, counted."""
+    objects: list[Object] = [obj for obj in room.objects.table if obj.appearance]
+    names = names_by_looks(objects, known, room.sizes)
     right = {each for each, name in names.items() if room.kinds.get(each) == name.name}
     likely = {each for each, name in names.items() if name.probability >= _LIKELY}
     kinds = {each.name for each in known}
     return {
-        "nameable": sum(room.kinds.get(thing.id) in kinds for thing in things),
+        "nameable": sum(room.kinds.get(obj.id) in kinds for obj in objects),
         "suggested": len(names),
         "right": len(right),
         "suggested_80": len(likely),

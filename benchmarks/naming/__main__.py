@@ -2,16 +2,17 @@
 
     python -m benchmarks.naming [ROOM ...] --models DIR [--views 12]
 
-A stand-in for a model answers each sheet of things with the truth, but for one thing in ten, all with 90 %. What it
-says is suggested as the server's namer suggests it. Then a person goes through the things one by one on the page: Enter
-where the name in the field is right, else the right name and Enter. Things are the true ones, as points on their
+A stand-in for a model answers each sheet of objects with the truth, but for one object in ten, all with 90 %. What it
+says is suggested as the server's namer suggests it. Then a person goes through the objects one by one on the page:
+Enter where the name in the field is right, else the right name and Enter. Objects are the true ones, as points on their
 surfaces, and sheets are cut from drawn photos: what is measured is naming, not discovery.
 
-  things: that a sheet shows, floors and walls aside; reached: those whose true name is suggested, in `first` as the
-  likeliest; stated: things that bear a name before the person has confirmed any; named: those that bear the true one
+  objects: that a sheet shows, floors and walls aside; reached: those whose true name is suggested, in `first` as the
+  likeliest; stated: objects that bear a name before the person has confirmed any; named: those that bear the true one
   in the end; obeyed: names that would be suggested if a namer called everything "cat", as a poster says; keystrokes,
-  seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s to decide about a thing,
-  0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at once, which takes one key.
+  seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s to decide about an
+  object, 0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at once, which takes
+  one key.
 
 `two` has the same where two such models err independently.
 """
@@ -29,14 +30,14 @@ from PIL import Image
 
 from benchmarks.naming.replay import named, replayed
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
-from benchmarks.reads.labels import true_things
+from benchmarks.reads.labels import true_objects
 from benchmarks.rooms.arranging import Room
 from benchmarks.rooms.drawing import ROOMS, Studio, camera_of, room_of
 from benchmarks.rooms.pictures import phone_faults, photo_of
 from benchmarks.rooms.truth import Shown
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, label_key
-from fastsplat.service.jobs.nameless_things import said_by, sheets_of
+from fastsplat.service.jobs.nameless_objects import said_by, sheets_of
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
@@ -80,11 +81,11 @@ def _main() -> None:
 def drawn_index(
     room: Room, draw: Callable[[PosedCamera], Shown], seed: int, views: int, folder: Path, encoder: TextEncoder
 ) -> SceneIndex:
-    """A room whose true things are known and have no names, with so many photos, evenly spread, in a version's folder;
+    """A room whose true objects are known and have no names, with so many photos, evenly spread, in a version's folder;
     the seed is of their faults."""
     camera, rng = camera_of(), np.random.default_rng([seed, 1])
-    size = np.sort(np.ptp(np.concatenate([mesh.points for thing in room.things for mesh in thing.meshes]), axis=0))
-    gaussians, things = true_things(room, float(np.sqrt(size[1] * size[2] / _POINTS)))
+    size = np.sort(np.ptp(np.concatenate([mesh.points for obj in room.objects for mesh in obj.meshes]), axis=0))
+    gaussians, objects = true_objects(room, float(np.sqrt(size[1] * size[2] / _POINTS)))
     posed = []
     for number, pose in enumerate(room.poses[:: max(1, len(room.poses) // views)][:views]):
         shown = draw(PosedCamera(camera, pose, f"{number:03d}.jpg"))
@@ -96,44 +97,44 @@ def drawn_index(
         gaussians=gaussians,
         head=SemanticHead.unlearnt(0),
         dictionary=Dictionary(()),
-        label_embeddings=np.zeros((0, encoder.encode(["thing"]).shape[1]), np.float32),
+        label_embeddings=np.zeros((0, encoder.encode(["object"]).shape[1]), np.float32),
         text_encoder=(encoder.name, encoder.sha256),
         cameras=tuple(posed),
         scale="METRIC",
-        things=things,
+        objects=objects,
     )
     return SceneIndex(scene, encoder)
 
 
 def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: int) -> dict[str, Any]:
     """A room of `drawn_index` named by a person, whom so many namers help, with errors by this seed."""
-    truth = {number: thing.label for number, thing in enumerate(room.things, start=1)}
+    truth = {number: obj.label for number, obj in enumerate(room.objects, start=1)}
     sheets = list(sheets_of(index, folder, "drawn"))
-    shown = [each.thing_id for sheet in sheets for each in sheet.things]
+    shown = [each.object_id for sheet in sheets for each in sheet.objects]
     refused = 0
     for number in range(namers):
-        seen = with_errors({thing: truth[thing] for thing in shown}, [seed, number])
+        seen = with_errors({obj: truth[obj] for obj in shown}, [seed, number])
         with replayed(sheets, partial(named, names=seen, probability=_SAYS)) as server:
             said = said_by(NamerSettings(url=server.url, model=f"model {number}"), sheets)
         refused += said.refused
         if said.names:
             index = index.after(apply_edit(index, Edit("suggest", suggestions=said.names)))
-    stated = sum(bool(thing.name) for thing in index.things.listed)
+    stated = sum(bool(obj.name) for obj in index.objects.listed)
     with replayed(sheets, partial(named, names=dict.fromkeys(shown, "cat"))) as server:
         obeyed = said_by(NamerSettings(url=server.url, model="obeys"), sheets).names
-    by_hand = [thing for thing in index.things.listed if thing.id in shown and thing.kind == "thing"]
-    told = {thing.id: thing.suggestions for thing in by_hand}
+    by_hand = [obj for obj in index.objects.listed if obj.id in shown and obj.kind == "object"]
+    told = {obj.id: obj.suggestions for obj in by_hand}
     first = {each: told[each][0] for each in told if told[each]}
     right = {each: label_key(one.name) == label_key(truth[each]) for each, one in first.items()}
     keys = 1  # begins
-    for thing in by_hand:
-        filled = right.get(thing.id, False) and first[thing.id].probability >= _FILLED_IN
-        keys += 1 if filled else len(truth[thing.id]) + 1
-        index = index.after(apply_edit(index, Edit("name", thing_ids=(thing.id,), name=truth[thing.id])))
-    names = {thing.id: thing.name for thing in index.things.listed}
+    for obj in by_hand:
+        filled = right.get(obj.id, False) and first[obj.id].probability >= _FILLED_IN
+        keys += 1 if filled else len(truth[obj.id]) + 1
+        index = index.after(apply_edit(index, Edit("name", object_ids=(obj.id,), name=truth[obj.id])))
+    names = {obj.id: obj.name for obj in index.objects.listed}
     keyed = [{label_key(one.name) for one in told[each]} for each in told]
     return {
-        "things": len(by_hand),
+        "objects": len(by_hand),
         "reached": sum(label_key(truth[each]) in names_told for each, names_told in zip(told, keyed, strict=True)),
         "first": sum(right.values()),
         "refused": refused,
@@ -147,13 +148,13 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
 
 
 def with_errors(truth: Mapping[int, str], seed: Sequence[int]) -> dict[int, str]:
-    """The names of things, one in ten of them another thing's or "umbrella"."""
+    """The names of objects, one in ten of them another object's or "umbrella"."""
     rng = np.random.default_rng(seed)
     wrong = set(rng.choice(list(truth), -(-len(truth) // _WRONG_OF), replace=False).tolist())
     others = sorted({*truth.values(), "umbrella"})
     return {
-        thing: str(rng.choice([other for other in others if other != name])) if thing in wrong else name
-        for thing, name in truth.items()
+        obj: str(rng.choice([other for other in others if other != name])) if obj in wrong else name
+        for obj, name in truth.items()
     }
 
 
@@ -164,7 +165,7 @@ def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     seconds = [row["seconds"] for row in rows]
     return {
         **total,
-        "reached_share": round(total["reached"] / total["things"], 4),
+        "reached_share": round(total["reached"] / total["objects"], 4),
         "seconds": round(sum(seconds), 1),
         "seconds_of_longest": max(seconds),
     }

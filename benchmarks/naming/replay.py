@@ -1,4 +1,4 @@
-"""A stand-in for a model behind the OpenAI chat format: it knows sheets by their pictures, and says of each thing what
+"""A stand-in for a model behind the OpenAI chat format: it knows sheets by their pictures, and says of each object what
 it was told beforehand."""
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from fastsplat_contract.messages.thing_sheets import ThingSheet
+from fastsplat_contract.messages.object_sheets import ObjectSheet
 
-Says = Callable[[ThingSheet], Any]
+Says = Callable[[ObjectSheet], Any]
 """What is said of a sheet: JSON, or the bytes of a whole response with its status."""
 
 
 class ReplayNamer(ThreadingHTTPServer):
     """Answers `chat/completions` with what `says` says of the sheet whose picture came, and remembers what it got."""
 
-    def __init__(self, sheets: Sequence[ThingSheet], says: Says) -> None:
+    def __init__(self, sheets: Sequence[ObjectSheet], says: Says) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
         self.sheets = {sheet.picture: sheet for sheet in sheets}
         self.says = says
@@ -61,7 +61,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def replayed(sheets: Sequence[ThingSheet], says: Says) -> Iterator[ReplayNamer]:
+def replayed(sheets: Sequence[ObjectSheet], says: Says) -> Iterator[ReplayNamer]:
     """Serve it on this machine until the block ends."""
     server = ReplayNamer(sheets, says)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
@@ -74,11 +74,11 @@ def replayed(sheets: Sequence[ThingSheet], says: Says) -> Iterator[ReplayNamer]:
         thread.join()
 
 
-def named(sheet: ThingSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
-    """An answer as it is asked for, with the names of things by their ids."""
+def named(sheet: ObjectSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
+    """An answer as it is asked for, with the names of objects by their ids."""
     told = [
-        {"number": each.number, "name": names[each.thing_id], "probability": probability, "aliases": []}
-        for each in sheet.things
-        if each.thing_id in names
+        {"number": each.number, "name": names[each.object_id], "probability": probability, "aliases": []}
+        for each in sheet.objects
+        if each.object_id in names
     ]
     return {"names": told}

@@ -160,7 +160,7 @@ def _bytes(requests: list[Request]) -> dict[str, int]:
         sizes = request.sizes()
         name = request.url.partition("?")[0].rpartition("/")[2]
         kind = "answers" if request.resource_type == "fetch" else request.resource_type
-        if name in ("scene.spz", "scene.things"):
+        if name in ("scene.spz", "scene.objects"):
             kind = name
         elif name.endswith(":render"):
             kind = "pictures"

@@ -1,6 +1,6 @@
 """The README's picture of the page: `python -m benchmarks.page.picture` (or `make page-picture`).
 
-The trained sample of `make demo`, asked for a thing, as the page shows it: docs/page.jpg.
+The trained sample of `make demo`, asked for an object, as the page shows it: docs/page.jpg.
 """
 
 from __future__ import annotations

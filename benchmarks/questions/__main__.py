@@ -16,7 +16,7 @@ Writes a row of benchmarks/results/questions.json, and leaves its other rows as 
   not_here_but_named: answers "not here" of what is there and bears a right name;
   contradictions: answers that contradict themselves;
   undecided: answers that say nothing can be said;
-  named: how many of the objects that the questions speak of are things with a right name, by scene.
+  named: how many of the objects that the questions speak of are objects with a right name, by scene.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.questions.judging import Truth, contradictions, is_right, truth_of
-from benchmarks.questions.trained_questions import Photographed, Question, read_scenes, things_of, views_by_photo
+from benchmarks.questions.trained_questions import Photographed, Question, objects_of, read_scenes, views_by_photo
 from benchmarks.relations.__main__ import share_right
 from fastsplat.service.library.local_scene import LocalScene, open_scene
 from fastsplat.service.library.sample import open_sample
@@ -63,23 +63,23 @@ class Judged:
 
 
 def truth_in(scene: LocalScene, photographed: Photographed) -> Truth:
-    """Which things of a scene are what its photos show."""
+    """Which objects of a scene are what its photos show."""
 
     @cache
-    def thing_map(view: str) -> NDArray[np.uint16]:
+    def object_map(view: str) -> NDArray[np.uint16]:
         content = scene._service.answers.picture(
-            PictureRequest(kind="thing_map", view=view, format="npy", scene_id=scene.id)
+            PictureRequest(kind="object_map", view=view, format="npy", scene_id=scene.id)
         )
         return np.asarray(np.load(io.BytesIO(content)))
 
-    ids = things_of(photographed.objects, views_by_photo(scene.views), thing_map)
-    return truth_of(photographed.objects, ids, {thing.id: thing.name for thing in scene.things()})
+    ids = objects_of(photographed.objects, views_by_photo(scene.views), object_map)
+    return truth_of(photographed.objects, ids, {obj.id: obj.name for obj in scene.objects()})
 
 
 def ask_all(scene: LocalScene, photographed: Photographed, truth: Truth) -> list[Judged]:
     """The answers to all questions of one scene."""
     names = {name for name in truth.names.values() if name}
-    names |= {each.name for thing in scene.things() if not thing.name for each in thing.suggestions}
+    names |= {each.name for obj in scene.objects() if not obj.name for each in obj.suggestions}
     judged = []
     views = views_by_photo(scene.views)
     for question in photographed.questions:
@@ -144,7 +144,7 @@ def _main() -> None:
         if each.question.part != "scored" and (not each.right or each.denied or each.contradictions):
             question, answer = each.question, each.answer
             print(f"{question.scene}, {question.kind}: {question.text!r} -> {question.keys} {question.count or ''}")
-            print(f"  {answer.thing_ids}: {answer.sentence} {each.contradictions}")
+            print(f"  {answer.object_ids}: {answer.sentence} {each.contradictions}")
     row = {**figures(judged), "named": objects, **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
     for name in (
         "right",

@@ -1,15 +1,15 @@
-"""What makes an answer right: what a user who stands before the things would say of it.
+"""What makes an answer right: what a user who stands before the objects would say of it.
 
 - Something is there, and bears a right name: it has to be shown first, with at least half of what is named of the rest
   (of uses and orders one of them will do), and at least half of what is shown has to be right. "Not here" and "cannot
   say" are wrong.
 - Something is there, and has no name, or a wrong one: it may be shown as well; that it cannot be said, or that nothing
-  with a name is it while the answer speaks of things without one, is no false statement, and right.
+  with a name is it while the answer speaks of objects without one, is no false statement, and right.
 - Colors, relations and orders of what is named have to be decided; of what is not named, as above.
-- A number has to be the true one; where not each of the things is one with its name, it may be left open.
+- A number has to be the true one; where not each of the objects is one with its name, it may be left open.
 - Near to what is here, but not here: "not here", that it cannot be said, or a probability below one half. Far from
-  it: "not here"; that it cannot be said only where most things have no name. Nonsense: nothing may be shown.
-- Another language: the right thing, or that English alone is understood.
+  it: "not here"; that it cannot be said only where most objects have no name. Nonsense: nothing may be shown.
+- Another language: the right object, or that English alone is understood.
 
 Beside that no answer may contradict itself, see `contradictions`.
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from benchmarks.questions.trained_questions import PhotoObject, Question
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.things.absence import RATHER
+from fastsplat.service.query.objects.absence import RATHER
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.messages.queries import Answer
 
@@ -32,18 +32,18 @@ _DECIDED = ("here", "probably_here")
 class Truth:
     """What is known of one trained scene."""
 
-    ids: Mapping[str, int]  # by key, the thing that each object is
-    names: Mapping[int, str]  # by id, the names of all things; "" for none
+    ids: Mapping[str, int]  # by key, the object that each object is
+    names: Mapping[int, str]  # by id, the names of all objects; "" for none
     right_names: Mapping[str, Sequence[str]]  # by key
 
     def named(self, key: str) -> bool:
-        """Whether an object is a thing that bears one of its right names."""
+        """Whether an object is an object that bears one of its right names."""
         name = label_key(self.names.get(self.ids.get(key, 0), ""))
         return bool(name) and name in {label_key(each) for each in self.right_names[key]}
 
 
 def truth_of(objects: Sequence[PhotoObject], ids: Mapping[str, int], names: Mapping[int, str]) -> Truth:
-    """What `things_of` and the scene's own list of things say."""
+    """What `objects_of` and the scene's own list of objects say."""
     return Truth(ids, names, {each.key: each.names for each in objects})
 
 
@@ -58,7 +58,7 @@ def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if question.kind == "far":
         nameless = sum(not name for name in truth.names.values())
         return not _shown(answer) and (answer.is_absent or 2 * nameless > len(truth.names))
-    return _things_right(question, answer, truth)
+    return _objects_right(question, answer, truth)
 
 
 def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
@@ -66,7 +66,7 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
 
     Args:
         answer: to any text.
-        names: that things of the scene bear, or that are suggested for them.
+        names: that objects of the scene bear, or that are suggested for them.
     """
     said = []
     likely, phrase = answer.probability, answer.phrase
@@ -75,9 +75,9 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append(f"{answer.outcome} at {likely:.2f}")
     if answer.is_absent and answer.presence is not None and answer.presence > 0.5:
         said.append(f"absent with a presence of {answer.presence:.2f}")
-    if answer.is_absent and (answer.thing_ids or refused):
-        said.append("absent, and things are shown, or nothing was decided")
-    if answer.outcome in _DECIDED and not answer.thing_ids:
+    if answer.is_absent and (answer.object_ids or refused):
+        said.append("absent, and objects are shown, or nothing was decided")
+    if answer.outcome in _DECIDED and not answer.object_ids:
         said.append(f"{answer.outcome}, and nothing is shown")
     if refused and (answer.outcome in _DECIDED or likely is not None):
         said.append("nothing was decided, and an outcome or a probability of something else stands beside it")
@@ -93,9 +93,9 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
     if (
         phrase is not None
         and phrase.count is not None
-        and not phrase.count <= len(answer.thing_ids) <= 99 * phrase.count
+        and not phrase.count <= len(answer.object_ids) <= 99 * phrase.count
     ):
-        said.append("a number of other things than are shown")
+        said.append("a number of other objects than are shown")
     for relevant in (False,) if phrase else (False, True):
         figures = [
             match.relevancy if match.probability is None else match.probability
@@ -112,10 +112,10 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
 
 
 def _shown(answer: Answer) -> tuple[int, ...]:
-    return answer.thing_ids if answer.outcome in _DECIDED else ()
+    return answer.object_ids if answer.outcome in _DECIDED else ()
 
 
-def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
+def _objects_right(question: Question, answer: Answer, truth: Truth) -> bool:
     shown = _shown(answer)
     ids = {truth.ids[key] for key in question.keys if key in truth.ids}
     accepted = ids | {truth.ids[key] for key in question.also if key in truth.ids}
@@ -127,7 +127,7 @@ def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
         return shown[0] in accepted and 2 * len(accepted & set(shown)) >= len(shown) and complete
     if any(truth.named(key) for key in question.keys):
         return False
-    return answer.outcome == "cannot_say" or (answer.searched.unnamed_things > 0 and "no name" in answer.sentence)
+    return answer.outcome == "cannot_say" or (answer.searched.unnamed_objects > 0 and "no name" in answer.sentence)
 
 
 def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:

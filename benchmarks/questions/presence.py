@@ -1,12 +1,13 @@
-"""Ask scenes, as the product trains them, single words of which photos show the thing or do not (`presence.txt`).
+"""Ask scenes, as the product trains them, single words of which photos show the object or do not (`presence.txt`).
 
     python -m benchmarks.questions.presence --scenes FOLDER [--half test] [--misses] [--row NAME]
 
 FOLDER is as for `benchmarks.questions`. A hash of scene and word puts half of the words aside: rules were chosen on the
 half "validation"; "test" is asked once, after all changes. Writes a row of benchmarks/results/presence.json, counts of
 what was asked:
-  there: words of what is there: `found` shows the right thing first, `other` another thing, `denied` says "not here" or
-    "not seen"; `offered` cannot be said, with the right thing among those that it may be, `evaded` without it;
+  there: words of what is there: `found` shows the right object first, `other` another object, `denied` says "not here"
+      or
+    "not seen"; `offered` cannot be said, with the right object among those that it may be, `evaded` without it;
   gone: words of the detector's kinds that are absent, and other: further absent words, by outcome;
   evasions: what is evaded of what is there, and what cannot be said of the detector's kinds that are absent.
 """
@@ -57,8 +58,8 @@ def outcome_of(word: str, kind: str, answer: Answer, truth: Truth) -> str:
     if answer.is_absent:
         return "denied"
     if answer.outcome == "cannot_say":
-        return "offered" if right & set(answer.thing_ids) else "evaded"
-    return "found" if right & set(answer.thing_ids[:1]) else "other"
+        return "offered" if right & set(answer.object_ids) else "evaded"
+    return "found" if right & set(answer.object_ids[:1]) else "other"
 
 
 def _main() -> None:
@@ -83,7 +84,7 @@ def _main() -> None:
                         said = outcome_of(word, kind, answer, truth)
                         counts[kind][said] += 1
                         if options.misses:
-                            print(f"{name} {kind} {said} {word!r} {list(answer.thing_ids)[:8]}: {answer.sentence}")
+                            print(f"{name} {kind} {said} {word!r} {list(answer.object_ids)[:8]}: {answer.sentence}")
     evasions = [
         counts["there"]["evaded"] + counts["gone"]["cannot_say"],
         counts["there"].total() + counts["gone"].total(),

@@ -1,4 +1,4 @@
-"""The questions of `questions.txt`, and which things of a trained scene they are about."""
+"""The questions of `questions.txt`, and which objects of a trained scene they are about."""
 
 from __future__ import annotations
 
@@ -133,22 +133,22 @@ def views_by_photo(views: Sequence[str]) -> Mapping[str, str]:
     return {view.rsplit("/", 1)[-1]: view for view in views}
 
 
-def things_of(
-    objects: Sequence[PhotoObject], views: Mapping[str, str], thing_map: Callable[[str], NDArray[np.uint16]]
+def objects_of(
+    objects: Sequence[PhotoObject], views: Mapping[str, str], object_map: Callable[[str], NDArray[np.uint16]]
 ) -> Mapping[str, int]:
-    """By key, the thing that most of the pixels of each object show; without those that none shows.
+    """By key, the object that most of the pixels of each object show; without those that none shows.
 
     Args:
         objects: of the scene.
         views: of the scene, by their photos: those that have a place in it.
-        thing_map: ids [H, W] of the things that a view shows, 0 for none.
+        object_map: ids [H, W] of the objects that a view shows, 0 for none.
     """
     ids = {}
     for each in objects:
         shown = []
         for photo, x, y in each.places:
             if photo in views:
-                drawn = thing_map(views[photo])
+                drawn = object_map(views[photo])
                 row, column = int(y * drawn.shape[0]), int(x * drawn.shape[1])
                 shown.append(int(drawn[row, column]))
         counted = Counter(number for number in shown if number)

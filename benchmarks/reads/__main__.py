@@ -1,14 +1,14 @@
-"""What is written on things: lines read in photos of drawn rooms, and on the right thing.
+"""What is written on objects: lines read in photos of drawn rooms, and on the right object.
 
     python -m benchmarks.reads [--split test] [--rooms 3] [--width 1600]
 
 Each room has about ten boxes and books on a table, labelled with one to three lines of one to three words in five
-typefaces; 27 photos with a phone's faults, no shadows. Things are the true ones, as points on their surfaces: what is
+typefaces; 27 photos with a phone's faults, no shadows. Objects are the true ones, as points on their surfaces: what is
 measured is reading, not discovery. A line is to be read if one photo shows it whole, not much from the side, its
 capitals at least 20 pixels high.
 
-  lines: to be read; recall: of them, those that their thing says letter for letter, capitals and spaces aside;
-  precision: of all lines that things say, those that are printed on them, of whatever height;
+  lines: to be read; recall: of them, those that their object says letter for letter, capitals and spaces aside;
+  precision: of all lines that objects say, those that are printed on them, of whatever height;
   recall_at_95, threshold: with the least probability from which precision is 0.95 over all rooms;
   cpu_seconds, seconds: of reading a room's photos.
 """
@@ -23,17 +23,17 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from benchmarks.objects.discovered import timed
 from benchmarks.provenance import begin, parser_of, provenance, write_json
 from benchmarks.reads.drawing import FlatStudio
-from benchmarks.reads.labels import DOTS, Line, labelled_room, true_things
+from benchmarks.reads.labels import DOTS, Line, labelled_room, true_objects
 from benchmarks.rooms.drawing import camera_of
 from benchmarks.rooms.pictures import phone_faults, photo_of
 from benchmarks.splits import results_file
-from benchmarks.things.discovered import timed
 from fastsplat.service.capture.captures import View
-from fastsplat.service.instances.naming.thing_reads import with_reads
+from fastsplat.service.instances.naming.object_reads import with_reads
 from fastsplat.service.perception.readers.ppocr import open_reader
-from fastsplat.service.scene.artefact.scene import Things
+from fastsplat.service.scene.artefact.scene import Objects
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.geometry.camera import PosedCamera
 
@@ -41,7 +41,7 @@ _CHOSEN_ON = "how many views must read a line: on the rooms of the validation sp
 _SEEDS = {"validation": 100, "test": 200}
 _LEAST_PX, _PRECISION, _SPACING = 20.0, 0.95, 0.006
 _Said = tuple[float, bool]
-"""Probability of a line that a thing says, and whether it is printed there."""
+"""Probability of a line that an object says, and whether it is printed there."""
 
 
 def _main() -> None:
@@ -90,7 +90,7 @@ def _precision(said: Sequence[_Said]) -> float:
 def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any], list[_Said], list[float]]:
     room, lines = labelled_room(seed)
     studio, camera, rng = FlatStudio(room, DOTS), camera_of(width), np.random.default_rng([seed, 1])
-    gaussians, things = true_things(room, _SPACING)
+    gaussians, objects = true_objects(room, _SPACING)
     views, highest = [], np.zeros(len(lines))
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
         for number, pose in enumerate(room.poses):
@@ -100,26 +100,26 @@ def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any]
             views.append(View(shown.posed, path))
             highest = np.maximum(highest, [line.height_in(shown) for line in lines])
         reader, side = open_reader(settings.perception, settings.models), settings.discovery.max_side
-        read, seconds = timed(lambda: with_reads(things, gaussians, views, reader, side))
+        read, seconds = timed(lambda: with_reads(objects, gaussians, views, reader, side))
     said, found = judged(read, lines, (highest >= _LEAST_PX).tolist())
     return {"photos": len(views), **figures(said, found), **seconds}, said, found
 
 
-def judged(things: Things, lines: Sequence[Line], legible: Sequence[bool]) -> tuple[list[_Said], list[float]]:
-    """What things say, and how probably they say the legible lines that are printed on them.
+def judged(objects: Objects, lines: Sequence[Line], legible: Sequence[bool]) -> tuple[list[_Said], list[float]]:
+    """What objects say, and how probably they say the legible lines that are printed on them.
 
     Args:
-        things: with their reads.
+        objects: with their reads.
         lines: that are printed.
         legible: bool [len(lines)], those that are to be read.
     """
-    printed = {(line.thing_id, _letters(line.text)) for line in lines}
+    printed = {(line.object_id, _letters(line.text)) for line in lines}
     said: dict[tuple[int, str], float] = {}
-    for thing in things.table:
-        for read in thing.reads:
-            key = (thing.id, _letters(read.text))
+    for obj in objects.table:
+        for read in obj.reads:
+            key = (obj.id, _letters(read.text))
             said[key] = max(read.probability, said.get(key, 0.0))
-    keys = [(line.thing_id, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
+    keys = [(line.object_id, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
     return [(own, key in printed) for key, own in said.items()], [said.get(key, 0.0) for key in keys]
 
 

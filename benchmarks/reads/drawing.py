@@ -32,8 +32,8 @@ class FlatStudio:
     def __init__(self, room: Room, texels: float) -> None:
         window = np.asarray(room.window) / np.linalg.norm(room.window)
         self._sheets: list[tuple[int, F64, F32]] = []
-        for number, thing in enumerate(room.things, start=1):
-            for mesh in thing.meshes:
+        for number, obj in enumerate(room.objects, start=1):
+            for mesh in obj.meshes:
                 corners = np.array([mesh.points[np.abs(mesh.uv - end).sum(axis=1).argmin()] for end in _ENDS])
                 across, down = corners[1] - corners[0], corners[3] - corners[0]
                 normal = np.cross(across, down) / np.linalg.norm(np.cross(across, down))
@@ -47,7 +47,7 @@ class FlatStudio:
         """A view; all rectangles must lie wholly before the camera or behind it."""
         camera, transform = posed.camera, posed.camera_from_world()
         size = (camera.height, camera.width)
-        light, things, nearest = np.full((*size, 3), 0.1, np.float32), np.zeros(size, np.uint8), np.zeros(size)
+        light, objects, nearest = np.full((*size, 3), 0.1, np.float32), np.zeros(size, np.uint8), np.zeros(size)
         for number, corners, picture in self._sheets:
             own = corners @ transform[:3, :3].T + transform[:3, 3]
             if own[:, 2].min() < 0.05:
@@ -66,8 +66,8 @@ class FlatStudio:
             first = (inside > 0) & (nearness > nearest[box])
             if first.any():
                 drawn = _warped(picture, (pixels - low).astype(np.float32), shape)
-                light[box][first], things[box][first], nearest[box][first] = drawn[first], number, nearness[first]
-        return Shown(posed, light, things, np.zeros_like(things), nearest)
+                light[box][first], objects[box][first], nearest[box][first] = drawn[first], number, nearness[first]
+        return Shown(posed, light, objects, np.zeros_like(objects), nearest)
 
 
 def _picture(mesh: Mesh, corners: F64, size: tuple[int, int]) -> F32:

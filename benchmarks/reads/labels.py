@@ -1,4 +1,4 @@
-"""Rooms whose things have printed words on them, with the place and the height of every line."""
+"""Rooms whose objects have printed words on them, with the place and the height of every line."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, box, placed, sheet
 from benchmarks.rooms.truth import Shown
 from demo.sample_paint import hex_rgb
-from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
+from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import PosedCamera
 
@@ -50,12 +50,12 @@ class Line:
     """A printed line.
 
     Attributes:
-        thing: its id in the room.
+        obj: its id in the room.
         text: what it says.
         corners: float64 [4, 3], of its capitals' height and its breadth: from the top left clockwise, meters.
     """
 
-    thing_id: int
+    object_id: int
     text: str
     corners: F64
 
@@ -66,7 +66,7 @@ class Line:
         if (depth < 0.05).any() or (pixels < 1).any() or (pixels > np.array(size) - 2).any():
             return 0.0
         columns, rows = np.round(pixels - 0.5).astype(int).T
-        seen = (shown.things[rows, columns] == self.thing_id) & (shown.nearness[rows, columns] * depth < 1 + _NEAR)
+        seen = (shown.objects[rows, columns] == self.object_id) & (shown.nearness[rows, columns] * depth < 1 + _NEAR)
         top, right, bottom, left = _projected(shown.posed, (self.corners + np.roll(self.corners, -1, axis=0)) / 2)[0]
         high, wide = float(np.linalg.norm(bottom - top)), float(np.linalg.norm(right - left))
         shape = np.linalg.norm(self.corners[1] - self.corners[0]) / np.linalg.norm(self.corners[3] - self.corners[0])
@@ -108,22 +108,22 @@ def labelled_room(seed: int) -> tuple[Room, list[Line]]:
         wide, high = float(rng.uniform(0.16, 0.24)), float(rng.uniform(0.13, 0.2))
         deep = float(rng.uniform(0.02, 0.045) if lying else rng.uniform(0.05, 0.09))
         label = _label(rng, words, wide, high)
-        built, place = _thing(rng, label, wide, high, deep, lying=lying)
+        built, place = _object(rng, label, wide, high, deep, lying=lying)
         meshes = ground.place(built, turns=0.45)
         if meshes is None:
             continue
-        thing = room.put("book" if lying else "box", meshes)
-        lines += [Line(thing, each.text, _corners(each, meshes[place].points, wide, high)) for each in label]
+        obj = room.put("book" if lying else "box", meshes)
+        lines += [Line(obj, each.text, _corners(each, meshes[place].points, wide, high)) for each in label]
     return photographed(room, rng, (0, 0, 0.06), 1.05), lines
 
 
 def surface_points(room: Room, spacing: float) -> tuple[F64, NDArray[np.int64]]:
-    """float64 [K, 3], int64 [K]: points on all things but floor and wall, one for each square of `spacing` meters, and
-    their things."""
+    """float64 [K, 3], int64 [K]: points on all objects but floor and wall, one for each square of `spacing` meters, and
+    their objects."""
     rng = np.random.default_rng(0)
     points, owners = [], []
-    for number, thing in enumerate(room.things, start=1):
-        for mesh in thing.meshes if thing.surface not in ("floor", "wall") else ():
+    for number, obj in enumerate(room.objects, start=1):
+        for mesh in obj.meshes if obj.surface not in ("floor", "wall") else ():
             a, b, c = (mesh.points[mesh.triangles[:, corner]] for corner in range(3))
             areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
             own = np.repeat(np.arange(len(areas)), np.ceil(areas / spacing**2).astype(int))
@@ -133,8 +133,8 @@ def surface_points(room: Room, spacing: float) -> tuple[F64, NDArray[np.int64]]:
     return np.concatenate(points), np.concatenate(owners)
 
 
-def true_things(room: Room, spacing: float) -> tuple[Gaussians, Things]:
-    """The things of a room as if each had been found whole: small Gaussians on all that `surface_points` are on."""
+def true_objects(room: Room, spacing: float) -> tuple[Gaussians, Objects]:
+    """The objects of a room as if each had been found whole: small Gaussians on all that `surface_points` are on."""
     points, owners = surface_points(room, spacing)
     count = len(points)
     gaussians = Gaussians(
@@ -146,11 +146,11 @@ def true_things(room: Room, spacing: float) -> tuple[Gaussians, Things]:
         codes=np.zeros((count, 0), np.float32),
     )
     evidence = evidence_of(np.arange(count), owners, np.full(count, 16 * UNIT, np.int64), count)
-    table = tuple(Thing(number, surface=thing.surface) for number, thing in enumerate(room.things, start=1))
-    return gaussians, Things(table, evidence)
+    table = tuple(Object(number, surface=obj.surface) for number, obj in enumerate(room.objects, start=1))
+    return gaussians, Objects(table, evidence)
 
 
-def _thing(
+def _object(
     rng: Random, label: Sequence[_Printed], wide: float, high: float, deep: float, *, lying: bool
 ) -> tuple[Meshes, int]:
     """A box with a label over its front, which is its top if it lies; and which of its meshes the label is."""

@@ -4,10 +4,10 @@
 
 Rooms are drawn until there are N questions that the placing decides, and all those that it does not decide come along.
 Writes benchmarks/results/relations.json:
-  right: share of the decided questions whose things (or number) are those of the placing, by kind;
+  right: share of the decided questions whose objects (or number) are those of the placing, by kind;
   rightly_refused: share of the undecided ones that are refused with a reason, by what makes them undecided;
   wrongly_refused, wrong: of the decided ones; guessed: of the undecided ones, answered without a refusal.
-Intervals are 95 % (Wilson). The truth comes from how things were placed (`questions.py`). Bounds were set on the rooms
+Intervals are 95 % (Wilson). The truth comes from how objects were placed (`questions.py`). Bounds were set on the rooms
 of seeds 1000 and 2000, and left as they were for seed 0.
 """
 
@@ -54,7 +54,7 @@ class Answered:
     Attributes:
         case: the question.
         seed: of its room.
-        things: ids that were answered; None for a refusal.
+        objects: ids that were answered; None for a refusal.
         count: that was answered.
         reason: of a refusal, "" without.
         explanation: the sentence.
@@ -62,7 +62,7 @@ class Answered:
 
     case: Case
     seed: int
-    things: frozenset[int] | None
+    objects: frozenset[int] | None
     count: int | None
     reason: str
     explanation: str
@@ -71,8 +71,8 @@ class Answered:
     def right(self) -> bool:
         """Whether it is the truth, or a refusal where there is none."""
         if self.case.truth is None:
-            return self.things is None
-        return self.things == self.case.truth and self.count == self.case.count
+            return self.objects is None
+        return self.objects == self.case.truth and self.count == self.case.count
 
 
 def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
@@ -92,7 +92,7 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
             asker = None if case.asker is None else world @ case.asker
             index = indices[case.vertical]
             query = check_query((case.text,), settings)
-            (answer,) = RankedQuery(index.ranked, query).answer(lambda index=index: index.things, asker)
+            (answer,) = RankedQuery(index.ranked, query).answer(lambda index=index: index.objects, asker)
             answered.append(_judged(case, room_seed, answer))
         room_seed += 1
     return answered
@@ -102,7 +102,7 @@ def figures(answered: Sequence[Answered]) -> dict[str, Any]:
     """The figures of the module's description."""
     decided = [each for each in answered if each.case.truth is not None]
     undecided = [each for each in answered if each.case.truth is None]
-    refused = sum(each.things is None for each in decided)
+    refused = sum(each.objects is None for each in decided)
     return {
         "decided": share_right([each.right for each in decided]),
         "wrongly_refused": refused,
@@ -116,11 +116,11 @@ def figures(answered: Sequence[Answered]) -> dict[str, Any]:
 
 def _judged(case: Case, seed: int, answer: Answer) -> Answered:
     phrase = answer.phrase
-    if phrase is None:  # a name, of which all things are meant
-        return Answered(case, seed, frozenset(answer.thing_ids), None, "", answer.sentence)
-    things = None if phrase.refusal is not None else frozenset(phrase.thing_ids)
+    if phrase is None:  # a name, of which all objects are meant
+        return Answered(case, seed, frozenset(answer.object_ids), None, "", answer.sentence)
+    objects = None if phrase.refusal is not None else frozenset(phrase.object_ids)
     reason = "" if phrase.refusal is None else phrase.refusal.reason
-    return Answered(case, seed, things, phrase.count, reason, answer.sentence)
+    return Answered(case, seed, objects, phrase.count, reason, answer.sentence)
 
 
 def _by_kind(answered: Sequence[Answered]) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _main() -> None:
     for each in answered if options.misses else ():
         if not each.right:
             truth = each.case.truth if each.case.count is None else each.case.count
-            said = each.reason or (each.things if each.case.count is None else each.count)
+            said = each.reason or (each.objects if each.case.count is None else each.count)
             print(f"room {each.seed}, {each.case.kind}: {each.case.text!r}: {truth} but {said}: {each.explanation}")
     document = {"seed": options.seed, **figures(answered)}
     for name in ("decided", "rightly_refused"):

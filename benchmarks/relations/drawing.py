@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians, Object, Objects, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
@@ -23,16 +23,16 @@ _NOISE = 0.003
 """Meters: standard deviation of a Gaussian's place off its surface."""
 _COLOR_NOISE = 0.03
 _WILD = 0.01
-"""Share of a thing's Gaussians that lie a hand's breadth off, as trained scenes have them."""
+"""Share of an object's Gaussians that lie a hand's breadth off, as trained scenes have them."""
 _OPACITY = 3.0
 
 
 @dataclass(frozen=True)
 class Slab:
-    """A cuboid of a thing: from its lowest corner to its highest, before the thing is turned.
+    """A cuboid of an object: from its lowest corner to its highest, before the object is turned.
 
     Attributes:
-        low, high: meters, relative to the middle of the thing's base.
+        low, high: meters, relative to the middle of the object's base.
     """
 
     low: Triple
@@ -41,7 +41,7 @@ class Slab:
 
 @dataclass(frozen=True)
 class Placed:
-    """A thing of slabs where it was placed: the middle of its base in meters, z up; turned by `yaw` radians about the
+    """An object of slabs where it was placed: the middle of its base in meters, z up; turned by `yaw` radians about the
     vertical; sRGB, 0..1."""
 
     name: str
@@ -86,35 +86,37 @@ def crate(size: Triple) -> tuple[Slab, ...]:
 
 @dataclass
 class Room:
-    """Things, in the order of their ids, which count from 1."""
+    """Objects, in the order of their ids, which count from 1."""
 
-    things: list[Placed] = field(default_factory=list)
+    objects: list[Placed] = field(default_factory=list)
 
     def place(self, name: str, slabs: Sequence[Slab], base: Sequence[float], yaw: float, color: Sequence[float]) -> int:
-        """Put a thing there; its id."""
-        self.things.append(Placed(name, tuple(slabs), (base[0], base[1], base[2]), yaw, (color[0], color[1], color[2])))
-        return len(self.things)
+        """Put an object there; its id."""
+        self.objects.append(
+            Placed(name, tuple(slabs), (base[0], base[1], base[2]), yaw, (color[0], color[1], color[2]))
+        )
+        return len(self.objects)
 
 
 def scene_of(room: Room, seed: int, world: F64, cameras: bool = True) -> Scene:
-    """The room as a trained scene would be: noisy surfaces, nothing where things stand on each other.
+    """The room as a trained scene would be: noisy surfaces, nothing where objects stand on each other.
 
     Args:
-        room: the things.
+        room: the objects.
         seed: of the noise.
         world: float64 [4, 4], rigid: the scene's frame from the room's, so that its vertical is not its z axis.
         cameras: whether it has cameras, which tell what is up.
     """
     rng = np.random.default_rng(seed)
     means, colors, owners, widths = [], [], [], []
-    for thing_id, thing in enumerate(room.things, start=1):
-        points, width = _surface(thing, rng)
-        points = points[~_covered(points, [other for other in room.things if other is not thing])]
+    for object_id, obj in enumerate(room.objects, start=1):
+        points, width = _surface(obj, rng)
+        points = points[~_covered(points, [other for other in room.objects if other is not obj])]
         wild = rng.random(len(points)) < _WILD
         points = points + rng.normal(0, 1, points.shape) * np.where(wild, 0.08, _NOISE)[:, None]
         means.append(points)
-        colors.append(np.clip(np.array(thing.color) + rng.normal(0, _COLOR_NOISE, points.shape), 0, 1))
-        owners.append(np.full(len(points), thing_id, np.int32))
+        colors.append(np.clip(np.array(obj.color) + rng.normal(0, _COLOR_NOISE, points.shape), 0, 1))
+        owners.append(np.full(len(points), object_id, np.int32))
         widths.append(np.full(len(points), width))
     return _trained(room, world, *(np.concatenate(each) for each in (means, colors, owners, widths)), cameras=cameras)
 
@@ -129,9 +131,9 @@ def drawn_frame(rng: np.random.Generator) -> F64:
     return frame
 
 
-def _surface(thing: Placed, rng: np.random.Generator) -> tuple[F64, float]:
+def _surface(obj: Placed, rng: np.random.Generator) -> tuple[F64, float]:
     """Points on the slabs' faces, in the room, and how wide a Gaussian is there."""
-    sizes = np.array([np.subtract(slab.high, slab.low) for slab in thing.slabs])
+    sizes = np.array([np.subtract(slab.high, slab.low) for slab in obj.slabs])
     areas = np.stack([sizes[:, 1] * sizes[:, 2], sizes[:, 0] * sizes[:, 2], sizes[:, 0] * sizes[:, 1]], axis=1)
     total = 2 * float(areas.sum())
     count = int(np.clip(total * _PER_SQUARE_METER, _FEWEST, _MOST))
@@ -140,12 +142,12 @@ def _surface(thing: Placed, rng: np.random.Generator) -> tuple[F64, float]:
     slab, face = choice // 6, choice % 6
     unit = rng.uniform(0, 1, (count, 3))
     unit[np.arange(count), face // 2] = face % 2
-    points = np.array([each.low for each in thing.slabs])[slab] + unit * sizes[slab]
-    return points @ _turn(thing.yaw).T + np.array(thing.base), 0.4 * float(np.sqrt(total / count))
+    points = np.array([each.low for each in obj.slabs])[slab] + unit * sizes[slab]
+    return points @ _turn(obj.yaw).T + np.array(obj.base), 0.4 * float(np.sqrt(total / count))
 
 
 def _covered(points: F64, others: Sequence[Placed]) -> NDArray[np.bool_]:
-    """bool [K]: points in or against another thing, which no camera sees."""
+    """bool [K]: points in or against another object, which no camera sees."""
     hidden = np.zeros(len(points), dtype=np.bool_)
     for other in others:
         local = (points - np.array(other.base)) @ _turn(other.yaw)
@@ -162,13 +164,13 @@ def _turn(yaw: float) -> F64:
 def _trained(
     room: Room, world: F64, means: F64, colors: F64, owner: NDArray[np.int32], widths: F64, *, cameras: bool
 ) -> Scene:
-    dictionary = dictionary_of(list(dict.fromkeys(thing.name for thing in room.things)))
+    dictionary = dictionary_of(list(dict.fromkeys(obj.name for obj in room.objects)))
     count, classes = len(means), len(dictionary) + 1
     angles = np.arange(8) * np.pi / 4
     lens = Camera(96, 72, 90.0, 90.0, 48.0, 36.0)
     views = [look_at((4 * np.cos(angle), 4 * np.sin(angle), 1.6), (0.0, 0.0, 0.5)) for angle in angles]
     posed = [PosedCamera(lens, world @ view, f"{number}.jpg") for number, view in enumerate(views)]
-    known = tuple(Thing(number, thing.name, "person", 1.0) for number, thing in enumerate(room.things, start=1))
+    known = tuple(Object(number, obj.name, "person", 1.0) for number, obj in enumerate(room.objects, start=1))
     rows = np.arange(count)
     membership = evidence_of(rows, owner, np.full(count, 16 * UNIT, np.int64), count)
     return Scene(
@@ -186,5 +188,5 @@ def _trained(
         text_encoder=("drawn", "0" * 64),
         cameras=tuple(posed if cameras else ()),
         scale="METRIC",
-        things=Things(known, membership),
+        objects=Objects(known, membership),
     )

@@ -1,8 +1,8 @@
-"""Drawn questions with their truth, which is how things were placed: nothing here measures a scene.
+"""Drawn questions with their truth, which is how objects were placed: nothing here measures a scene.
 
 Each function draws one room and asks some questions about it. A question is either decided by the placing ("put on the
 table", "put at the lamp's left as the asker sees it"), or it cannot be decided by it: the asker's place is not said,
-things are equally large or equally far, half way between two directions or two colors, one rests on what rests on the
+objects are equally large or equally far, half way between two directions or two colors, one rests on what rests on the
 table.
 """
 
@@ -50,7 +50,7 @@ class Case:
     Attributes:
         text: the question.
         kind: what it is about.
-        truth: ids of the things that it means; None where the placing does not decide it.
+        truth: ids of the objects that it means; None where the placing does not decide it.
         count: how many, for a question for a number.
         asker: float64 [4, 4] in the room, where the asker stands; None if that is not said.
         vertical: whether the scene has cameras, which tell what is up.
@@ -74,7 +74,7 @@ class Drawn:
     def ask(
         self, text: str, kind: str, truth: Sequence[int] | None, asker: F64 | None = None, vertical: bool = True
     ) -> None:
-        """Add a question for things."""
+        """Add a question for objects."""
         self.cases.append(Case(text, kind, None if truth is None else frozenset(truth), None, asker, vertical))
 
     def count(self, text: str, kind: str, truth: Sequence[int] | None) -> None:
@@ -84,7 +84,7 @@ class Drawn:
 
 
 def stacked_room(rng: np.random.Generator) -> Drawn:
-    """Things on a table, on a cabinet, in a crate and under the table."""
+    """Objects on a table, on a cabinet, in a crate and under the table."""
     drawn = Drawn(Room())
     room = drawn.room
     desk = (float(rng.uniform(1.3, 1.6)), float(rng.uniform(0.8, 0.95)), float(rng.uniform(0.68, 0.78)))
@@ -108,20 +108,20 @@ def stacked_room(rng: np.random.Generator) -> Drawn:
             x, y, z = free[spot]
             base = (x + float(rng.uniform(-0.02, 0.02)), y + float(rng.uniform(-0.02, 0.02)), z)
             paint = str(rng.choice(list(COLORS)))
-            thing = room.place(name, box(_SMALL[name]), base, float(rng.uniform(0, 3)), COLORS[paint])
-            paints[thing] = paint
-            where.setdefault(place, {}).setdefault(name, []).append(thing)
+            obj = room.place(name, box(_SMALL[name]), base, float(rng.uniform(0, 3)), COLORS[paint])
+            paints[obj] = paint
+            where.setdefault(place, {}).setdefault(name, []).append(obj)
     for place, named in where.items():
-        everything = [thing for own in named.values() for thing in own]
+        everything = [obj for own in named.values() for obj in own]
         drawn.ask(f"what is {place}?", place.split()[0], everything)
-        drawn.count(f"how many things are {place}?", "how many", everything)
-        for name in sorted({*named, str(rng.choice(list(_SMALL)))} & {thing.name for thing in room.things}):
+        drawn.count(f"how many objects are {place}?", "how many", everything)
+        for name in sorted({*named, str(rng.choice(list(_SMALL)))} & {obj.name for obj in room.objects}):
             drawn.ask(f"the {name} {place}", place.split()[0], named.get(name, []))
         name = str(rng.choice(list(named)))
-        elsewhere = [thing for other, own in where.items() if other != place for thing in own.get(name, [])]
+        elsewhere = [obj for other, own in where.items() if other != place for obj in own.get(name, [])]
         drawn.ask(f"{name}s not {place}", "not", elsewhere)
         paint = paints[named[name][0]]
-        both = [thing for thing in named[name] if paints[thing] == paint]
+        both = [obj for obj in named[name] if paints[obj] == paint]
         drawn.ask(f"the {paint} {name} that is {place}", "color and place", both)
     _without_answers(drawn, where, rng)
     return drawn
@@ -131,8 +131,8 @@ def _without_answers(drawn: Drawn, where: dict[str, dict[str, list[int]]], rng: 
     """Questions about a stacked room that its placing does not decide."""
     room = drawn.room
     place = str(rng.choice(["on the table", "on the cabinet"]))
-    carrier = next(thing for own in where[place].values() for thing in own)
-    below = room.things[carrier - 1]
+    carrier = next(obj for own in where[place].values() for obj in own)
+    below = room.objects[carrier - 1]
     base = (below.base[0], below.base[1], below.base[2] + below.height)
     room.place("toy", box((0.06, 0.06, 0.07)), base, 0.0, COLORS["yellow"])
     drawn.ask(f"the toy {place}", "rests on something between", None)
@@ -144,12 +144,12 @@ def _without_answers(drawn: Drawn, where: dict[str, dict[str, list[int]]], rng: 
     for number, case in enumerate(drawn.cases):
         if case.text in (f"what is {place}?",):
             continue
-        if case.text == f"how many things are {place}?":
+        if case.text == f"how many objects are {place}?":
             drawn.cases[number] = Case(case.text, "how many", None)
 
 
 def facing_room(rng: np.random.Generator) -> Drawn:
-    """Things around another one, as somebody sees them from one side or another."""
+    """Objects around another one, as somebody sees them from one side or another."""
     drawn = Drawn(Room())
     room = drawn.room
     names = rng.permutation(list(_STANDING)).tolist()
@@ -194,7 +194,7 @@ def facing_room(rng: np.random.Generator) -> Drawn:
 
 
 def row_room(rng: np.random.Generator) -> Drawn:
-    """A row of things of one name on a long bench: an order, sizes and colors."""
+    """A row of objects of one name on a long bench: an order, sizes and colors."""
     drawn = Drawn(Room())
     room = drawn.room
     room.place("bench", box((2.6, 0.6, 0.5)), (0, 0, 0), 0.0, _WOOD)
@@ -240,7 +240,7 @@ def row_room(rng: np.random.Generator) -> Drawn:
 
 
 def near_room(rng: np.random.Generator) -> Drawn:
-    """Things beside one another, between two, near and far."""
+    """Objects beside one another, between two, near and far."""
     drawn = Drawn(Room())
     room = drawn.room
     names = [str(name) for name in rng.permutation(list(_STANDING))]

@@ -1,9 +1,9 @@
-"""Twelve drawn rooms: how whole, clean and rightly named their things are.
+"""Twelve drawn rooms: how whole, clean and rightly named their objects are.
 
     python -m benchmarks.rooms [ROOM ...] [--split test] [--iterations 2500] [--keep FOLDER] [--sheets]
 
 ROOM is a kind of room (desk, kitchen, ...) or one of its rooms (desk-1); without any, all of the split are measured.
-Rooms are drawn from seeds (`drawing.py`), and what is true of them comes from the drawing: exact ids of things and
+Rooms are drawn from seeds (`drawing.py`), and what is true of them comes from the drawing: exact ids of objects and
 parts, boxes, surfaces, silhouettes. Photos have a phone's faults, test views even light. Rules are chosen by the six
 rooms of the validation split; `--split test` measures the six others, once.
 
@@ -11,8 +11,8 @@ A room whose folder lies in `--keep` is not drawn, trained or looked at again: t
 seconds. A folder holds `drawn` (the data set), `capture`, `scene` (trained without labels) and `looked` (masks and
 detections of the training views). `--sheets` draws contact sheets beside the results.
 
-  recall_50, recall_75, precision, mean_iou: discovered things against true ones, pixels of all test views;
-  clicks_miou: after each true thing was clicked once and named; selected_miou: what each single click selects;
+  recall_50, recall_75, precision, mean_iou: discovered objects against true ones, pixels of all test views;
+  clicks_miou: after each true object was clicked once and named; selected_miou: what each single click selects;
   clicks_1.3_miou: with a second click on the worst 30 %;
   surfaces_iou: of floors, walls and table tops; outside_box, outside_at_others, covered, alone_miou: see
   `figures.py`;
@@ -37,16 +37,16 @@ import torch
 from benchmarks.evaluation.datasets.dataset import Dataset
 from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
+from benchmarks.objects.discovered import draw_sheet, settings_by_steps, timed, trained_scene
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.rooms.drawing import KINDS, ROOMS, write_room
 from benchmarks.rooms.figures import figures_of, measured, worst_of
 from benchmarks.rooms.truth import read_truth
 from benchmarks.splits import results_file
-from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
 from fastsplat.service.common.progress import silent
-from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.instances.scene_objects import find_scene_objects
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.results import Labelling
@@ -57,8 +57,8 @@ from fastsplat.service.splatting.training.quality import color_corrected, psnr
 
 _SHEET_SCALE, _SHEET_QUALITY = 0.5, 60
 _CHOSEN_ON = {
-    "validation": "these rooms are there to choose rules of things by: their figures promise nothing",
-    "test": "nothing was chosen on these rooms; rules of things: on the six rooms of the validation split",
+    "validation": "these rooms are there to choose rules of objects by: their figures promise nothing",
+    "test": "nothing was chosen on these rooms; rules of objects: on the six rooms of the validation split",
 }
 _NAMED = {
     "names_given_right_share": ("names_given_right", "names_given"),
@@ -113,24 +113,24 @@ def kept_room(name: str, folder: Path, settings: Settings) -> tuple[Dataset, Cap
     return dataset, capture, scene, load_labelling(folder / "looked")
 
 
-def with_things(scene: Scene, capture: Capture, labelling: Labelling, settings: Settings) -> Scene:
-    """The scene with its things, discovered and named as a job does it."""
+def with_objects(scene: Scene, capture: Capture, labelling: Labelling, settings: Settings) -> Scene:
+    """The scene with its objects, discovered and named as a job does it."""
     discovery, training = settings.discovery, settings.training
-    found = find_scene_things(scene.gaussians, capture, labelling, labelling.masks, discovery, training=training)
-    things, gaussians = found
+    found = find_scene_objects(scene.gaussians, capture, labelling, labelling.masks, discovery, training=training)
+    objects, gaussians = found
     head = SemanticHead.unlearnt(len(scene.dictionary), gaussians.codes.shape[1])
-    return replace(scene, gaussians=gaussians, head=head, things=things)
+    return replace(scene, gaussians=gaussians, head=head, objects=objects)
 
 
 def _row(name: str, folder: Path, settings: Settings, sheets: bool) -> dict[str, Any]:
     dataset, capture, scene, labelling = kept_room(name, folder, settings)
-    found, seconds = timed(lambda: with_things(scene, capture, labelling, settings))
+    found, seconds = timed(lambda: with_objects(scene, capture, labelling, settings))
     compared = measured(found, dataset, read_truth(folder / "drawn" / "truth.npz"))
     row = {"views": len(capture.views), **figures_of(compared), **_pictures(found, dataset, settings)}
     print(name, "; ".join(worst_of(compared)), flush=True)
     if sheets:
         draw_sheet(found, capture, RESULTS / f"rooms_{name}.jpg", scale=_SHEET_SCALE, quality=_SHEET_QUALITY)
-    return {**row, "things": len(found.things.table) if found.things else 0, "grouping_seconds": seconds["seconds"]}
+    return {**row, "objects": len(found.objects.table) if found.objects else 0, "grouping_seconds": seconds["seconds"]}
 
 
 def _pictures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Rooms: things at their places, what is hard about them, and from where photos are taken."""
+"""Rooms: objects at their places, what is hard about them, and from where photos are taken."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HARD = (
     "on a pattern",
     "wall",
 )
-"""What makes things hard to tell apart or whole: see `Room.hard`."""
+"""What makes objects hard to tell apart or whole: see `Room.hard`."""
 
 _CELL = 0.005
 _TRIES = 400
@@ -35,7 +35,7 @@ _TRIES = 400
 
 @dataclass(frozen=True)
 class Placed:
-    """A thing in a room, at its place; its label is the detector's word where it has one."""
+    """An object in a room, at its place; its label is the detector's word where it has one."""
 
     label: str
     meshes: Meshes
@@ -44,33 +44,33 @@ class Placed:
 
 @dataclass
 class Room:
-    """Things in the order of their ids, which count from 1.
+    """Objects in the order of their ids, which count from 1.
 
     Attributes:
-        things: of the room, surfaces too.
-        hard: ids of things that are hard, by why (see `HARD`); those of a pair or a pile together.
+        objects: of the room, surfaces too.
+        hard: ids of objects that are hard, by why (see `HARD`); those of a pair or a pile together.
         window: direction to the window.
         poses: float64 [4, 4] each, world from camera, OpenCV axes.
     """
 
-    things: list[Placed] = field(default_factory=list)
+    objects: list[Placed] = field(default_factory=list)
     hard: dict[str, list[tuple[int, ...]]] = field(default_factory=dict)
     window: tuple[float, float, float] = (0.6, -0.5, 0.8)
     poses: list[F64] = field(default_factory=list)
 
     def put(self, label: str, meshes: Meshes, surface: SurfaceKind = "") -> int:
-        """Add a thing; its id."""
-        self.things.append(Placed(label, list(meshes), surface))
-        return len(self.things)
+        """Add an object; its id."""
+        self.objects.append(Placed(label, list(meshes), surface))
+        return len(self.objects)
 
     def note(self, why: str, *ids: int) -> None:
-        """Say that these things are hard, and why."""
+        """Say that these objects are hard, and why."""
         assert why in HARD
         self.hard.setdefault(why, []).append(ids)
 
 
 class Ground:
-    """What is left of a level surface with these corners: things are put where nothing stands yet."""
+    """What is left of a level surface with these corners: objects are put where nothing stands yet."""
 
     def __init__(self, rng: Random, low: tuple[float, float], high: tuple[float, float], height: float = 0.0) -> None:
         self._rng, self._low, self._high, self.height = rng, np.array(low), np.array(high), height
@@ -122,7 +122,7 @@ def extent(meshes: Meshes) -> tuple[F64, F64]:
 
 
 def leaning(meshes: Meshes, reach: float, height: float) -> Meshes:
-    """A long thing along x whose upper end, `reach` from its lower one, is lifted by `height`: it lies on another."""
+    """A long object along x whose upper end, `reach` from its lower one, is lifted by `height`: it lies on another."""
     return resting(placed(meshes, roll=-float(np.arcsin(height / reach))))
 
 

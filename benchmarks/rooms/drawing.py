@@ -64,28 +64,28 @@ class Studio:
     Attributes:
         meshes: all of them.
         soup: their triangles.
-        thing_of, part_of: int64 [T], ids of the thing and of the part (0 for none) of each triangle.
-        parts: thing and name of each part, from id 1.
+        object_of, part_of: int64 [T], ids of the object and of the part (0 for none) of each triangle.
+        parts: object and name of each part, from id 1.
     """
 
     def __init__(self, room: Room, seed: int, width: int = WIDTH) -> None:
-        self.meshes: list[Mesh] = [mesh for thing in room.things for mesh in thing.meshes]
-        owners = [number for number, thing in enumerate(room.things, start=1) for _ in thing.meshes]
+        self.meshes: list[Mesh] = [mesh for obj in room.objects for mesh in obj.meshes]
+        owners = [number for number, obj in enumerate(room.objects, start=1) for _ in obj.meshes]
         named = [(owner, mesh.part) for owner, mesh in zip(owners, self.meshes, strict=True)]
         self.parts = list(dict.fromkeys(pair for pair in named if pair[1]))
         self.soup: Soup = soup_of(self.meshes)
-        self.thing_of: Ints = np.array(owners)[self.soup.mesh]
+        self.object_of: Ints = np.array(owners)[self.soup.mesh]
         ids = [self.parts.index(pair) + 1 if pair[1] else 0 for pair in named]
         self.part_of: Ints = np.array(ids)[self.soup.mesh]
-        things = [
-            mesh.points for thing in room.things if thing.surface in ("", "horizontal surface") for mesh in thing.meshes
+        objects = [
+            mesh.points for obj in room.objects if obj.surface in ("", "horizontal surface") for mesh in obj.meshes
         ]
-        self.light = light_on(self.soup, np.concatenate(things), room.window, seed, width / WIDTH)
+        self.light = light_on(self.soup, np.concatenate(objects), room.window, seed, width / WIDTH)
 
     def shown(self, posed: PosedCamera) -> Shown:
-        """A view, with the things and parts that the centers of its pixels show."""
+        """A view, with the objects and parts that the centers of its pixels show."""
         picture = picture_of(self.meshes, self.soup, self.light, posed)
-        ids = [np.where(picture.triangle >= 0, own[picture.triangle], 0) for own in (self.thing_of, self.part_of)]
+        ids = [np.where(picture.triangle >= 0, own[picture.triangle], 0) for own in (self.object_of, self.part_of)]
         return Shown(posed, picture.light, ids[0].astype(np.uint8), ids[1].astype(np.uint8), picture.nearness)
 
 
@@ -107,7 +107,7 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         tested = number % _TEST_EVERY == _FIRST_TEST
         photo = photo_of(shown.light, EVEN if tested else phone_faults(rng), rng)
         Image.fromarray(photo).save(folder / "images" / f"{file}.jpg", quality=92)
-        Image.fromarray(shown.things).save(folder / "instances" / f"{file}.png")
+        Image.fromarray(shown.objects).save(folder / "instances" / f"{file}.png")
         Image.fromarray(shown.parts).save(folder / "parts" / f"{file}.png")
         paths = {"file_path": f"images/{file}.jpg", "instance_path": f"instances/{file}.png"}
         frames.append({**paths, "part_path": f"parts/{file}.png", "transform_matrix": _opengl(pose).tolist()})
@@ -121,14 +121,14 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         "cy": camera.cy,
         "w": camera.width,
         "h": camera.height,
-        "instances": [thing.label for thing in room.things],
-        "parts": [{"thing": thing, "name": part} for thing, part in studio.parts],
+        "instances": [obj.label for obj in room.objects],
+        "parts": [{"object": obj, "name": part} for obj, part in studio.parts],
         "train_filenames": names[0],
         "test_filenames": names[1],
         "frames": frames,
     }
     write_truth(
-        truth_of(room, studio.soup, studio.thing_of, [part for _, part in studio.parts], train, test),
+        truth_of(room, studio.soup, studio.object_of, [part for _, part in studio.parts], train, test),
         folder / "truth.npz",
     )
     (folder / "transforms.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

@@ -1,4 +1,5 @@
-"""How good the things of a scene are, by the truth of a drawn room: on the test views, by clicks, in space, by name."""
+"""How good the objects of a scene are, by the truth of a drawn room: on the test views, by clicks, in space, by
+name."""
 
 from __future__ import annotations
 
@@ -14,14 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration.fit_names import is_right
 from benchmarks.evaluation.datasets.dataset import Dataset
-from benchmarks.evaluation.thing_discovery import (
+from benchmarks.evaluation.object_discovery import (
     MIN_PIXELS,
-    ThingCounts,
-    count_things,
+    ObjectCounts,
+    count_objects,
     precision_at,
     recall_at,
     simulate_clicks,
-    true_things,
+    true_objects,
     widest,
 )
 from benchmarks.rooms.shapes import F64
@@ -30,18 +31,18 @@ from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.labels.blending import thing_map
+from fastsplat.service.splatting.labels.blending import object_map
 from fastsplat.service.splatting.raster.rendering import rasterize
 
 MARGIN = 0.01
-"""Meters: what lies farther outside the box of a thing is fog."""
+"""Meters: what lies farther outside the box of an object is fog."""
 SECOND_CLICKS = 0.3
-"""Share of the things that get a second click: those that the first one selects worst."""
+"""Share of the objects that get a second click: those that the first one selects worst."""
 
 _IS = 0.5
-"""Intersection over union from which a discovered thing is a true one."""
+"""Intersection over union from which a discovered object is a true one."""
 _REACH, _THINNEST = 2.0, 0.003
 """A surface is covered within so many standard deviations of a Gaussian, which are at least so wide, meters."""
 _NEIGHBORS = 12
@@ -56,22 +57,22 @@ class Measured:
     """A scene and the truth of its room.
 
     Attributes:
-        scene: with things.
+        scene: with objects.
         dataset: the test views.
         truth: of the room in space.
-        things, parts: the thing and the part of each pixel of each test view, by name.
+        objects, parts: the object and the part of each pixel of each test view, by name.
         counts: of all test views.
     """
 
     scene: Scene
     dataset: Dataset
     truth: Truth
-    things: Maps
+    objects: Maps
     parts: Maps
-    counts: ThingCounts
+    counts: ObjectCounts
 
     def matches(self) -> dict[int, int]:
-        """The discovered thing, by its place in the table, of each true thing that is one."""
+        """The discovered object, by its place in the table, of each true object that is one."""
         iou, present = self.counts.iou(), self.counts.present
         best = {row: int(iou[row].argmax()) for row in np.flatnonzero(present).tolist() if iou.shape[1]}
         return {row + 1: place for row, place in best.items() if iou[row, place] >= _IS}
@@ -80,14 +81,14 @@ class Measured:
 def measured(scene: Scene, dataset: Dataset, truth: Truth) -> Measured:
     """The maps and counts that figures are made of."""
     posed = {view.name: view.posed for view in dataset.test if view.posed is not None}
-    things = {name: thing_map(scene, camera) for name, camera in posed.items()}
-    own = None if scene.things is None else scene.things.parts
+    objects = {name: object_map(scene, camera) for name, camera in posed.items()}
+    own = None if scene.objects is None else scene.objects.parts
     renderer = Renderer(scene, QuerySettings())
     parts = {
         name: np.zeros(shown.shape, np.int32) if own is None else renderer.part_map(posed[name], own).astype(np.int32)
-        for name, shown in things.items()
+        for name, shown in objects.items()
     }
-    return Measured(scene, dataset, truth, things, parts, count_things(scene, dataset, things))
+    return Measured(scene, dataset, truth, objects, parts, count_objects(scene, dataset, objects))
 
 
 def figures_of(scene: Measured) -> dict[str, Any]:
@@ -97,13 +98,13 @@ def figures_of(scene: Measured) -> dict[str, Any]:
     kinds = np.array(scene.truth.surfaces[: len(best)])
     surfaces = counts.present & (kinds != "")
     figures: dict[str, Any] = {
-        "things_true": int(counts.present.sum()),
-        "things_judged": int(counts.judged.sum()),
+        "objects_true": int(counts.present.sum()),
+        "objects_judged": int(counts.judged.sum()),
         "recall_50": recall_at(counts, 0.5),
         "recall_75": recall_at(counts, 0.75),
         "precision": precision_at(counts, 0.5),
         "mean_iou": float(best[counts.present].mean()),
-        "clicks_miou": simulate_clicks(scene.dataset, scene.things),
+        "clicks_miou": simulate_clicks(scene.dataset, scene.objects),
         **_clicked(scene),
         "surfaces_iou": _mean(best[surfaces]),
         **{f"{kind}_iou": _mean(best[counts.present & (kinds == kind)]) for kind in sorted(set(kinds) - {""})},
@@ -115,29 +116,29 @@ def figures_of(scene: Measured) -> dict[str, Any]:
 
 
 def worst_of(scene: Measured, count: int = 8) -> list[str]:
-    """The true things with the lowest intersection over union, with it."""
+    """The true objects with the lowest intersection over union, with it."""
     best = scene.counts.iou().max(axis=1, initial=0)
     rows = [row for row in np.argsort(best, kind="stable").tolist() if scene.counts.present[row]]
     return [f"{row + 1} {scene.truth.labels[row]} {best[row]:.2f}" for row in rows[:count]]
 
 
 def _clicked(scene: Measured) -> dict[str, float]:
-    """What a click selects, and what a second one on the worst adds: a thing where something is missing, or the part
-    under the first click in place of its thing, whichever a person would keep."""
-    views = [view for view in scene.dataset.test if view.name in scene.things]
-    truth = np.stack([true_things(view) for view in views])
-    things = np.stack([scene.things[view.name] for view in views])
+    """What a click selects, and what a second one on the worst adds: an object where something is missing, or the part
+    under the first click in place of its object, whichever a person would keep."""
+    views = [view for view in scene.dataset.test if view.name in scene.objects]
+    truth = np.stack([true_objects(view) for view in views])
+    objects = np.stack([scene.objects[view.name] for view in views])
     parts = np.stack([scene.parts[view.name] for view in views])
     once, twice = [], []
     for number in (np.flatnonzero(scene.counts.present) + 1).tolist():
         meant = truth == number
         spot = _spot(meant)
-        selected = (things == things[spot]) & (things[spot] > 0)
+        selected = (objects == objects[spot]) & (objects[spot] > 0)
         once.append(_iou(selected, meant))
         options = [once[-1]]
         missing = meant & ~selected
-        if missing.any() and (more := things[_spot(missing)]) > 0:
-            options.append(_iou(selected | (things == more), meant))
+        if missing.any() and (more := objects[_spot(missing)]) > 0:
+            options.append(_iou(selected | (objects == more), meant))
         if parts[spot] > 0:
             options.append(_iou(parts == parts[spot], meant))
         twice.append(max(options))
@@ -149,18 +150,18 @@ def _clicked(scene: Measured) -> dict[str, float]:
 
 
 def _parted(scene: Measured) -> dict[str, float | int]:
-    """The share of the true parts that are a discovered part, or thing, by an intersection over union of 0.5."""
+    """The share of the true parts that are a discovered part, or object, by an intersection over union of 0.5."""
     names = scene.truth.names
-    truth, things, parts = (
+    truth, objects, parts = (
         scene.truth.parts,
-        *(np.stack([of[name] for name in names]) for of in (scene.things, scene.parts)),
+        *(np.stack([of[name] for name in names]) for of in (scene.objects, scene.parts)),
     )
     best = []
     for number in range(1, len(scene.truth.part_names) + 1):
         meant = truth == number
         if meant.sum() < MIN_PIXELS:
             continue
-        pairs = [(shown, shown[meant]) for shown in (things, parts)]
+        pairs = [(shown, shown[meant]) for shown in (objects, parts)]
         likely = [(shown, int(np.bincount(inside).argmax())) for shown, inside in pairs]
         best.append(max(_iou(shown == number_there, meant) if number_there else 0.0 for shown, number_there in likely))
     return {"parts_true": len(best), "parts_recall_50": _mean([float(iou >= _IS) for iou in best])}
@@ -177,12 +178,12 @@ def _iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
 
 
 def _in_space(scene: Measured) -> dict[str, float]:
-    """Means over true things that were discovered and are no surfaces: the share of their Gaussians, by opacity,
-    outside their box, and of these that at another thing; the share covered of what training views show of them; and
+    """Means over true objects that were discovered and are no surfaces: the share of their Gaussians, by opacity,
+    outside their box, and of these that at another object; the share covered of what training views show of them; and
     the intersection over union of their silhouettes, drawn alone."""
     gaussians, truth = scene.scene.gaussians, scene.truth
-    assert scene.scene.things is not None
-    rows, table = thing_rows(scene.scene.things), scene.scene.things.table
+    assert scene.scene.objects is not None
+    rows, table = object_rows(scene.scene.objects), scene.scene.objects.table
     surfaces = cKDTree(truth.points.astype(np.float64))
     outside, others, covered, alone = [], [], [], []
     for number, place in scene.matches().items():
@@ -239,10 +240,10 @@ def _silhouette_iou(gaussians: Gaussians, scene: Measured, number: int) -> float
 
 
 def _named(scene: Measured) -> dict[str, float | int]:
-    """Of the names that discovered things were given, and of those of them that are stated as no guess, how many are
-    right; of the true things whose name the detector knows, how many are so named."""
-    assert scene.scene.things is not None
-    table, labels = scene.scene.things.table, scene.truth.labels
+    """Of the names that discovered objects were given, and of those of them that are stated as no guess, how many are
+    right; of the true objects whose name the detector knows, how many are so named."""
+    assert scene.scene.objects is not None
+    table, labels = scene.scene.objects.table, scene.truth.labels
     matches = scene.matches()
     truly = {place: labels[number - 1] for number, place in matches.items()}
     given = [place for place in np.flatnonzero(scene.counts.judged).tolist() if table[place].name]

@@ -1,4 +1,4 @@
-"""Groups of things in rooms: walls, piles, rows, filled vessels, tools across each other."""
+"""Groups of objects in rooms: walls, piles, rows, filled vessels, tools across each other."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def put_more(
     turns: float = np.pi,
     area: float = 1.0,
 ) -> list[int]:
-    """Put things where there is room; the ids of those that found a place."""
+    """Put objects where there is room; the ids of those that found a place."""
     ids = []
     for label, build in items:
         meshes = ground.place(build(rng), turns=turns)
@@ -103,7 +103,7 @@ def put_thin(room: Room, rng: Random, ground: Ground, items: Sequence[tuple[str,
 def put_hollow(room: Room, rng: Random, ground: Ground, items: Sequence[tuple[str, Build]]) -> None:
     for number in put_more(room, rng, ground, items):
         room.note("hollow", number)
-        if room.things[number - 1].label == "cup":
+        if room.objects[number - 1].label == "cup":
             room.note("two materials", number)
 
 
@@ -170,7 +170,7 @@ def put_filled(
         ("orange", tableware.orange),
     ),
 ) -> None:
-    """A hollow thing with things in it, which touch it and nearly each other."""
+    """A hollow object with objects in it, which touch it and nearly each other."""
     label, meshes = vessel
     stood = ground.at(meshes, *where, float(rng.uniform(-0.4, 0.4)))
     holder = room.put(label, stood)
@@ -191,7 +191,7 @@ def put_filled(
 def put_across(
     room: Room, rng: Random, ground: Ground, low: tuple[str, Build], high: tuple[str, Build], height: float
 ) -> None:
-    """Two long things: one lies across the other, its end on the ground."""
+    """Two long objects: one lies across the other, its end on the ground."""
     below, above = low[1](rng), high[1](rng)
     a, b = extent(above)
     turn = float(rng.uniform(0.9, 1.9)) * (1 if rng.uniform() < 0.5 else -1)

@@ -1,4 +1,4 @@
-"""The kinds of rooms: each draws its things, their looks and their places from a random generator."""
+"""The kinds of rooms: each draws its objects, their looks and their places from a random generator."""
 
 from __future__ import annotations
 
@@ -239,7 +239,7 @@ def chairs(rng: Random) -> Room:
 
 
 def shop(rng: Random) -> Room:
-    """A display of goods on steps: rows of like things that touch, fruit in baskets."""
+    """A display of goods on steps: rows of like objects that touch, fruit in baskets."""
     room, _ = before_wall(rng, (1.5, 0.75), tableware.grained(rng))
     steps = [
         mesh

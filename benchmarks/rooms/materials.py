@@ -29,7 +29,7 @@ class Material:
     """How a surface looks.
 
     Attributes:
-        color: linear RGB, float32 [N, 3], 0..1, of points [N, 3] of the thing and their uv [N, 2].
+        color: linear RGB, float32 [N, 3], 0..1, of points [N, 3] of the object and their uv [N, 2].
         gloss: share of the light that is mirrored, 0..1.
         polish: exponent of its highlight.
         metal: whether all of its light is mirrored, in its color.

@@ -1,4 +1,4 @@
-"""Photos of drawn rooms, with exact ids of things and parts, and with the faults of a phone's photos."""
+"""Photos of drawn rooms, with exact ids of objects and parts, and with the faults of a phone's photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes that drawn things are made of. Meters, z up; a thing stands on z = 0 and faces -y."""
+"""Meshes that drawn objects are made of. Meters, z up; an object stands on z = 0 and faces -y."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class Mesh:
 
     Attributes:
         points, normals: float64 [N, 3], in the room once it is placed; normals may point to either side.
-        local: float64 [N, 3], where the points were before the thing was placed: what its grain is painted by.
+        local: float64 [N, 3], where the points were before the object was placed: what its grain is painted by.
         uv: float64 [N, 2], 0..1, of pictures.
         triangles: int64 [T, 3].
         material: see `Material`.
-        part: of its thing, "" for none.
+        part: of its object, "" for none.
     """
 
     points: F64
@@ -44,7 +44,7 @@ Meshes = list[Mesh]
 
 
 def part(name: str, meshes: Iterable[Mesh]) -> Meshes:
-    """The same meshes as a part of their thing."""
+    """The same meshes as a part of their object."""
     return [replace(mesh, part=name) for mesh in meshes]
 
 

@@ -1,4 +1,4 @@
-"""What is true of a drawn room in space: boxes, surfaces that photos show, and silhouettes of things alone."""
+"""What is true of a drawn room in space: boxes, surfaces that photos show, and silhouettes of objects alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from benchmarks.rooms.shapes import F64, Ints
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _POINTS = 1500
-"""Points that are drawn on each thing, those included that no photo shows."""
+"""Points that are drawn on each object, those included that no photo shows."""
 _ARRAYS = ("axes", "low", "high", "points", "owners", "parts")
 _WORDS = ("labels", "surfaces", "names", "part_names")
 _NEAR = 0.01
@@ -30,29 +30,29 @@ class Shown:
     Attributes:
         posed: its camera.
         light: float32 [H, W, 3], linear RGB.
-        things, parts: uint8 [H, W], ids, 0 for none.
+        objects, parts: uint8 [H, W], ids, 0 for none.
         nearness: float64 [H, W], 1 / depth, 0 where nothing is.
     """
 
     posed: PosedCamera
     light: NDArray[np.float32]
-    things: NDArray[np.uint8]
+    objects: NDArray[np.uint8]
     parts: NDArray[np.uint8]
     nearness: F64
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of N things in space; meters.
+    """What is true of N objects in space; meters.
 
     Attributes:
-        labels, surfaces: of each thing, see `Placed`.
+        labels, surfaces: of each object, see `Placed`.
         axes: float64 [N, 3, 3], rows: the axes of each upright box.
         low, high: float64 [N, 3], its ends along them.
         points: float32 [K, 3], on what training views show.
-        owners: int32 [K], the thing of each point, from 1.
+        owners: int32 [K], the object of each point, from 1.
         names: of the V views to measure by.
-        silhouettes: bool [V, N, H, W], what each thing would cover if it were alone.
+        silhouettes: bool [V, N, H, W], what each object would cover if it were alone.
         parts: uint8 [V, H, W], the part that each pixel shows, 0 for none.
         part_names: of each part, from 1.
     """
@@ -69,28 +69,28 @@ class Truth:
     parts: NDArray[np.uint8]
     part_names: tuple[str, ...]
 
-    def outside(self, thing: int, points: F64, margin: float) -> NDArray[np.bool_]:
-        """bool [K]: which points [K, 3] lie farther than `margin`, meters, outside the box of a thing, from 1."""
-        along = points @ self.axes[thing - 1].T
-        beyond = np.maximum(self.low[thing - 1] - along, along - self.high[thing - 1])
+    def outside(self, obj: int, points: F64, margin: float) -> NDArray[np.bool_]:
+        """bool [K]: which points [K, 3] lie farther than `margin`, meters, outside the box of an object, from 1."""
+        along = points @ self.axes[obj - 1].T
+        beyond = np.maximum(self.low[obj - 1] - along, along - self.high[obj - 1])
         return np.asarray((beyond > margin).any(axis=1))
 
 
 def truth_of(
     room: Room,
     soup: Soup,
-    thing_of: Ints,
+    object_of: Ints,
     part_names: Sequence[str],
     train: Sequence[Shown],
     test: Sequence[Shown],
 ) -> Truth:
-    """The truth of a room, whose triangles belong to `thing_of` (int64 [T]), by views that show what can be known
+    """The truth of a room, whose triangles belong to `object_of` (int64 [T]), by views that show what can be known
     (`train`) and views to measure by (`test`, at least one)."""
     rng = np.random.default_rng(0)
-    boxes = [_upright_box(np.concatenate([mesh.points for mesh in thing.meshes])) for thing in room.things]
+    boxes = [_upright_box(np.concatenate([mesh.points for mesh in obj.meshes])) for obj in room.objects]
     points, owners = [], []
-    for number in range(1, len(room.things) + 1):
-        own = _surface_points(soup, np.flatnonzero(thing_of == number), rng)
+    for number in range(1, len(room.objects) + 1):
+        own = _surface_points(soup, np.flatnonzero(object_of == number), rng)
         seen = np.zeros(len(own), np.bool_)
         for view in train:
             seen |= _shows(view, own, number)
@@ -98,15 +98,15 @@ def truth_of(
         owners.append(np.full(int(seen.sum()), number, np.int32))
     axes, low, high = (np.stack(each) for each in zip(*boxes, strict=True))
     return Truth(
-        labels=tuple(thing.label for thing in room.things),
-        surfaces=tuple(thing.surface for thing in room.things),
+        labels=tuple(obj.label for obj in room.objects),
+        surfaces=tuple(obj.surface for obj in room.objects),
         axes=axes,
         low=low,
         high=high,
         points=np.concatenate(points).astype(np.float32),
         owners=np.concatenate(owners),
         names=tuple(view.posed.name for view in test),
-        silhouettes=np.stack([_silhouettes(soup, thing_of, len(room.things), view.posed) for view in test]),
+        silhouettes=np.stack([_silhouettes(soup, object_of, len(room.objects), view.posed) for view in test]),
         parts=np.stack([view.parts for view in test]),
         part_names=tuple(part_names),
     )
@@ -148,7 +148,7 @@ def _surface_points(soup: Soup, triangles: Ints, rng: np.random.Generator) -> F6
     return np.asarray(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
 
 
-def _shows(view: Shown, points: F64, thing: int) -> NDArray[np.bool_]:
+def _shows(view: Shown, points: F64, obj: int) -> NDArray[np.bool_]:
     camera, matrix = view.posed.camera, view.posed.camera_from_world()
     own = points @ matrix[:3, :3].T + matrix[:3, 3]
     depth = np.maximum(own[:, 2], 1e-9)
@@ -157,11 +157,11 @@ def _shows(view: Shown, points: F64, thing: int) -> NDArray[np.bool_]:
     inside = (own[:, 2] > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.clip(column, 0, camera.width - 1), np.clip(row, 0, camera.height - 1)
     near = depth * view.nearness[row, column] < 1 + _NEAR
-    return np.asarray(inside & near & (view.things[row, column] == thing))
+    return np.asarray(inside & near & (view.objects[row, column] == obj))
 
 
-def _silhouettes(soup: Soup, thing_of: Ints, count: int, posed: PosedCamera) -> NDArray[np.bool_]:
+def _silhouettes(soup: Soup, object_of: Ints, count: int, posed: PosedCamera) -> NDArray[np.bool_]:
     """bool [N, H, W]."""
     projected, front, size = projected_into(soup, posed.camera, posed.camera_from_world())
-    own = [front & (thing_of == number) for number in range(1, count + 1)]
+    own = [front & (object_of == number) for number in range(1, count + 1)]
     return np.stack([rasterized(projected, soup.triangles, drawn, size).triangle >= 0 for drawn in own])

@@ -37,7 +37,7 @@ class BenchData:
         capture: posed, with points.
         truth: exact label maps of all views.
         train, test: positions of views; `test` those that are measured, which `capture.test_names` names.
-        prompts: the labels that a detector is asked for: things, not surfaces, and of the sample those it can know.
+        prompts: the labels that a detector is asked for: objects, not surfaces, and of the sample those it can know.
     """
 
     capture: Capture

@@ -18,12 +18,12 @@ from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from fastsplat_contract.messages.objects import PickedObject, SceneObject
 from fastsplat_contract.messages.queries import Answer, QueryRequest
 from fastsplat_contract.messages.scenes import Scene
-from fastsplat_contract.messages.things import PickedThing, SceneThing
 
 SAMPLE_PHOTOS = Path(__file__).parent / "photos"
-"""The sample capture: 26 photos of a table with things on it."""
+"""The sample capture: 26 photos of a table with objects on it."""
 _FIGURES = ("loss", "psnr", "iterations_per_second")
 
 _NAME = "Oskar"
@@ -92,13 +92,13 @@ def run_main_job(
         scene, operation = _train(client, photos or SAMPLE_PHOTOS, seconds, console, folder)
         texts = ask or (_questions_for(_labels(scene)) if photos else _SAMPLE_QUESTIONS)
         answers = [_ask(client, scene.id, text) for text in texts]
-        things, view = list(client.things(scene.id)), scene.cameras[len(scene.cameras) // 2].name
-        (folder / "things.png").write_bytes(client.picture(scene.id, "things", view))
+        objects, view = list(client.objects(scene.id)), scene.cameras[len(scene.cameras) // 2].name
+        (folder / "objects.png").write_bytes(client.picture(scene.id, "objects", view))
         if (named := _click_and_name(client, scene.id, view)) is not None:
-            before = f'"{named.thing.name}"' if named.thing.name else "without a name"
-            console.print(f'a click in {view} finds thing {named.thing.id}, {before}; a person names it "{_NAME}"')
+            before = f'"{named.object.name}"' if named.object.name else "without a name"
+            console.print(f'a click in {view} finds object {named.object.id}, {before}; a person names it "{_NAME}"')
             answers.append(_ask(client, scene.id, _NAME))
-        report = report_of(scene, operation, things, answers)
+        report = report_of(scene, operation, objects, answers)
         write_report(report, folder)
         save_pictures(client, scene, answers, view, folder)
         print_report(report, console)
@@ -154,32 +154,32 @@ class _Progress:
             self._console.print(f"{line}  {figures}".rstrip(), soft_wrap=True, highlight=False)
 
 
-def _click_and_name(client: Client, scene_id: str, view: str) -> PickedThing | None:
-    """Clicks on a thing and names it `_NAME`; returns it before that, None without."""
-    ids = client.thing_map(scene_id, view)
-    things = {thing.id: thing for thing in client.things(scene_id)}
-    target = thing_to_name(ids, things)
+def _click_and_name(client: Client, scene_id: str, view: str) -> PickedObject | None:
+    """Clicks on an object and names it `_NAME`; returns it before that, None without."""
+    ids = client.object_map(scene_id, view)
+    objects = {obj.id: obj for obj in client.objects(scene_id)}
+    target = object_to_name(ids, objects)
     if target is None:
         return None
     inner = cv2.distanceTransform((ids == target).astype(np.uint8), cv2.DIST_L2, 5)
     row, column = np.unravel_index(int(inner.argmax()), inner.shape)
     picked = client.pick(scene_id, view, pixel=(float(column) + 0.5, float(row) + 0.5))
-    client.name_things(scene_id, picked.thing.id, _NAME, looked_at=picked.version)
+    client.name_objects(scene_id, picked.object.id, _NAME, looked_at=picked.version)
     return picked
 
 
-def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> int | None:
-    """Id of the thing that a click on a view names; None without things.
+def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) -> int | None:
+    """Id of the object that a click on a view names; None without objects.
 
-    Things without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
+    Objects without a name come before named ones, surfaces last; then what the picture shows whole before what its edge
     cuts off, then the largest.
 
     Args:
-        ids: uint16 [H, W], the thing of each pixel, 0 for none.
-        things: by id.
+        ids: uint16 [H, W], the object of each pixel, 0 for none.
+        objects: by id.
     """
     numbers, areas = np.unique(ids[ids > 0], return_counts=True)
-    shown = [(things[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
+    shown = [(objects[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
     cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist()) if ids.size else set()
     order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), one[0].id in cut, -one[1]))
     return order[0][0].id if order else None
@@ -188,7 +188,7 @@ def thing_to_name(ids: NDArray[np.uint16], things: Mapping[int, SceneThing]) -> 
 def _questions_for(labels: Sequence[str]) -> tuple[str, ...]:
     """Makes questions of a scene's labels, most Gaussians first.
 
-    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and a thing that is not there.
+    The two leading labels, a wider or neighbouring word (ambiguous on purpose), and an object that is not there.
     """
     wider = next((_WIDER[label] for label in labels if label in _WIDER and _WIDER[label] not in labels), "furniture")
     absent = next(word for word in _ABSENT if word not in labels)

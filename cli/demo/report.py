@@ -15,9 +15,9 @@ from rich.table import Table
 from fastsplat_client import Client
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.scenes import Scene
-from fastsplat_contract.messages.things import SceneThing
 from fastsplat_contract.photos.pictures import PictureKind
 
 _COLUMNS = 3
@@ -55,7 +55,7 @@ _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
 def report_of(
-    scene: Scene, operation: Operation, things: Sequence[SceneThing], answers: Sequence[Answer]
+    scene: Scene, operation: Operation, objects: Sequence[SceneObject], answers: Sequence[Answer]
 ) -> dict[str, Any]:
     """The figures of one run, from the server's answers."""
     quality = scene.quality
@@ -65,7 +65,7 @@ def report_of(
         "unregistered": quality.get("unregistered", []),
         "warnings": quality.get("warnings", []),
         "dictionary": [{"label": row.label, "pixels": row.pixels, "views": row.views} for row in scene.dictionary],
-        "things": [_thing_of(thing) for thing in things],
+        "objects": [_object_of(obj) for obj in objects],
         "gaussians": scene.gaussians,
         "train_seconds": {stage.stage: round(stage.seconds, 1) for stage in operation.stages},
         "psnr": quality.get("psnr"),
@@ -76,14 +76,14 @@ def report_of(
     }
 
 
-def _thing_of(thing: SceneThing) -> dict[str, Any]:
+def _object_of(obj: SceneObject) -> dict[str, Any]:
     return {
-        "id": thing.id,
-        "name": thing.name,
-        "probability": thing.probability,
-        "suggestions": {suggestion.name: suggestion.probability for suggestion in thing.suggestions},
-        "kind": thing.surface or thing.kind,
-        "gaussians": thing.gaussian_count,
+        "id": obj.id,
+        "name": obj.name,
+        "probability": obj.probability,
+        "suggestions": {suggestion.name: suggestion.probability for suggestion in obj.suggestions},
+        "kind": obj.surface or obj.kind,
+        "gaussians": obj.gaussian_count,
     }
 
 
@@ -98,9 +98,9 @@ def _query_of(answer: Answer) -> dict[str, Any]:
             for match in answer.matches
         ],
         "objects": [
-            {"id": thing.id, "name": thing.name, "center": thing.box.center.position, "size": thing.box.size}
-            for thing in answer.objects or ()
-            if thing.box is not None
+            {"id": obj.id, "name": obj.name, "center": obj.box.center.position, "size": obj.box.size}
+            for obj in answer.objects or ()
+            if obj.box is not None
         ],
     }
 
@@ -108,7 +108,7 @@ def _query_of(answer: Answer) -> dict[str, Any]:
 def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view: str, folder: Path) -> None:
     """Saves view, overlay, relevancy picture and PLY per question, their sheet, and the scene's PLY."""
     (folder / "view.png").write_bytes(client.picture(scene.id, "rgb", view))
-    panels = [("rendered", folder / "view.png"), ("everything that is there", folder / "things.png")]
+    panels = [("rendered", folder / "view.png"), ("everything that is there", folder / "objects.png")]
     for answer in answers:
         text = answer.text
         stem = re.sub(r"\W+", "-", text).strip("-") or "query"
@@ -138,9 +138,11 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
         console.print(f"The scene is {assessment['grade']}.")
         for finding in assessment["findings"]:
             console.print(f"- {finding['message']} {finding['advice']}")
-    table = Table("thing", "name", "kind", "Gaussians", title="Everything that is there, before anybody named anything")
-    for thing in report["things"]:
-        table.add_row(str(thing["id"]), _name_of(thing), thing["kind"], f"{thing['gaussians']:,}")
+    table = Table(
+        "object", "name", "kind", "Gaussians", title="Everything that is there, before anybody named anything"
+    )
+    for obj in report["objects"]:
+        table.add_row(str(obj["id"]), _name_of(obj), obj["kind"], f"{obj['gaussians']:,}")
     console.print(table)
     table = Table(
         "query",
@@ -160,7 +162,7 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     console.print(table)
 
 
-def _name_of(thing: Mapping[str, Any]) -> str:
-    if thing["name"]:
-        return f"{thing['name']} {thing['probability']:.2f}"
-    return " or ".join(f"{name}? {probability:.2f}" for name, probability in thing["suggestions"].items())
+def _name_of(obj: Mapping[str, Any]) -> str:
+    if obj["name"]:
+        return f"{obj['name']} {obj['probability']:.2f}"
+    return " or ".join(f"{name}? {probability:.2f}" for name, probability in obj["suggestions"].items())

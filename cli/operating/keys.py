@@ -28,7 +28,7 @@ def create(
     role: Annotated[
         Role,
         typer.Option(
-            help="uploader: post one scene and watch its job; suggester: see things without a name and suggest names; "
+            help="uploader: post one scene and watch its job; suggester: see objects without a name and suggest names; "
             "reader: query and view; editor: also create and change; admin: also delete, and keys of the project; "
             "operator: everything in any project."
         ),

@@ -49,7 +49,7 @@ def ask(
         ),
     ] = None,
 ) -> None:
-    """Ask a scene in plain words. Prints a sentence, then the things that answer."""
+    """Ask a scene in plain words. Prints a sentence, then the objects that answer."""
     if picture is not None and len(texts) != 1:
         raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
     asker = _pose(pose) if pose else None
@@ -74,9 +74,9 @@ def _lines(answer: Answer) -> list[str]:
     lines = [answer.sentence]
     if answer.provisional is not None:
         lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")
-    for thing in answer.objects or ():
-        unit = "m" if thing.meters else "scene units"
-        lines.append(f"  thing {thing.id}, {thing.name}, at {point(thing.centroid or ())} {unit}")
+    for obj in answer.objects or ():
+        unit = "m" if obj.meters else "scene units"
+        lines.append(f"  object {obj.id}, {obj.name}, at {point(obj.centroid or ())} {unit}")
     return lines
 
 

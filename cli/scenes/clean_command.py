@@ -1,4 +1,4 @@
-"""`fastsplat scenes clean`: removes Gaussians by a box, opacity, isolation or thing."""
+"""`fastsplat scenes clean`: removes Gaussians by a box, opacity, isolation or object."""
 
 from __future__ import annotations
 
@@ -27,7 +27,9 @@ def clean(
     isolation_above: Annotated[
         float | None, typer.Option(help="Only what is so many times farther from others than usual; 4 is a start.")
     ] = None,
-    thing: Annotated[list[int], typer.Option(help="Only of this thing, by its id; several are allowed.")] = [],
+    obj: Annotated[
+        list[int], typer.Option("--object", help="Only of this object, by its id; several are allowed.")
+    ] = [],
     preview: Annotated[bool, typer.Option(help="Only say how much would go.")] = False,
 ) -> None:
     """Remove Gaussians in or outside a box, faint ones, or floating ones, as a version."""
@@ -36,7 +38,7 @@ def clean(
         middle = Pose(Vector3(*(center or (0.0, 0.0, 0.0))), Quaternion(0.0, 0.0, 0.0, 1.0))
         box = Box(middle, Vector3(*(size or (0.0, 0.0, 0.0))))
     chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
-    edits = [Edit("remove", thing_ids=tuple(thing), filter=chosen)]
+    edits = [Edit("remove", object_ids=tuple(obj), filter=chosen)]
     scene_id = session.scene(scene)
     if preview:
         told = session.client.preview_edit(scene_id, edits)

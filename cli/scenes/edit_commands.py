@@ -1,4 +1,4 @@
-"""`fastsplat things`: edits of a scene's things, each of which makes a version."""
+"""`fastsplat objects`: edits of a scene's objects, each of which makes a version."""
 
 from __future__ import annotations
 
@@ -8,68 +8,69 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.options import SceneId, Watch, service_command
-from fastsplat.cli.scenes.thing_commands import things_app
+from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.session import Session
 from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.geometry.thing_prompts import ThingPrompt
 from fastsplat_contract.jobs.name_suggestions import SuggestIn
 from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.objects import ObjectList, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit, InsertSource
-from fastsplat_contract.messages.things import Pixel, PixelBox, ThingList
 
-_Ids = Annotated[list[int], typer.Argument(help="Ids of things, from the list.", metavar="THING...")]
+_Ids = Annotated[list[int], typer.Argument(help="Ids of objects, from the list.", metavar="OBJECT...")]
 _LookedAt = Annotated[
     str, typer.Option(help="The version that you looked at; only names that stood in it are replaced.")
 ]
 _View = Annotated[str, typer.Option(help="Name of one of the scene's cameras.")]
-_OnThing = Annotated[
-    list[str], typer.Option(help="Of the view, on the thing; several are allowed.", metavar="X,Y", show_default=False)
+_OnObject = Annotated[
+    list[str], typer.Option(help="Of the view, on the object; several are allowed.", metavar="X,Y", show_default=False)
 ]
-_BesideThing = Annotated[
+_BesideObject = Annotated[
     list[str],
-    typer.Option(help="Of the view, beside the thing; several are allowed.", metavar="X,Y", show_default=False),
+    typer.Option(help="Of the view, beside the object; several are allowed.", metavar="X,Y", show_default=False),
 ]
-_AroundThing = Annotated[
-    tuple[float, float, float, float] | None, typer.Option(help="Of the view, around the thing: left top right bottom.")
+_AroundObject = Annotated[
+    tuple[float, float, float, float] | None,
+    typer.Option(help="Of the view, around the object: left top right bottom."),
 ]
 _NewName = Annotated[str | None, typer.Option(help="Its new name.")]
 _Aliases = Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")]
 _Kinds = Annotated[
-    list[str], typer.Option(help="Kind of a thing whose name does not say it, as Oskar; several are allowed.")
+    list[str], typer.Option(help="Kind of an object whose name does not say it, as Oskar; several are allowed.")
 ]
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def name(
     session: Session,
     scene: SceneId,
     name: Annotated[str, typer.Argument(help="Their new name.")],
-    things: _Ids,
+    objects: _Ids,
     alias: _Aliases = [],
     kind: _Kinds = [],
     looked_at: _LookedAt = "",
 ) -> None:
-    """Give things a name."""
-    edit = Edit("name", thing_ids=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
+    """Give objects a name."""
+    edit = Edit("name", object_ids=tuple(objects), name=name, aliases=tuple(alias), kinds=tuple(kind))
     _edit(session, scene, edit, looked_at)
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def suggest(
     session: Session,
     scene: SceneId,
     file: Annotated[
         Path,
         typer.Argument(
-            help='JSON: {"suggestions": [{thing, name, probability, source, and model and aliases if there are any}]}.',
+            help='JSON: {"suggestions": [{object_id, name, probability, source, and any model and aliases}]}.',
             exists=True,
             dir_okay=False,
         ),
     ],
 ) -> None:
-    """Suggest names for things, which become names once somebody confirms them."""
+    """Suggest names for objects, which become names once somebody confirms them."""
     try:
         suggested = from_json(SuggestIn, file.read_bytes()).suggestions
     except InvalidInputError as error:
@@ -78,7 +79,7 @@ def suggest(
     session.tell(made, f"{len(suggested)} names suggested\nversion {made.version} is current")
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def ask_namer(
     session: Session,
     scene: SceneId,
@@ -96,7 +97,7 @@ def ask_namer(
     ] = "",
     watch: Watch = False,
 ) -> None:
-    """Send pictures of things without a name to a model, and suggest its names."""
+    """Send pictures of objects without a name to a model, and suggest its names."""
     from fastsplat_client.namer import Namer, suggest_by
 
     if not url:
@@ -117,51 +118,51 @@ def _said(operation: Operation) -> str:
 
 
 def _asked(names: int, shown: int, refused: int, who: str, problem: str) -> str:
-    lines = [f"{names} names suggested for {shown} things by {who}"]
+    lines = [f"{names} names suggested for {shown} objects by {who}"]
     if refused:
-        lines.append(f"{refused} refused: unusable, or the same for too many things")
+        lines.append(f"{refused} refused: unusable, or the same for too many objects")
     if problem:
-        lines.append(f"not all things were asked about: {problem}")
+        lines.append(f"not all objects were asked about: {problem}")
     return "\n".join(lines)
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def confirm(
     session: Session,
     scene: SceneId,
     least: Annotated[float, typer.Option(help="Probability, 0 to 1, from which a suggested name is given.")] = 0.8,
 ) -> None:
-    """Give things without a name the likeliest one that is suggested for them."""
+    """Give objects without a name the likeliest one that is suggested for them."""
     scene_id = session.scene(scene)
     named = session.client.confirm_names(scene_id, least=least)
-    lines = [f"thing {each.id} is {each.suggestions[0].name!r}" for each in named]
-    session.tell(ThingList(named, "", ""), "\n".join(lines) or "no suggestion is so probable")
+    lines = [f"object {each.id} is {each.suggestions[0].name!r}" for each in named]
+    session.tell(ObjectList(named, "", ""), "\n".join(lines) or "no suggestion is so probable")
 
 
-@service_command(things_app)
-def unname(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
-    """Take the names of things away."""
-    _edit(session, scene, Edit("unname", thing_ids=tuple(things)), looked_at)
+@service_command(objects_app)
+def unname(session: Session, scene: SceneId, objects: _Ids, looked_at: _LookedAt = "") -> None:
+    """Take the names of objects away."""
+    _edit(session, scene, Edit("unname", object_ids=tuple(objects)), looked_at)
 
 
-@service_command(things_app)
-def merge(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
-    """Make several things one, under the id and the name of the first."""
-    _edit(session, scene, Edit("merge", thing_ids=tuple(things)), looked_at)
+@service_command(objects_app)
+def merge(session: Session, scene: SceneId, objects: _Ids, looked_at: _LookedAt = "") -> None:
+    """Make several objects one, under the id and the name of the first."""
+    _edit(session, scene, Edit("merge", object_ids=tuple(objects)), looked_at)
 
 
-@service_command(things_app)
-def discard(session: Session, scene: SceneId, things: _Ids, looked_at: _LookedAt = "") -> None:
-    """Say that these are no things; their Gaussians stay."""
-    _edit(session, scene, Edit("discard", thing_ids=tuple(things)), looked_at)
+@service_command(objects_app)
+def discard(session: Session, scene: SceneId, objects: _Ids, looked_at: _LookedAt = "") -> None:
+    """Say that these are no objects; their Gaussians stay."""
+    _edit(session, scene, Edit("discard", object_ids=tuple(objects)), looked_at)
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def insert(
     session: Session,
     scene: SceneId,
     source: Annotated[str, typer.Argument(help="The scene that they come from, of the same project, by its id.")],
-    things: Annotated[list[int], typer.Argument(help="Ids of the other scene's things.", metavar="THING...")],
+    objects: Annotated[list[int], typer.Argument(help="Ids of the other scene's objects.", metavar="OBJECT...")],
     position: Annotated[
         tuple[float, float, float], typer.Option(help="x y z here, in scene units, of the other scene's origin.")
     ] = (0.0, 0.0, 0.0),
@@ -171,48 +172,48 @@ def insert(
     ] = (0.0, 0.0, 0.0, 1.0),
     source_version: Annotated[str, typer.Option(help="Of the other scene. Default: its current one.")] = "",
 ) -> None:
-    """Put things of another scene into this one, with new ids and their names."""
+    """Put objects of another scene into this one, with new ids and their names."""
     scene_id, source_id = session.scene(scene), session.scene(source)
     edit = Edit(
         "insert",
-        thing_ids=tuple(things),
+        object_ids=tuple(objects),
         transform=Pose(Vector3(*position), Quaternion(*orientation)),
         source=InsertSource(source_id, session.version(source_id, source_version)),
     )
     _edit(session, scene_id, edit, "")
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def split(
     session: Session,
     scene: SceneId,
-    thing: Annotated[int, typer.Argument(help="Id of the thing, from the list.")],
+    obj: Annotated[int, typer.Argument(metavar="OBJECT", help="Id of the object, from the list.")],
     view: _View = "",
-    pixel: _OnThing = [],
-    beside: _BesideThing = [],
-    box: _AroundThing = None,
+    pixel: _OnObject = [],
+    beside: _BesideObject = [],
+    box: _AroundObject = None,
     name: _NewName = None,
     alias: _Aliases = [],
     looked_at: _LookedAt = "",
 ) -> None:
-    """Split the piece at a pixel or in a view's box off its thing."""
-    edit = Edit("split", thing_ids=(thing,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
+    """Split the piece at a pixel or in a view's box off its object."""
+    edit = Edit("split", object_ids=(obj,), prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
     _edit(session, scene, edit, looked_at)
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def add(
     session: Session,
     scene: SceneId,
     view: _View = "",
-    pixel: _OnThing = [],
-    beside: _BesideThing = [],
-    box: _AroundThing = None,
+    pixel: _OnObject = [],
+    beside: _BesideObject = [],
+    box: _AroundObject = None,
     name: _NewName = None,
     alias: _Aliases = [],
     looked_at: _LookedAt = "",
 ) -> None:
-    """Add a thing at a pixel or in a box of a view."""
+    """Add an object at a pixel or in a box of a view."""
     edit = Edit("add", prompt=_prompt(view, pixel, beside, box), name=name, aliases=tuple(alias))
     _edit(session, scene, edit, looked_at)
 
@@ -223,7 +224,7 @@ def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
     lines = []
     for new in made.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
-        lines.append(f"thing {new.thing_id} has {new.gaussian_count} Gaussians{agree}")
+        lines.append(f"object {new.object_id} has {new.gaussian_count} Gaussians{agree}")
     if made.asks_kind:
         lines.append(f"no word of {edit.name!r} is known here: to be found by what it is, name it again with --kind")
     session.tell(made, "\n".join([*lines, f"version {made.version} is current"]))
@@ -231,8 +232,8 @@ def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
 
 def _prompt(
     view: str, pixels: list[str], beside: list[str], box: tuple[float, float, float, float] | None
-) -> ThingPrompt:
-    return ThingPrompt(
+) -> ObjectPrompt:
+    return ObjectPrompt(
         view=view or None,
         pixels=tuple(_pixel(text, "pixel") for text in pixels),
         background=tuple(_pixel(text, "beside") for text in beside),

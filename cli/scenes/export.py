@@ -1,4 +1,4 @@
-"""`fastsplat scenes export`: a scene, or some of its things, as a file."""
+"""`fastsplat scenes export`: a scene, or some of its objects, as a file."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ def export(
     scene: SceneId,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; its ending says the format.")],
     format: Annotated[ExportFormat | None, typer.Option(help="Default: by FILE's ending.")] = None,
-    thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],
+    obj: Annotated[list[int], typer.Option("--object", help="Only this object, by id; several are allowed.")] = [],
     cell: Annotated[float, typer.Option(help="Of points, mesh, cameras, mcap or map: how fine, scene units.")] = 0.0,
     version: Version = "",
 ) -> None:
-    """Write a scene, or some of its things, as a file for other programs."""
+    """Write a scene, or some of its objects, as a file for other programs."""
     kind = format or _format_of(file.name.lower())
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
-    write_file(file, session.client.export(scene_id, kind, version=version, things=thing, cell=cell))
+    write_file(file, session.client.export(scene_id, kind, version=version, objects=obj, cell=cell))
 
 
 def write_file(file: Path, content: bytes) -> None:

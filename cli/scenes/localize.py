@@ -66,7 +66,7 @@ def observe(
 ) -> None:
     """Keep photos of another day, and say what is gone, moved, new or changed.
 
-    `things undo` takes them back.
+    `objects undo` takes them back.
     """
     files = [file for path in photos for file in _files(path)]
     contents = [_bytes(path) for path in files]
@@ -87,7 +87,7 @@ def observations(session: Session, scene: SceneId, version: Version = "") -> Non
 
 def _told(observation: Observation) -> str:
     photos = f"{len(observation.photos)} photos of {minute(observation.seen_at)}"
-    lines = [f"{observation.id[:SHOWN]}: {photos}: {len(observation.looked_at)} things were looked at"]
+    lines = [f"{observation.id[:SHOWN]}: {photos}: {len(observation.looked_at)} objects were looked at"]
     lines += [
         f"  {change.sentence} ({change.probability:.0%}, {len(change.photos)} photos)" for change in observation.changes
     ] or [f"  {observation.sentence}"]
@@ -101,7 +101,7 @@ def _files(path: Path) -> list[Path]:
 def _line(name: str, photo: LocalizedPhoto, unit: str) -> str:
     if photo.camera is None:
         return f"{name}: {photo.explanation}"
-    seen = ", ".join(thing.name or f"thing {thing.thing_id}" for thing in photo.things[:5])
+    seen = ", ".join(obj.name or f"object {obj.object_id}" for obj in photo.objects[:5])
     where = point(photo.camera.world_from_camera[:3, 3].tolist())
     return f"{name}: at {where} {unit}" + (f"; shows {seen}" if seen else "")
 

@@ -1,4 +1,4 @@
-"""`fastsplat things measure` and `scale`: lengths in a scene, and its scale."""
+"""`fastsplat objects measure` and `scale`: lengths in a scene, and its scale."""
 
 from __future__ import annotations
 
@@ -7,56 +7,56 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.options import SceneId, Version, service_command
-from fastsplat.cli.scenes.thing_commands import things_app
+from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.places import KnownLength, KnownSize, Place
 from fastsplat_contract.geometry.poses import Vector3
-from fastsplat_contract.geometry.thing_prompts import Pixel
 from fastsplat_contract.messages.measurements import Length, Measurement
 
-_PLACE = "the id of a thing (3), a point (0.1,0.2,0.3), or a pixel of one of the scene's cameras (front.png:120,80)"
+_PLACE = "the id of an object (3), a point (0.1,0.2,0.3), or a pixel of one of the scene's cameras (front.png:120,80)"
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def measure(
     session: Session,
     scene: SceneId,
     places: Annotated[list[str], typer.Argument(help=f"One or two, each {_PLACE}.", metavar="PLACE...")],
     version: Version = "",
 ) -> None:
-    """Measure a place, a thing's size, or the distance of two places."""
+    """Measure a place, an object's size, or the distance of two places."""
     asked = [_place(text) for text in places]
     scene_id = session.scene(scene)
     measured = session.client.measure(scene_id, *asked, version=session.version(scene_id, version))
     session.tell(measured, _sentences(measured))
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def scale(
     session: Session,
     scene: SceneId,
     places: Annotated[
         list[str],
-        typer.Argument(help=f"The id of a thing, or two places: {_PLACE.partition(', ')[2]}.", metavar="PLACE..."),
+        typer.Argument(help=f"The id of an object, or two places: {_PLACE.partition(', ')[2]}.", metavar="PLACE..."),
     ],
-    meters: Annotated[float, typer.Argument(help="The thing's longest side, or how far the places are apart.")],
-    height: Annotated[bool, typer.Option("--height", help="It is the thing's height, not its longest side.")] = False,
+    meters: Annotated[float, typer.Argument(help="The object's longest side, or how far the places are apart.")],
+    height: Annotated[bool, typer.Option("--height", help="It is the object's height, not its longest side.")] = False,
     plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
 ) -> None:
     """Make the scene's units meters by measured lengths or sizes; several are combined."""
     first, *others = (_place(text) for text in places)
     known: KnownLength | KnownSize
-    if first.thing_id and not others:
-        known = KnownSize(first.thing_id, meters, plus_minus, "height" if height else "longest")
+    if first.object_id and not others:
+        known = KnownSize(first.object_id, meters, plus_minus, "height" if height else "longest")
     elif len(others) == 1 and not height:
         known = KnownLength(first, others[0], meters, plus_minus)
     else:
         raise InvalidInputError(
             f"a scale by {len(places)} places",
             field="places",
-            hint="Name two places, or one thing; --height is of a thing.",
+            hint="Name two places, or one object; --height is of an object.",
         )
     scene_id = session.scene(scene)
     made = session.client.scale_scene(scene_id, known)
@@ -79,7 +79,7 @@ def _sentences(measured: Measurement) -> str:
     if measured.sides:
         lines.append(f"its sides are {', '.join(_length(side) for side in measured.sides)} {unit}")
     for place in measured.places:
-        on = f"thing {place.thing_id} at " if place.thing_id else ""
+        on = f"object {place.object_id} at " if place.object_id else ""
         lines.append(f"{on}{point(place.point)} {unit}, give or take {place.plus_minus:.3g}")
     return "\n".join(lines)
 
@@ -99,5 +99,5 @@ def _place(text: str) -> Place:
     if not view and len(values) == 3:
         return Place(point=Vector3(*values))
     if not view and numbers.isdecimal():
-        return Place(thing_id=int(numbers))
+        return Place(object_id=int(numbers))
     raise InvalidInputError(f"a place {text[:80]!r}", field="places", hint=f"Write {_PLACE}.")

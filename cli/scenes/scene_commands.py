@@ -35,7 +35,7 @@ def list_scenes(session: Session) -> None:
         Column("name", "cut"),
         Column("state"),
         Column("Gaussians", right=True),
-        Column("things", right=True),
+        Column("objects", right=True),
         Column("unit"),
         Column("photos of"),
     )
@@ -45,7 +45,7 @@ def list_scenes(session: Session) -> None:
             each.name,
             each.state,
             f"{each.gaussians:,}",
-            "-" if each.thing_count is None else str(each.thing_count),
+            "-" if each.object_count is None else str(each.object_count),
             "m" if each.scale == "METRIC" else "-",
             minute(each.captured_at or each.created_at),
         )

@@ -1,4 +1,4 @@
-"""`fastsplat things`: go through the versions of a scene."""
+"""`fastsplat objects`: go through the versions of a scene."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.options import SceneId, service_command
-from fastsplat.cli.scenes.thing_commands import things_app
+from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import SHOWN
 from fastsplat.cli.tables import Column, minute, table
@@ -16,7 +16,7 @@ from fastsplat_contract.messages.scenes import SceneVersion, VersionList
 _Only = Annotated[str, typer.Option("--version", help="Only if this is the current version.")]
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def versions(session: Session, scene: SceneId) -> None:
     """Show every version of a scene, oldest first; a star marks the current one."""
     told = session.client.versions(session.scene(scene))
@@ -42,21 +42,21 @@ def versions(session: Session, scene: SceneId) -> None:
     session.tell(VersionList(told), table(columns, rows))
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def undo(session: Session, scene: SceneId, only: _Only = "") -> None:
     """Go back to the version before the current one."""
     scene_id = session.scene(scene)
     _tell(session, session.client.undo_edit(scene_id, session.version(scene_id, only)))
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def redo(session: Session, scene: SceneId, only: _Only = "") -> None:
     """Go forward to the version that was undone."""
     scene_id = session.scene(scene)
     _tell(session, session.client.redo_edit(scene_id, session.version(scene_id, only)))
 
 
-@service_command(things_app)
+@service_command(objects_app)
 def restore(
     session: Session,
     scene: SceneId,

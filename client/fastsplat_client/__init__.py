@@ -47,6 +47,9 @@ from fastsplat_contract.messages.detections import Detection, DetectionList, Sup
 from fastsplat_contract.messages.edit_previews import EditPreview
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.measurements import Length, LocatedPlace, Measurement
+from fastsplat_contract.messages.object_reads import ObjectRead
+from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
+from fastsplat_contract.messages.objects import NameSuggestion, PickedLevel, PickedObject, SceneObject
 from fastsplat_contract.messages.queries import Answer, Match, QueryRequest
 from fastsplat_contract.messages.scenes import (
     Color,
@@ -58,9 +61,6 @@ from fastsplat_contract.messages.scenes import (
     SceneSummary,
     SceneVersion,
 )
-from fastsplat_contract.messages.thing_reads import ThingRead
-from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
-from fastsplat_contract.messages.things import NameSuggestion, PickedLevel, PickedThing, SceneThing
 from fastsplat_contract.photos.localization import Localization, LocalizedPhoto
 from fastsplat_contract.photos.next_photos import NextPhoto
 from fastsplat_contract.photos.observations import Observation, ObservedPhoto
@@ -105,18 +105,20 @@ __all__ = [
     "Measurement",
     "MissingPackageError",
     "NameSuggestion",
-    "NeighborThing",
+    "NeighborObject",
     "NewKey",
     "NextPhoto",
     "NotFoundError",
     "NotReadyError",
+    "ObjectRead",
+    "ObjectSheet",
     "Observation",
     "ObservedPhoto",
     "Operation",
     "OperationError",
     "PermissionDeniedError",
     "PickedLevel",
-    "PickedThing",
+    "PickedObject",
     "PictureRequest",
     "Place",
     "Placed",
@@ -132,20 +134,18 @@ __all__ = [
     "RemoteError",
     "Retry",
     "Scene",
+    "SceneObject",
     "SceneOptions",
     "SceneScaling",
     "SceneSummary",
-    "SceneThing",
     "SceneVersion",
     "Segmentation",
     "ServerInfo",
-    "SheetThing",
+    "SheetObject",
     "StageProgress",
     "StandingQuestion",
     "SuggestedName",
     "Support",
-    "ThingRead",
-    "ThingSheet",
     "UnauthenticatedError",
     "UnreachableError",
     "Vector3",

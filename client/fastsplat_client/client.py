@@ -19,12 +19,12 @@ from fastsplat_client.captures import CaptureFiles
 from fastsplat_client.errors import UnreachableError, problem_of, read
 from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
+from fastsplat_client.object_calls import ClientKnownNames, ObjectCalls
 from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.releases import fitting
 from fastsplat_client.resumable import PIECE_BYTES, dropped_if_refused, send_resumable
 from fastsplat_client.stream import Grpc, StreamCalls, grpc_address
 from fastsplat_client.table_calls import in_path, scene_path
-from fastsplat_client.thing_calls import ClientKnownNames, ThingCalls
 from fastsplat_client.transport import Retry, Transport, events_of
 from fastsplat_contract import calls
 from fastsplat_contract.codec.json_codec import to_plain
@@ -47,7 +47,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
+class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
     """Thread-safe client of one server; a context manager.
 
     Idempotent calls are retried; creating calls carry a request id that makes them idempotent. All calls raise the
@@ -287,9 +287,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """Renders label ids: uint16 [H, W], 0 where undetected or coverage is too low."""
         return np.asarray(self._array(scene_id, "label_map", viewpoint, version), dtype=np.uint16)
 
-    def thing_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
-        """Renders thing ids: uint16 [H, W], 0 for none or too low coverage."""
-        return np.asarray(self._array(scene_id, "thing_map", viewpoint, version), dtype=np.uint16)
+    def object_map(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.uint16]:
+        """Renders object ids: uint16 [H, W], 0 for none or too low coverage."""
+        return np.asarray(self._array(scene_id, "object_map", viewpoint, version), dtype=np.uint16)
 
     def depth(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
         """Renders depth: float32 [H, W], camera z in scene units, 0 where empty."""
@@ -333,11 +333,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         file_format: ExportFormat = "ply",
         *,
         version: str = "",
-        things: Sequence[int] = (),
+        objects: Sequence[int] = (),
         cell: float = 0.0,
     ) -> bytes:
-        """Exports a scene, or only some things; formats and cell as in `ExportRequest`."""
-        params = {"version": version, "thing_ids": list(things), "cell": cell}
+        """Exports a scene, or only some objects; formats and cell as in `ExportRequest`."""
+        params = {"version": version, "object_ids": list(objects), "cell": cell}
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
 
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:

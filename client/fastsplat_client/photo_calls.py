@@ -42,7 +42,7 @@ class PhotoCalls(TableCalls):
         version: str = "",
         timeout_s: float | None = None,
     ) -> Localization:
-        """Localizes photos in a scene: poses, covariances, visible things and changes.
+        """Localizes photos in a scene: poses, covariances, visible objects and changes.
 
         Photos that cannot be localized reliably are returned with the reason.
 
@@ -96,16 +96,16 @@ class PhotoCalls(TableCalls):
         return self.call(calls.LIST_NEXT_PHOTOS, requests.ListNextPhotosRequest(scene_id, version)).photos
 
     def best_views(
-        self, scene_id: str, things: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""
+        self, scene_id: str, objects: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""
     ) -> tuple[BestView, ...]:
-        """Ranks cameras by how well they show things together, and locates these in their pictures.
+        """Ranks cameras by how well they show objects together, and locates these in their pictures.
 
         Args:
-            things: ids of things or parts.
-            text: query that selects things, instead of `things`.
+            objects: ids of objects or parts.
+            text: query that selects objects, instead of `objects`.
             max_views: up to 16; 0: three.
         """
-        ids = (things,) if isinstance(things, int) else tuple(things)
+        ids = (objects,) if isinstance(objects, int) else tuple(objects)
         request = requests.ListBestViewsRequest(scene_id, version, ids, text, max_views)
         return self.call(calls.LIST_BEST_VIEWS, request).views
 

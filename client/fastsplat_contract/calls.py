@@ -21,6 +21,8 @@ from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.known_names import KnownNameList
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.object_sheets import ObjectSheet
+from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.projects import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 from fastsplat_contract.messages.requests import (
@@ -34,22 +36,22 @@ from fastsplat_contract.messages.requests import (
     EstimateJobRequest,
     FinishOperationRequest,
     GetGoalRequest,
+    GetObjectSheetRequest,
     GetOperationRequest,
     GetPlacedCamerasRequest,
     GetPreviewRequest,
     GetSceneRequest,
-    GetThingSheetRequest,
     ListBestViewsRequest,
     ListDetectionsRequest,
     ListKeysRequest,
     ListKnownNamesRequest,
     ListLabelsRequest,
     ListNextPhotosRequest,
+    ListObjectsRequest,
     ListOperationsRequest,
     ListPhotosRequest,
     ListPhotoVerdictsRequest,
     ListScenesRequest,
-    ListThingsRequest,
     ListVersionsRequest,
     LookAgainRequest,
     OpenSampleRequest,
@@ -64,8 +66,6 @@ from fastsplat_contract.messages.requests import (
     WatchOperationRequest,
 )
 from fastsplat_contract.messages.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
-from fastsplat_contract.messages.thing_sheets import ThingSheet
-from fastsplat_contract.messages.things import PickedThing, PickRequest, ThingList
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 from fastsplat_contract.photos.next_photos import NextPhotoList
 from fastsplat_contract.photos.observations import (
@@ -118,15 +118,15 @@ LIST_PHOTO_VERDICTS = Call(
 LIST_LABELS = Call(
     "ListLabels", "scenes", ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
     "The dictionary in pages, by label id.")
-LIST_THINGS = Call(
-    "ListThings", "scenes", ListThingsRequest, ThingList, SHOW, f"GET {_SCENE}/things",
-    "Every thing of a scene, with or without a name, in pages, by id.")
-PICK_THING = Call(
-    "PickThing", "queries", PickRequest, PickedThing, SHOW, f"POST {_SCENE}:pick",
-    "The thing at a pixel or in a box of a view, or at a point of the scene, with its mask.")
+LIST_OBJECTS = Call(
+    "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
+    "Every object of a scene, with or without a name, in pages, by id.")
+PICK_OBJECT = Call(
+    "PickObject", "queries", PickRequest, PickedObject, SHOW, f"POST {_SCENE}:pick",
+    "The object at a pixel or in a box of a view, or at a point of the scene, with its mask.")
 MEASURE_SCENE = Call(
     "MeasureScene", "queries", MeasureRequest, Measurement, SHOW, f"POST {_SCENE}:measure",
-    "How far two places are from each other, how large a thing is, or where a place is.")
+    "How far two places are from each other, how large an object is, or where a place is.")
 
 EDIT_SCENE = Call(
     "EditScene", "scenes", EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
@@ -137,11 +137,11 @@ PREVIEW_EDIT = Call(
 SUGGEST_NAMES = Call(
     "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT._replace(also=("suggester",)),
     f"POST {_SCENE}/name-suggestions",
-    "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
+    "Suggest names for objects: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ASK_NAMER = Call(
     "AskNamer", "scenes", AskNamerRequest, Operation, EDIT, f"POST {_SCENE}:askNamer",
-    "Ask the server's namer what the things of a scene without a name are: an operation that suggests what it says.\n"
+    "Ask the server's namer what the objects of a scene without a name are: an operation that suggests what it says.\n"
     "Refused where the server has none, and before the project agreed to its host.",
     body_optional=True, status=202)
 UNDO_EDIT = Call(
@@ -226,10 +226,10 @@ LIST_NEXT_PHOTOS = Call(
     "Where to stand for the next photos of a scene: at most three places, the most useful first.")
 GET_GOAL = Call(
     "GetGoal", "queries", GetGoalRequest, Goal, SHOW, f"GET {_SCENE}/goal",
-    "The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.")
+    "The free place nearest to an object from which a robot sees it; of scenes in meters with z up.")
 LIST_DETECTIONS = Call(
     "ListDetections", "queries", ListDetectionsRequest, DetectionList, SHOW, f"GET {_SCENE}/detections",
-    "The things of a scene in pages, by id: poses with covariances, names with probabilities, what carries them,\n"
+    "The objects of a scene in pages, by id: poses with covariances, names with probabilities, what carries them,\n"
     "and by which views they are known.")
 LOCALIZE = Call(
     "Localize", "queries", LocalizeRequest, Localization, SHOW, f"POST {_SCENE}:localize",
@@ -248,11 +248,11 @@ GET_OBSERVATION = Call(
     "What photos of another day said of a scene.")
 LIST_BEST_VIEWS = Call(
     "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
-    "Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.")
-GET_THING_SHEET = Call(
-    "GetThingSheet", "queries", GetThingSheetRequest, ThingSheet, SHOW._replace(also=("suggester",)),
-    f"GET {_SCENE}/things/sheet",
-    "Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
+    "Which of the scene's cameras show some objects, or the answer to a text, best; and where in their pictures.")
+GET_OBJECT_SHEET = Call(
+    "GetObjectSheet", "queries", GetObjectSheetRequest, ObjectSheet, SHOW._replace(also=("suggester",)),
+    f"GET {_SCENE}/objects/sheet",
+    "Objects without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
 
 CREATE_KEY = Call(
     "CreateKey", "keys", KeyIn, NewKey, ADMIN, "POST /v1/keys",
@@ -279,7 +279,7 @@ GET_SERVER_STATUS = Call(
 
 AGREE_TO_NAMER = Call(
     "AgreeToNamer", "server", AgreeIn, NamerStatus, ADMIN, "POST /v1/namer:agree",
-    "Agree, once for the project, that pictures of its things without a name go to the host of the server's namer\n"
+    "Agree, once for the project, that pictures of its objects without a name go to the host of the server's namer\n"
     "when somebody asks it; or take that back.")
 
 LIST_PROJECTS = Call(

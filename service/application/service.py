@@ -20,10 +20,10 @@ from fastsplat.service.application.admin.server_capabilities import server_statu
 from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
+from fastsplat.service.application.answering.object_sheets import ObjectSheets
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.answering.project_context import ProjectContext
-from fastsplat.service.application.answering.thing_sheets import ThingSheets
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
@@ -111,8 +111,8 @@ class SceneService:
         self.detections = Detections(context)
         self.versions = Versions(context, self._prompted)
         self.photos = Photos(context)
-        """Photos of finished scenes, and best views of things."""
-        self.sheets = ThingSheets(context)
+        """Photos of finished scenes, and best views of objects."""
+        self.sheets = ObjectSheets(context)
         self.jobs = RunningJobs(context, self._queue)
         """Views into running jobs."""
         self.namer = OwnNamer(context, self.jobs)

@@ -19,8 +19,8 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 _LEAST_PX = 12  # smaller masks are ignored
-_WHOLE = 0.9  # an answer with this share of the thing to be split is hardly a piece of it
-_EATEN = 0.8  # a thing with this share inside an answer counts as part of it
+_WHOLE = 0.9  # an answer with this share of the object to be split is hardly a piece of it
+_EATEN = 0.8  # an object with this share inside an answer counts as part of it
 _DOUBT = 0.5  # factor for such an answer, and for one that contradicts the prompt's pixels
 _NEARLY, _LARGER = 0.75, 5.0  # the largest answer with this share of the best score, at most so many times larger, wins
 _AGREES = 0.6  # least overlap times stability of an answer that matches a rendered piece
@@ -31,7 +31,7 @@ _AROUND = 0.5  # background prompts lie within this share of the box's size arou
 class PicturePrompt:
     """A prompt in pixels of the picture."""
 
-    pixels: F64  # [N, 2], x and y on the thing
+    pixels: F64  # [N, 2], x and y on the object
     background: F64  # [M, 2], beside it
     box: F64 | None = None  # [4], x1, y1, x2, y2 around it
 
@@ -61,14 +61,14 @@ def prompted_mask(
 ) -> Mask | None:
     """Chooses the intended answer to a prompt, bool [H, W]; None if all are specks.
 
-    Segment-Anything answers with a part, a thing and a group. Each scores by its predicted intersection over union
-    times its stability, its agreement with the prompt's pixels and box, and its relation to known things: for a piece
-    the share inside the thing to be split, for a missing thing the share that is not made of other whole things.
+    Segment-Anything answers with a part, an object and a group. Each scores by its predicted intersection over union
+    times its stability, its agreement with the prompt's pixels and box, and its relation to known objects: for a piece
+    the share inside the object to be split, for a missing object the share that is not made of other whole objects.
 
     Args:
         answer: to one prompt.
-        ids: int [H, W], the thing of each pixel, 0 for none.
-        inside: bool [H, W], the thing to be split; None for a missing thing.
+        ids: int [H, W], the object of each pixel, 0 for none.
+        inside: bool [H, W], the object to be split; None for a missing object.
     """
     masks = _enlarged(answer, ids.shape[1], ids.shape[0])
     areas = masks.sum(axis=(1, 2))
@@ -139,7 +139,7 @@ def _fit(mask: Mask, prompt: PicturePrompt) -> float:
 
 
 def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
-    """Counts a mask's pixels of things that are almost wholly inside and were not prompted."""
+    """Counts a mask's pixels of objects that are almost wholly inside and were not prompted."""
     whole = np.bincount(ids.ravel())
     within = np.bincount(ids[mask], minlength=len(whole))
     eaten = within > _EATEN * whole

@@ -1,4 +1,4 @@
-"""Gaussians of a thing prompted in one view, segmented there and in further views."""
+"""Gaussians of an object prompted in one view, segmented there and in further views."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PromptedScene:
     """The scene and models that answer a prompt."""
 
     gaussians: Gaussians
-    region: Mask | None  # [G], the thing to be split; None for a missing thing, which may have all Gaussians
+    region: Mask | None  # [G], the object to be split; None for a missing object, which may have all Gaussians
     segmenter: Segmenter
     embed: Callable[[PosedCamera], Any]  # embedding of a view's picture, see `Segmenter.embed`
     further: Callable[[Rows], Sequence[PosedCamera]]  # other cameras that show Gaussians well, best first
@@ -63,7 +63,7 @@ def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, 
 
     Args:
         prompt: in pixels of `posed`.
-        ids: int [H, W], the thing of each pixel of that view, 0 for none.
+        ids: int [H, W], the object of each pixel of that view, 0 for none.
 
     Raises:
         CancelledError: see `service.common.cancellation`.

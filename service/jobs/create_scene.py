@@ -20,9 +20,9 @@ from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.instances.naming.thing_appearances import with_appearances
-from fastsplat.service.instances.naming.thing_reads import with_reads
-from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.instances.naming.object_appearances import with_appearances
+from fastsplat.service.instances.naming.object_reads import with_reads
+from fastsplat.service.instances.scene_objects import find_scene_objects
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.image_text import find_image_text
@@ -37,7 +37,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
-from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SceneFacts, SemanticHead, Things
+from fastsplat.service.scene.artefact.scene import Gaussians, Objects, Scene, SceneFacts, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
@@ -47,12 +47,12 @@ from fastsplat.service.splatting.training.previews import UNWATCHED, TrainingWat
 from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.jobs.operations import Movers, Privacy, UpAxis
 
-THINGS_SHARE = 0.3
+OBJECTS_SHARE = 0.3
 """Share of the export's progress."""
 _LOOKING_SHARE = 0.85
-"""Share of `THINGS_SHARE` for proposing masks that perception did not."""
+"""Share of `OBJECTS_SHARE` for proposing masks that perception did not."""
 _READING_FROM = 0.95
-"""Share of `THINGS_SHARE` at which reading begins."""
+"""Share of `OBJECTS_SHARE` at which reading begins."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def build_scene(
     """
     device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
-    if settings.discovery.things == "on":
+    if settings.discovery.objects == "on":
         open_segmenter(settings.perception, settings.models)
         open_closed_set_detector(settings.perception, settings.models)
     seconds = {} if capture_seconds is None else {"capture": capture_seconds}
@@ -222,21 +222,21 @@ def assemble_scene(
     *,
     described: bool = True,
 ) -> Scene:
-    """Assembles a trained scene: embeds its labels and adds discovered things.
+    """Assembles a trained scene: embeds its labels and adds discovered objects.
 
     Args:
         labelling: used in training; its dictionary becomes the scene's.
         settings: `settings.training` was used for the training, and is recorded.
         plan_facts: preset, tradeoffs and time_asked_s.
-        described: as for `find_things`.
+        described: as for `find_objects`.
 
     Raises:
         ModelUnavailableError: the text encoder is missing, or the segmenter that discovery needs.
     """
-    things, gaussians = find_things(trained, labelling, capture, settings, progress, described=described)
-    learnt = labelling.learnt() is labelling and (things is None or things.head is None)
+    objects, gaussians = find_objects(trained, labelling, capture, settings, progress, described=described)
+    learnt = labelling.learnt() is labelling and (objects is None or objects.head is None)
     count, code = len(labelling.dictionary), gaussians.codes.shape[1]
-    progress(ProgressEvent("export", THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
+    progress(ProgressEvent("export", OBJECTS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
@@ -252,7 +252,7 @@ def assemble_scene(
         facts=scene_facts(trained, labelling, capture, settings, plan_facts),
         label_templates=templates,
         evidence=trained.evidence,
-        things=things,
+        objects=objects,
     )
 
 
@@ -306,7 +306,7 @@ def is_private(capture: Capture, settings: Settings) -> bool:
     return settings.photos.keep == "off" or (withheld is not None and withheld.privacy is not None)
 
 
-def find_things(
+def find_objects(
     trained: TrainedSplats,
     labelling: Labelling,
     capture: Capture,
@@ -314,14 +314,14 @@ def find_things(
     progress: Progress,
     *,
     described: bool = True,
-) -> tuple[Things | None, Gaussians]:
-    """Discovers things, if any; also returns the Gaussians with their codes.
+) -> tuple[Objects | None, Gaussians]:
+    """Discovers objects, if any; also returns the Gaussians with their codes.
 
-    Without detected regions, things are discovered only if `settings.discovery.things` is "on".
+    Without detected regions, objects are discovered only if `settings.discovery.objects` is "on".
 
     Args:
         capture: if `is_private`, no text is read and no image-text model is run.
-        progress: stage "export", up to `THINGS_SHARE`.
+        progress: stage "export", up to `OBJECTS_SHARE`.
         described: also compute appearances and read text.
 
     Raises:
@@ -329,33 +329,33 @@ def find_things(
     """
     looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
     training, discovery, models = settings.training, settings.discovery, settings.models
-    if not detected and discovery.things != "on":
+    if not detected and discovery.objects != "on":
         return None, trained.gaussians
 
     def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
         def on_view(done: int, total: int) -> None:
-            fraction = THINGS_SHARE * (begin + (end - begin) * done / total)
+            fraction = OBJECTS_SHARE * (begin + (end - begin) * done / total)
             progress(ProgressEvent("export", fraction, f"{what}, view {done}/{total}"))
 
         return on_view
 
     masks, begin = looked_for or detected, 0.0
     if not masks:
-        looking, begin = tell("looking for things", 0, _LOOKING_SHARE), _LOOKING_SHARE
+        looking, begin = tell("looking for objects", 0, _LOOKING_SHARE), _LOOKING_SHARE
         masks = propose_capture_masks(capture.views, settings.perception, models, looking)
-    on_view = tell("discovering things", begin, _READING_FROM)
-    found = find_scene_things(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
-    things, gaussians = found
-    if not things.table and not detected:
+    on_view = tell("discovering objects", begin, _READING_FROM)
+    found = find_scene_objects(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
+    objects, gaussians = found
+    if not objects.table and not detected:
         return None, trained.gaussians
-    if discovery.things == "off" or not described:
-        return things, gaussians
+    if discovery.objects == "off" or not described:
+        return objects, gaussians
     side, backend, private = discovery.max_side, training.backend, is_private(capture, settings)
     encoder = open_appearance_encoder(settings.perception, models)
     looks = None if private else find_image_text(settings.perception, models)
     if encoder or looks:
-        things = with_appearances(things, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
+        objects = with_appearances(objects, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
     if not private:
         reader, on_view = find_reader(settings.perception, models), tell("reading", _READING_FROM, 1.0)
-        things = with_reads(things, gaussians, capture.views, reader, side, on_view, backend=backend)
-    return things, gaussians
+        objects = with_reads(objects, gaussians, capture.views, reader, side, on_view, backend=backend)
+    return objects, gaussians

@@ -1,11 +1,11 @@
 """Drafts of a scene, and the repetition of their edits in the scene that replaces them.
 
-A draft is assembled like any scene, from few views and smaller masks. Things are found and named, but not described or
+A draft is assembled like any scene, from few views and smaller masks. Objects are found and named, but not described or
 read, which took more than half of its time.
 
-Draft and scene share one capture and world frame, so things match by the space they fill (`_matched_things`). From then
-on, a thing made by an edit corresponds to the one made by its counterpart. Prompted pieces are transferred by position;
-insertions are copied from the draft.
+Draft and scene share one capture and world frame, so objects match by the space they fill (`_matched_objects`). From
+then on, an object made by an edit corresponds to the one made by its counterpart. Prompted pieces are transferred by
+position; insertions are copied from the draft.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.jobs.create_scene import assemble_scene
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.thing_edits import edited_things
+from fastsplat.service.query.edits.object_edits import edited_objects
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene, SceneFacts
 from fastsplat.service.scene.objects.label_evidence import seen_pixels
@@ -38,11 +38,11 @@ from fastsplat_contract.messages.scenes import Edit
 _SIDE = 320
 _ROUNDS = 1
 _FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
-"""Training of about 1 s: untrained points hide small smooth things, which have few."""
+"""Training of about 1 s: untrained points hide small smooth objects, which have few."""
 
 _UNMOVED = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _OVERLAP = 0.25
-"""Minimum IoU of matching things; low, as drafts know a thing from six masks."""
+"""Minimum IoU of matching objects; low, as drafts know an object from six masks."""
 
 
 def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
@@ -69,7 +69,7 @@ def training_draft(
         update={
             "max_side": min(_SIDE, settings.discovery.max_side),
             "refinement_rounds": min(_ROUNDS, settings.discovery.refinement_rounds),
-            **({} if known else {"things": "off"}),  # no mask proposals for drafts
+            **({} if known else {"objects": "off"}),  # no mask proposals for drafts
         }
     )
     early = settings.model_copy(update={"discovery": discovery})
@@ -112,7 +112,7 @@ def carry_edits(
         draft: as its job made it.
         edited: versions of the draft, each based on the one before.
     """
-    ids = _matched_things(draft, index)
+    ids = _matched_objects(draft, index)
     versions: list[_CarriedVersion] = []
     lost: list[str] = []
     before = draft
@@ -128,7 +128,7 @@ def carry_edits(
                 lost.append(f"{_named(edit)}: {error.message}")
                 continue
             made.append(again)
-            lost += [f"{_named(edit)}: thing {thing_id} of the draft was not found again" for thing_id in missing]
+            lost += [f"{_named(edit)}: object {object_id} of the draft was not found again" for object_id in missing]
         there, here = _made(before, version.index), _made(before_here, index)
         if len(there) == len(here):
             ids |= dict(zip(there, here, strict=True))
@@ -138,13 +138,13 @@ def carry_edits(
     return _Carried(versions, lost)
 
 
-def _matched_things(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
-    """Maps the draft's thing ids to the scene's by mutual best overlap.
+def _matched_objects(draft: SceneIndex, scene: SceneIndex) -> dict[int, int]:
+    """Maps the draft's object ids to the scene's by mutual best overlap.
 
-    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the thing of the nearest draft Gaussian.
+    Overlap is weighted by the pixels of the scene's Gaussians, each owned by the object of the nearest draft Gaussian.
     Parts and groups are not matched.
     """
-    return _matched(_at(draft, scene), scene.things.owner, _weights(scene))
+    return _matched(_at(draft, scene), scene.objects.owner, _weights(scene))
 
 
 def _matched(there: NDArray[np.int32], here: NDArray[np.int32], weights: NDArray[np.float64]) -> dict[int, int]:
@@ -162,8 +162,8 @@ def _matched(there: NDArray[np.int32], here: NDArray[np.int32], weights: NDArray
 
 
 def _at(source: SceneIndex, scene: SceneIndex) -> NDArray[np.int32]:
-    """Thing id in `source` at each Gaussian of `scene`, int32 [G]; 0 for none."""
-    owner = source.things.owner
+    """Object id in `source` at each Gaussian of `scene`, int32 [G]; 0 for none."""
+    owner = source.objects.owner
     if not len(owner):
         return np.zeros(len(scene.scene.gaussians), np.int32)
     nearest = cKDTree(source.scene.gaussians.means).query(scene.scene.gaussians.means)[1]
@@ -171,7 +171,7 @@ def _at(source: SceneIndex, scene: SceneIndex) -> NDArray[np.int32]:
 
 
 def _weights(index: SceneIndex) -> NDArray[np.float64]:
-    return seen_pixels(index.things.table.membership).astype(np.float64)
+    return seen_pixels(index.objects.table.membership).astype(np.float64)
 
 
 def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneIndex, max_gaussians: int | None) -> Scene:
@@ -180,39 +180,41 @@ def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneInde
         return apply_edit(index, edit, piece=_piece(before, after, index))
     if edit.source is None:
         return apply_edit(index, edit, max_gaussians=max_gaussians)
-    there = replace(edit, label=None, thing_ids=_made(before, after), transform=_UNMOVED)
+    there = replace(edit, label=None, object_ids=_made(before, after), transform=_UNMOVED)
     return apply_edit(index, there, source=after, max_gaussians=max_gaussians)
 
 
 def _made(before: SceneIndex, after: SceneIndex) -> tuple[int, ...]:
-    known = {thing.id for thing in before.things.table.table}
-    return tuple(thing.id for thing in after.things.table.table if thing.id not in known)
+    known = {obj.id for obj in before.objects.table.table}
+    return tuple(obj.id for obj in after.objects.table.table if obj.id not in known)
 
 
 def _piece(before: SceneIndex, after: SceneIndex, index: SceneIndex) -> NDArray[np.int64]:
-    """Gaussians of `index` located in the thing that an edit made there, int64 [K]."""
+    """Gaussians of `index` located in the object that an edit made there, int64 [K]."""
     return np.flatnonzero(np.isin(_at(after, index), _made(before, after)))
 
 
 def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Edit, list[int]]:
-    """Translates an edit to new ids, with unmatched things; `NotFoundError` if none matches."""
+    """Translates an edit to new ids, with unmatched objects; `NotFoundError` if none matches."""
     if edit.known_sizes:
-        sizes = tuple(KnownSize(**{**vars(size), "thing_id": _known(size.thing_id, ids)}) for size in edit.known_sizes)
+        sizes = tuple(
+            KnownSize(**{**vars(size), "object_id": _known(size.object_id, ids)}) for size in edit.known_sizes
+        )
         return replace(edit, known_sizes=sizes), []
-    if edit.source is not None or not (edit.thing_ids or edit.label):
+    if edit.source is not None or not (edit.object_ids or edit.label):
         return edit, []
-    things = edited_things(before, edit)
-    known = [ids[thing] for thing in things if thing in ids]
+    objects = edited_objects(before, edit)
+    known = [ids[obj] for obj in objects if obj in ids]
     if not known:
-        raise NotFoundError("nothing that it is about was found again", field="thing_ids")
-    again = replace(edit, label=None, thing_ids=tuple(known))
-    return again, [thing for thing in things if thing not in ids]
+        raise NotFoundError("nothing that it is about was found again", field="object_ids")
+    again = replace(edit, label=None, object_ids=tuple(known))
+    return again, [obj for obj in objects if obj not in ids]
 
 
-def _known(thing_id: int, ids: dict[int, int]) -> int:
-    if thing_id not in ids:
-        raise NotFoundError(f"thing {thing_id} of the draft was not found again", field="known_sizes")
-    return ids[thing_id]
+def _known(object_id: int, ids: dict[int, int]) -> int:
+    if object_id not in ids:
+        raise NotFoundError(f"object {object_id} of the draft was not found again", field="known_sizes")
+    return ids[object_id]
 
 
 def _named(edit: Edit) -> str:

@@ -1,4 +1,4 @@
-"""Second search of a finished scene for texts, to name its things.
+"""Second search of a finished scene for texts, to name its objects.
 
 The open-set detector sees renderings even if photos are kept: photos do not show edits, and may be missing.
 """
@@ -18,22 +18,22 @@ from fastsplat.service.instances.naming.closer_look import (
     best_positions,
     closer_look,
     mean_votes,
-    things_in_map,
+    objects_in_map,
     votes_for,
 )
 from fastsplat.service.instances.naming.second_look import add_names, choose_views, shares_seen
-from fastsplat.service.instances.scene_things import NAME_OVERLAP, votes_of_views
+from fastsplat.service.instances.scene_objects import NAME_OVERLAP, votes_of_views
 from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
 from fastsplat.service.perception.label_maps.capture_detection import spread
 from fastsplat.service.perception.label_maps.labelling import label_capture
 from fastsplat.service.perception.results import OpenSetDetector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.query.edits.thing_edits import with_label
+from fastsplat.service.query.edits.object_edits import with_label
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, ThingScene
+from fastsplat.service.scene.artefact.scene import ObjectScene, Scene, SceneFacts
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
-from fastsplat.service.splatting.labels.blending import thing_map
+from fastsplat.service.splatting.labels.blending import object_map
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -56,9 +56,9 @@ class Sightings:
     """Detections of texts from the cameras `views`; `rendered`: in renderings, not photos.
 
     Attributes:
-        found: by thing id, the probability 0..1 of each text detected there.
+        found: by object id, the probability 0..1 of each text detected there.
         regions: number of detected regions.
-        unmatched: number of regions that match no thing.
+        unmatched: number of regions that match no object.
     """
 
     texts: tuple[str, ...]
@@ -79,9 +79,10 @@ def look_for(
 ) -> Sightings:
     """Searches a scene for texts with the configured open-set detector.
 
-    It looks at renderings from the few cameras that see most of the scene and of its unnamed things; each segmented
-    region votes for the thing that it overlaps most (`count_votes`). Then each thing is viewed alone in its best views.
-    The larger probability counts: small things are found only alone, coarse scenes better in large pictures.
+    It looks at renderings from the few cameras that see most of the scene and of its unnamed objects; each segmented
+    region votes for the object that it overlaps most (`count_votes`). Then each object is viewed alone in its best
+    views.
+    The larger probability counts: small objects are found only alone, coarse scenes better in large pictures.
 
     Args:
         texts: at least one.
@@ -97,18 +98,18 @@ def look_for(
     check_open_set_detector(settings.perception)
     detector = open_open_set_detector(settings.perception, settings.models)
     open_segmenter(settings.perception, settings.models)  # a missing model fails before the rendering
-    scene = index.things.scene
-    things, backend = scene.things, settings.training.backend
+    scene = index.objects.scene
+    objects, backend = scene.objects, settings.training.backend
     candidates = _candidates(scene)
     shares = shares_seen(
         scene.gaussians,
-        things,
+        objects,
         candidates,
         settings.discovery,
         lambda done, total: _tell(progress, 0, _CHOOSING, done / total, f"choosing views {done}/{total}"),
         backend=backend,
     )
-    chosen = choose_views(shares, [bool(thing.name) for thing in things.table], settings.look_again.views)
+    chosen = choose_views(shares, [bool(obj.name) for obj in objects.table], settings.look_again.views)
     if not chosen:
         raise NotFoundError("none of the scene's own cameras sees anything of it", field="scene")
     cameras = [candidates[position] for position in sorted(chosen)]
@@ -133,27 +134,27 @@ def look_for(
     )
     names = [entry.label for entry in labelling.dictionary.entries]
     used = list(zip(views, labelling.regions, strict=True))
-    votes = votes_of_views(things, scene.gaussians, used, len(names), settings.discovery, backend=backend)
+    votes = votes_of_views(objects, scene.gaussians, used, len(names), settings.discovery, backend=backend)
     assert votes.voted is not None
-    # With few views, one that names a partly visible thing must not count for more than one.
+    # With few views, one that names a partly visible object must not count for more than one.
     votes = replace(votes, able=np.maximum(votes.able, votes.voted))
     found = {
-        thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
-        for thing, row in zip(things.table, votes.mean_scores, strict=True)
+        obj.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
+        for obj, row in zip(objects.table, votes.mean_scores, strict=True)
         if row.any()
     }
-    for thing_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
-        whole = found.get(thing_id, {})
-        found[thing_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
+    for object_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
+        whole = found.get(object_id, {})
+        found[object_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
     regions = sum(1 for own in labelling.regions for region in own.votes if region)
-    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no thing's")
+    _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no object's")
     return Sightings(
         tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched, paint is None
     )
 
 
 def _look_closer(
-    scene: ThingScene,
+    scene: ObjectScene,
     cameras: Sequence[PosedCamera],
     paint: Paint,
     detector: OpenSetDetector,
@@ -161,47 +162,47 @@ def _look_closer(
     settings: Settings,
     progress: Progress,
 ) -> dict[int, dict[str, float]]:
-    """Mean score of each text in close-ups, by thing id."""
+    """Mean score of each text in close-ups, by object id."""
     if not settings.look_again.closer_views:
         return {}
     backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
-    shown = [things_in_map(thing_map(scene, posed, backend=backend)) for posed in cameras]
-    fixed = {thing.id for thing in scene.things.table if thing.source in ("person", "given")}
+    shown = [objects_in_map(object_map(scene, posed, backend=backend)) for posed in cameras]
+    fixed = {obj.id for obj in scene.objects.table if obj.source in ("person", "given")}
     best = {i: views for i, views in best_positions(shown, settings.look_again.closer_views).items() if i not in fixed}
     total, done = sum(map(len, best.values())), 0
     votes: dict[int, dict[str, float]] = {}
-    for thing_id, positions in best.items():
+    for object_id, positions in best.items():
         own = []
         for position in positions:
             posed = cameras[position]
-            box = next(thing.box for thing in shown[position] if thing.thing_id == thing_id)
+            box = next(obj.box for obj in shown[position] if obj.object_id == object_id)
             closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
             if closer is not None:
                 picture, _ = paint(closer[0])
                 detections = detector.detect(picture, texts, settings.perception.open_score_floor)
                 own.append(votes_for(detections, closer[1], NAME_OVERLAP))
             done += 1
-            _tell(progress, _DETECTING, 1, done / total, f"looking at thing {thing_id}, picture {done}/{total}")
+            _tell(progress, _DETECTING, 1, done / total, f"looking at object {object_id}, picture {done}/{total}")
         if own:
-            votes[thing_id] = mean_votes(own)
+            votes[object_id] = mean_votes(own)
     return votes
 
 
 def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) -> tuple[Scene, LookAgainResult]:
     """Adds names, suggestions (see `add_names`) and searched texts to a scene.
 
-    The result has no version name. `index` may be a later version than was searched: things that it lacks get no name.
+    The result has no version name. `index` may be a later version than was searched: objects that it lacks get no name.
     """
-    before = index.things.scene
-    added = add_names(before.things, sightings.found, name_probability=settings.look_again.name_probability)
+    before = index.objects.scene
+    added = add_names(before.objects, sightings.found, name_probability=settings.look_again.name_probability)
     scene, table = before, []
-    for thing in added.things.table:
-        if thing.id in added.named:
-            scene, label = with_label(index, scene, thing.name)
-            table.append(replace(thing, name=label))
+    for obj in added.objects.table:
+        if obj.id in added.named:
+            scene, label = with_label(index, scene, obj.name)
+            table.append(replace(obj, name=label))
         else:
-            table.append(thing)
-    named = {thing.id: thing for thing in table}
+            table.append(obj)
+    named = {obj.id: obj for obj in table}
     result = LookAgainResult(
         version="",
         texts=sightings.texts,
@@ -220,8 +221,8 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     facts = _searched(scene.facts, sightings.texts)
     if not (added.named or added.suggested):
         return replace(index.scene, facts=facts), result
-    things = replace(added.things, table=tuple(table))
-    return replace(scene, things=things, facts=facts), result
+    objects = replace(added.objects, table=tuple(table))
+    return replace(scene, objects=objects, facts=facts), result
 
 
 def _searched(facts: SceneFacts, texts: Sequence[str]) -> SceneFacts:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.query.things.gaussian_labels import label_gaussians
-from fastsplat.service.query.things.labeled_things import things_of
-from fastsplat.service.query.things.names.look_alikes import Sizes, sizes_in_meters
-from fastsplat.service.query.things.names.names_by_looks import described
+from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.query.objects.labeled_objects import objects_of
+from fastsplat.service.query.objects.names.look_alikes import Sizes, sizes_in_meters
+from fastsplat.service.query.objects.names.names_by_looks import described
 from fastsplat.service.scene.artefact.alignment import alignment_to_json
 from fastsplat.service.scene.artefact.scaling import scaling_to_json
-from fastsplat.service.scene.artefact.scene import Scene, SceneFacts, Things
-from fastsplat.service.scene.objects.things import thing_count
+from fastsplat.service.scene.artefact.scene import Objects, Scene, SceneFacts
+from fastsplat.service.scene.objects.objects import object_count
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.name_repository import names_between
 from fastsplat.service.store.repositories.version_repository import NewVersion
@@ -26,7 +26,7 @@ def new_version(
     version: str,
     parent: str,
     edits: Sequence[Mapping[str, Any]],
-    before: Things | None,
+    before: Objects | None,
     scene: Scene,
     content: Mapping[str, Any],
     limits: CallSettings,
@@ -38,18 +38,18 @@ def new_version(
     """Builds the row of a version, with all values derived from its scene.
 
     Args:
-        before: things of the parent version.
+        before: objects of the parent version.
         content: has the entries of `content_of`.
         limits: maximum numbers of versions and of names given by people.
         sizes: see `sizes_in_meters`; None: computed here.
         author: name of the access key; "" for none.
         request: id and digest of the request; "" for none.
     """
-    appearances = described(scene.things, sizes_in_meters(scene) if sizes is None else sizes)
-    gaussians, dictionary, things = (content[name] for name in ("gaussians", "dictionary", "things"))
+    appearances = described(scene.objects, sizes_in_meters(scene) if sizes is None else sizes)
+    gaussians, dictionary, objects = (content[name] for name in ("gaussians", "dictionary", "objects"))
     return NewVersion(
-        *(scene_id, version, parent, *request, gaussians, dictionary, edits, things),
-        names=names_between(before, scene.things, appearances, limits.max_known_names),
+        *(scene_id, version, parent, *request, gaussians, dictionary, edits, objects),
+        names=names_between(before, scene.objects, appearances, limits.max_known_names),
         author=author,
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
@@ -67,4 +67,4 @@ def content_of(scene: Scene, counts: Sequence[int] | None = None) -> dict[str, A
         {"label_id": number, **asdict(entry), "gaussian_count": counts[number]}
         for number, entry in enumerate(scene.dictionary.entries, start=1)
     ]
-    return {"gaussians": len(scene.gaussians), "things": thing_count(things_of(scene)), "dictionary": dictionary}
+    return {"gaussians": len(scene.gaussians), "objects": object_count(objects_of(scene)), "dictionary": dictionary}

@@ -26,9 +26,9 @@ from fastsplat_contract.geometry.places import Place
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import Answer, Output, QueryRequest
 from fastsplat_contract.messages.scenes import Edit, Scene, SceneSummary, SceneVersion
-from fastsplat_contract.messages.things import SceneThing
 from fastsplat_contract.photos.pictures import PictureKind, PictureRequest
 
 Viewpoint = str | PosedCamera
@@ -119,24 +119,26 @@ class LocalScene:
         (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), outputs=frozenset({"mask3d"}))).answers
         return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
 
-    def things(self) -> tuple[SceneThing, ...]:
-        """Lists all things, named or not, by id."""
-        things: list[SceneThing] = []
+    def objects(self) -> tuple[SceneObject, ...]:
+        """Lists all objects, named or not, by id."""
+        objects: list[SceneObject] = []
         token = ""
         while True:
-            page = self._service.answers.list_things(self.id, page_token=token)
-            things.extend(page.things)
+            page = self._service.answers.list_objects(self.id, page_token=token)
+            objects.extend(page.objects)
             if not (token := page.next_page_token):
-                return tuple(things)
+                return tuple(objects)
 
     def measure(self, *places: Place | int) -> Measurement:
-        """Measures a position, a thing's size (by id), or the distance of two places."""
-        located = tuple(Place(thing_id=one) if isinstance(one, int) else one for one in places)
+        """Measures a position, an object's size (by id), or the distance of two places."""
+        located = tuple(Place(object_id=one) if isinstance(one, int) else one for one in places)
         return self._service.answers.measure(MeasureRequest(self.id, located))
 
-    def name(self, thing_id: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()) -> SceneVersion:
-        """Names a thing in a new version; see `Edit` for aliases and kinds."""
-        edit = Edit("name", thing_ids=(thing_id,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
+    def name(
+        self, object_id: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
+    ) -> SceneVersion:
+        """Names an object in a new version; see `Edit` for aliases and kinds."""
+        edit = Edit("name", object_ids=(object_id,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self._service.versions.edit(self.id, [edit])
 
     def image(self, viewpoint: Viewpoint) -> NDArray[np.uint8]:
@@ -144,11 +146,11 @@ class LocalScene:
         return Picture(self._png("rgb", viewpoint), "").array()
 
     def show(self, text: str = "", viewpoint: Viewpoint = "") -> Picture:
-        """Renders all things, or the matches of `text` from the best camera unless given."""
+        """Renders all objects, or the matches of `text` from the best camera unless given."""
         cameras = self.info.cameras
         if not text:
             chosen = viewpoint or cameras[len(cameras) // 2].name
-            return Picture(self._png("things", chosen), f"{self.info.name}: every thing in a color of its own")
+            return Picture(self._png("objects", chosen), f"{self.info.name}: every object in a color of its own")
         answer = self.ask(text)
         if not viewpoint and answer.outcome in ("here", "probably_here"):
             best = self._service.photos.best_views(self.id, (), text, 1).views

@@ -26,7 +26,7 @@ def sample_folder() -> Iterator[Path]:
 
 
 def open_sample() -> LocalScene:
-    """Opens the sample scene, a table with things on it, in meters; edits are temporary.
+    """Opens the sample scene, a table with objects on it, in meters; edits are temporary.
 
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.

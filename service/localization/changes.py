@@ -20,21 +20,21 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-COMPARED_SIDE = 480  # pixels on the longer side; small things are a few pixels wide
+COMPARED_SIDE = 480  # pixels on the longer side; small objects are a few pixels wide
 
 _ALIKE = 0.65
-"""Color similarity, 0..1, from which on gone and new pieces are one moved thing."""
+"""Color similarity, 0..1, from which on gone and new pieces are one moved object."""
 _SIZE_RATIO = 2.5
 _NEARER = 0.15
-"""Similarity deducted per length of the place between both: things seldom move far."""
+"""Similarity deducted per length of the place between both: objects seldom move far."""
 _LAB = ((0.0, 100.0), (-60.0, 60.0), (-60.0, 60.0))
 _CELLS = (4, 10, 10)
 
 _FEWEST_PIXELS = 30
 _SURE_SHARE = 0.5
-"""Least share of a thing's pixels with a sure depth; other views do not count."""
+"""Least share of an object's pixels with a sure depth; other views do not count."""
 _LOST_SHARE = 0.5
-"""Least share of a thing's pixels that the median photo does not show."""
+"""Least share of an object's pixels that the median photo does not show."""
 _BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
 _ENOUGH = 0.05
 _LEAST_STEP = 1e-3
@@ -75,7 +75,7 @@ class Change:
     """An event, with its places before and after."""
 
     kind: ChangeKind
-    thing_id: int  # its id in the scene; 0 if it is none of the scene's things
+    object_id: int  # its id in the scene; 0 if it is none of the scene's objects
     views: tuple[int, ...]  # rows of the photos that agree
     probability: float
     before: F64 | None  # [2, 3], lowest and highest corners, world frame, scene units
@@ -88,7 +88,7 @@ class Changes:
     """Result of the change detection."""
 
     events: tuple[Change, ...]  # the surest first
-    seen: tuple[int, ...]  # ids of the things that at least two photos should show
+    seen: tuple[int, ...]  # ids of the objects that at least two photos should show
 
 
 def find_changes(
@@ -96,19 +96,19 @@ def find_changes(
 ) -> Changes:
     """Finds events that at least two photos agree on.
 
-    - gone: a thing half of whose pixels have colors that the median photo lacks nearby, or a surface piece like that.
+    - gone: an object half of whose pixels have colors that the median photo lacks nearby, or a surface piece like that.
     - new: space on or before the scene's surfaces whose projections have colors that the scene has not.
     - moved: a gone and a new piece that look alike.
-    - changed: a gone thing at whose border the photos have a strong color step, too.
+    - changed: a gone object at whose border the photos have a strong color step, too.
 
     Color steps at the border tell which picture shows an object before the other's background.
 
     Args:
-        boxes: [2, 3] of each thing, lowest and highest corners, scene units.
+        boxes: [2, 3] of each object, lowest and highest corners, scene units.
         place: [2, 3], bounds of the searched space.
         surfaces: ids of floors, walls and tables, which are never gone.
     """
-    lost, seen = lost_things(views, boxes, surfaces)
+    lost, seen = lost_objects(views, boxes, surfaces)
     lost += _lost_pieces(views, lost, place)
     comparisons = [view.comparison for view in views]
     maps = [
@@ -143,11 +143,11 @@ def _events(
             piece = pieces[moved[row]]
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
             views = tuple(sorted({*one.views, *piece.views}))
-            events.append(Change("moved", one.thing_id, views, sure, one.box, piece.box, regions))
+            events.append(Change("moved", one.object_id, views, sure, one.box, piece.box, regions))
         elif one.step > _STEPS:
-            events.append(Change("changed", one.thing_id, one.views, sure, one.box, one.box, regions))
+            events.append(Change("changed", one.object_id, one.views, sure, one.box, one.box, regions))
         else:
-            events.append(Change("gone", one.thing_id, one.views, sure, one.box, None, regions))
+            events.append(Change("gone", one.object_id, one.views, sure, one.box, None, regions))
     for piece in left:
         events.append(Change("new", 0, piece.views, _sure(piece), None, piece.box, _regions(piece, "new")))
     return events
@@ -193,9 +193,9 @@ def _likeness(one: F64, other: F64) -> float:
 
 @dataclass(frozen=True)
 class Lost:
-    """A thing or surface piece that is not where it was."""
+    """An object or surface piece that is not where it was."""
 
-    thing_id: int  # its id; 0 if it is none of the scene's things
+    object_id: int  # its id; 0 if it is none of the scene's objects
     box: F64  # [2, 3], lowest and highest corners, scene units
     views: tuple[int, ...]  # rows of the photos that agree
     pixels: tuple[Bools, ...]  # [H, W] for each view, where the scene shows it
@@ -203,45 +203,45 @@ class Lost:
     step: float  # see `_step_ratio`; above `_STEPS`, something else stands there
 
 
-def lost_things(
+def lost_objects(
     views: Sequence[LaterView], boxes: Mapping[int, F64], surfaces: frozenset[int]
 ) -> tuple[list[Lost], list[int]]:
-    """Finds lost things, and the ids of things that at least two photos should show.
+    """Finds lost objects, and the ids of objects that at least two photos should show.
 
-    A thing is lost if the median photo lacks the colors of half of its pixels.
+    An object is lost if the median photo lacks the colors of half of its pixels.
 
     Args:
-        boxes: [2, 3] of each thing.
+        boxes: [2, 3] of each object.
         surfaces: ids that are never lost.
     """
-    shares: dict[int, list[tuple[int, float]]] = {thing: [] for thing in sorted(boxes)}
-    most = max([*boxes, *(int(view.things.max(initial=0)) for view in views)], default=0) + 1
+    shares: dict[int, list[tuple[int, float]]] = {obj: [] for obj in sorted(boxes)}
+    most = max([*boxes, *(int(view.objects.max(initial=0)) for view in views)], default=0) + 1
     for row, view in enumerate(views):
-        ids = np.where(view.comparison.sure, view.things, 0)
-        pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.things))
+        ids = np.where(view.comparison.sure, view.objects, 0)
+        pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.objects))
         changed = np.bincount(ids[view.missing], minlength=most)
-        for thing, own in shares.items():
-            if pixels[thing] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[thing]):
-                own.append((row, float(changed[thing] / pixels[thing])))
-    seen = [thing for thing, own in shares.items() if len(own) >= _FEWEST_VIEWS]
+        for obj, own in shares.items():
+            if pixels[obj] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[obj]):
+                own.append((row, float(changed[obj] / pixels[obj])))
+    seen = [obj for obj, own in shares.items() if len(own) >= _FEWEST_VIEWS]
     lost = []
-    for thing in (each for each in seen if each not in surfaces):
-        share = float(np.median([each for _, each in shares[thing]]))
-        agreeing = tuple(row for row, each in shares[thing] if each >= _LOST_SHARE)
+    for obj in (each for each in seen if each not in surfaces):
+        share = float(np.median([each for _, each in shares[obj]]))
+        agreeing = tuple(row for row, each in shares[obj] if each >= _LOST_SHARE)
         if share >= _LOST_SHARE and len(agreeing) >= _FEWEST_VIEWS:
-            own_pixels = tuple(views[row].things == thing for row in agreeing)
+            own_pixels = tuple(views[row].objects == obj for row in agreeing)
             step = _step_ratio(agreeing, own_pixels, views)
-            lost.append(Lost(thing, boxes[thing], agreeing, own_pixels, share, step))
+            lost.append(Lost(obj, boxes[obj], agreeing, own_pixels, share, step))
     return lost, seen
 
 
 def _lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
-    """Finds lost surface pieces that are none of the scene's things.
+    """Finds lost surface pieces that are none of the scene's objects.
 
     The photos lack their colors, and the color step at their border is not many times the scene's.
 
     Args:
-        lost: things, whose pixels are explained.
+        lost: objects, whose pixels are explained.
         place: [2, 3], bounds of the searched space.
     """
     comparisons = [view.comparison for view in views]
@@ -260,11 +260,11 @@ def _lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -
 def whole(lost: Sequence[Lost]) -> list[Lost]:
     """Drops pieces that touch a kept item in half of the photos of both.
 
-    One object is often several of the scene's things, or extends beyond them.
+    One object is often several of the scene's objects, or extends beyond them.
     """
     kept: list[Lost] = []
     for one in lost:
-        if one.thing_id or not any(_touches(one, other) for other in kept):
+        if one.object_id or not any(_touches(one, other) for other in kept):
             kept.append(one)
     return kept
 
@@ -277,10 +277,10 @@ def _touches(one: Lost, other: Lost) -> bool:
 
 
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
-    """Masks lost things and all surface in lost pieces' boxes, [H, W] per photo."""
-    taken = sorted({each.thing_id for each in lost if each.thing_id})
-    boxes = [each.box for each in lost if not each.thing_id]
-    maps = [np.isin(view.things, taken) for view in views]
+    """Masks lost objects and all surface in lost pieces' boxes, [H, W] per photo."""
+    taken = sorted({each.object_id for each in lost if each.object_id})
+    boxes = [each.box for each in lost if not each.object_id]
+    maps = [np.isin(view.objects, taken) for view in views]
     for view, own in zip(views, maps, strict=True):
         points = _surface(view.comparison) if boxes else np.zeros(0)
         for low, high in boxes:
@@ -315,7 +315,7 @@ def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[La
 def _step(picture: F32, own: Bools, free: Bools) -> float:
     """Lower quartile of color differences across a region's border, 0..1, by local means.
 
-    A quartile, as a thing has a border all around while a pattern has edges only somewhere. Only `free` surroundings
+    A quartile, as an object has a border all around while a pattern has edges only somewhere. Only `free` surroundings
     count.
     """
     region = own.astype(np.uint8)

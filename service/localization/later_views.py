@@ -32,7 +32,7 @@ class LaterView:
     """A later photo beside the scene."""
 
     comparison: Comparison
-    things: NDArray[np.int32]  # [H, W], id of the visible thing in the scene, 0 for none
+    objects: NDArray[np.int32]  # [H, W], id of the visible object in the scene, 0 for none
 
     @cached_property
     def missing(self) -> Bools:

@@ -1,6 +1,6 @@
-"""Appearance descriptors of things, for recognition in other scenes.
+"""Appearance descriptors of objects, for recognition in other scenes.
 
-They are inner features of the closed-set detector, averaged inside the thing's mask (compared in docs/naming.md).
+They are inner features of the closed-set detector, averaged inside the object's mask (compared in docs/naming.md).
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> Appea
 
 
 def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
-    """Combines the features of a thing's pictures into a unit vector, float16 [SIZE].
+    """Combines the features of an object's pictures into a unit vector, float16 [SIZE].
 
     Each layer's features are centered, normalized, averaged over the pictures, and normalized again.
     """
@@ -85,7 +85,7 @@ def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
 
 @cache
 def _center() -> NDArray[np.float64]:
-    """Mean features of the things of the demo's sample."""
+    """Mean features of the objects of the demo's sample."""
     text = (Path(__file__).parent / "appearance_center.json").read_text(encoding="utf-8")
     return np.array(json.loads(text), np.float64)
 

@@ -13,7 +13,7 @@ from fastsplat.service.perception.results import Image
 
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
-_AROUND = 1.2  # side of the cut-out square over the longer side of the thing's box
+_AROUND = 1.2  # side of the cut-out square over the longer side of the object's box
 _GRAY = (123.675, 116.28, 103.53)
 
 

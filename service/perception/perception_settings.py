@@ -42,7 +42,7 @@ class PerceptionOptions(Options):
     proposal_stability: float = Field(0.88, ge=0, le=1)
     """Masks without a name count from this stability score."""
     reader: str = "ppocr_v6_small"
-    """Reads what is written on things. Empty, or where it was never fetched: only printed codes are read."""
+    """Reads what is written on objects. Empty, or where it was never fetched: only printed codes are read."""
     proposal_points: int = Field(24, ge=0)
     """Prompts in each of these views where no box and no mask explains the pixels, at most."""
 
@@ -74,7 +74,7 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
     """What an open-set detector looks for when the user names nothing: detected classes, if any, or the tag list."""
     image_text: str = ""
-    """Embeds pictures of the things of new scenes: a model of pictures and texts. Empty: none does."""
+    """Embeds pictures of the objects of new scenes: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat_contract.messages.thing_reads import ReadKind
+from fastsplat_contract.messages.object_reads import ReadKind
 
 Image = NDArray[np.uint8]
 """uint8 [H, W, 3] RGB."""
@@ -20,7 +20,7 @@ Image = NDArray[np.uint8]
 class Writing:
     """A text or code shown in a picture."""
 
-    kind: ReadKind  # see `ThingRead`
+    kind: ReadKind  # see `ObjectRead`
     text: str
     probability: float  # 0..1, of exactly this text, by the reader; codes check themselves
     corners: NDArray[np.float32]  # [4, 2] pixels, clockwise, from the top left if known
@@ -120,7 +120,7 @@ class Labelling:
     def learnt(self) -> Labelling:
         """The labelling that Gaussians learn: this one, or without detected labels.
 
-        Detections of single views contradict each other; they are counted once there are things to name.
+        Detections of single views contradict each other; they are counted once there are objects to name.
         """
         return Labelling(Dictionary(()), ()) if self.regions else self
 
@@ -205,7 +205,7 @@ def box_prompts(boxes: NDArray[np.floating[Any]]) -> Prompts:
 
 @dataclass(frozen=True)
 class MaskLogits:
-    """A segmenter's answers to K prompts, M each (part, thing, group)."""
+    """A segmenter's answers to K prompts, M each (part, object, group)."""
 
     logits: NDArray[np.float32]  # [K, M, h, w], positive inside, on the segmenter's grid, which covers just the image
     quality: NDArray[np.float32]  # [K, M], predicted intersection over union, 0..1

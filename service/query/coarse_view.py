@@ -6,26 +6,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.objects.object_history import scene_history
+from fastsplat.service.query.objects.object_index import SceneObjects
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat.service.scene.artefact.scene import Parts, Things, ThingScene
+from fastsplat.service.scene.artefact.scene import Objects, ObjectScene, Parts
 from fastsplat_contract.geometry.camera import PosedCamera
 
 
 class CoarseView:
-    """Renderer of a coarse scene with things (see `coarse_scene`); thread-safe."""
+    """Renderer of a coarse scene with objects (see `coarse_scene`); thread-safe."""
 
-    def __init__(self, scene: ThingScene, settings: QuerySettings) -> None:
+    def __init__(self, scene: ObjectScene, settings: QuerySettings) -> None:
         self.scene = scene
         self._renderer = Renderer(scene, settings)
-        self.things = SceneThings(scene, True, self._map, scene_history(scene))
+        self.objects = SceneObjects(scene, True, self._map, scene_history(scene))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """Renders colors on black, uint8 [H, W, 3]."""
         return self._renderer.colors(posed)
 
-    def _map(self, posed: PosedCamera, things: Things | Parts) -> NDArray[np.uint16]:
-        if isinstance(things, Parts):
-            return self._renderer.part_map(posed, things)
-        return self._renderer.thing_map(posed, things)
+    def _map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
+        if isinstance(objects, Parts):
+            return self._renderer.part_map(posed, objects)
+        return self._renderer.object_map(posed, objects)

@@ -21,39 +21,39 @@ from fastsplat.service.query.language.sentences.time_questions import TimeQuesti
 from fastsplat.service.query.language.words.english import is_foreign, names_nothing
 from fastsplat.service.query.language.words.judgement import Ranked
 from fastsplat.service.query.language.words.query_text import TextQuery
+from fastsplat.service.query.objects.absence import UnseenSpace
+from fastsplat.service.query.objects.names.names_by_looks import KnownObject, NameFromScene, names_by_looks
+from fastsplat.service.query.objects.names.names_by_tags import names_by_tags
+from fastsplat.service.query.objects.names.object_names import ObjectNames
+from fastsplat.service.query.objects.object_history import SceneHistory
+from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks
+from fastsplat.service.query.phrases.object_words import ObjectWords
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
 from fastsplat.service.query.phrases.phrases import ParsedQuestion
-from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
-from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.phrases.written_words import WrittenWords
-from fastsplat.service.query.things.absence import UnseenSpace
-from fastsplat.service.query.things.names.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.query.things.names.names_by_tags import names_by_tags
-from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.messages.queries import Answer
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.things.names.look_alikes import Sizes
-    from fastsplat.service.query.things.thing_index import SceneThings
+    from fastsplat.service.query.objects.names.look_alikes import Sizes
+    from fastsplat.service.query.objects.object_index import SceneObjects
 
 _MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)
 """Every question about time contains one of these words."""
-_PER_THING = 1_024
-"""Estimated bytes of a thing: its table row, its index entry and its suggestions."""
+_PER_OBJECT = 1_024
+"""Estimated bytes of an object: its table row, its index entry and its suggestions."""
 
 
 class RankedScene:
-    """Labels and thing names of one scene, ready for queries; thread-safe.
+    """Labels and object names of one scene, ready for queries; thread-safe.
 
     Args:
         scene: only its array shapes are kept.
-        looks: compares texts with the appearance of things; None: disabled.
-        sizes: sizes of its things, see `sizes_in_meters`; None: unknown.
+        looks: compares texts with the appearance of objects; None: disabled.
+        sizes: sizes of its objects, see `sizes_in_meters`; None: unknown.
 
     Attributes:
-        elsewhere: names suggested by other scenes, by thing id.
+        elsewhere: names suggested by other scenes, by object id.
         blank: zero Gaussians in the scene's shapes; broadcast, so they take no memory.
     """
 
@@ -61,7 +61,7 @@ class RankedScene:
         self,
         scene: Scene,
         ranker: Ranker,
-        names: ThingNames,
+        names: ObjectNames,
         unseen: UnseenSpace,
         history: SceneHistory,
         looks: LooksModel | None = None,
@@ -69,15 +69,15 @@ class RankedScene:
     ) -> None:
         self.ranker = ranker
         self.names = names
-        self.words = ThingWords(names)
+        self.words = ObjectWords(names)
         self.vocabulary = Vocabulary(names.searched_for, ranker.lexicon)
-        self.written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
-        self.looks = ThingLooks(names.present, looks)
+        self.written = WrittenWords(tuple(obj for obj in names.present if obj.reads))
+        self.looks = ObjectLooks(names.present, looks)
         self.unseen = unseen
         self.history = history
         self.provisional = scene.facts.draft
         self.elsewhere: Mapping[int, NameFromScene] = {}
-        self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
+        self._suggesting: tuple[Sequence[KnownObject], RankedScene | None] = (), None
         self.sizes: Sizes = {} if sizes is None else sizes
         self.unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
@@ -86,13 +86,13 @@ class RankedScene:
     @property
     def nbytes(self) -> int:
         """Estimated bytes in memory, independent of the number of Gaussians."""
-        things = (*self.names.present, *self.names.parts)
-        looks = sum(len(thing.appearance) for thing in things)
-        looks += sum(len(thing.looks.embedding) for thing in things if thing.looks is not None)
+        objects = (*self.names.present, *self.names.parts)
+        looks = sum(len(obj.appearance) for obj in objects)
+        looks += sum(len(obj.looks.embedding) for obj in objects if obj.looks is not None)
         rankers = 2 if looks or self.names.sources else 1  # what is known of other scenes makes another one
-        return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
+        return rankers * self.ranker.nbytes + _PER_OBJECT * len(objects) + looks
 
-    def suggesting(self, known: Sequence[KnownThing], scene_id: str) -> RankedScene:
+    def suggesting(self, known: Sequence[KnownObject], scene_id: str) -> RankedScene:
         """Returns this scene with suggestions from other scenes of the project.
 
         Names in `known` of this scene are ignored; those of others also weight the sources. The last result is cached
@@ -100,14 +100,14 @@ class RankedScene:
         seen, other = self._suggesting
         if seen is not known:
             others = [one for one in known if one.scene_id != scene_id]
-            things = self.names.present
-            elsewhere = {**names_by_looks(things, others, self.sizes), **names_by_tags(things, others)}
+            objects = self.names.present
+            elsewhere = {**names_by_looks(objects, others, self.sizes), **names_by_tags(objects, others)}
             said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
             needed = bool(elsewhere or said)
             if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):
                 names = self.names.suggesting(elsewhere, said)
                 other = copy.copy(self)
-                other.ranker, other.names, other.words = self.ranker.suggesting(names), names, ThingWords(names)
+                other.ranker, other.names, other.words = self.ranker.suggesting(names), names, ObjectWords(names)
                 other.elsewhere = elsewhere
             other = other if needed else None
             self._suggesting = known, other
@@ -131,7 +131,7 @@ class RankedQuery:
         # A "black bear" that the lexicon knows and the scene lacks may be a bear that is black.
         gone = [each.answer.text if each.verdict == "absent" else "" for each in self._ranked]
         self._parted = parsed_questions(gone, names, names.has, scene.written)
-        told = scene.looks or any(thing.surface or thing.reads for thing in scene.names.present)
+        told = scene.looks or any(obj.surface or obj.reads for obj in scene.names.present)
         toys = any(text and names.match(text).hyponyms for text in gone)
         self._is_plain = not any(self._parsed) and not any(self._parted) and not toys and not told
         self._is_of_pose = any(each is not None and each.is_of_pose for each in (*self._parsed, *self._parted))
@@ -141,24 +141,26 @@ class RankedQuery:
         """True if it ranks this query to this scene, and "yesterday" is still the same day."""
         return self._scene is scene and (self._query, self._day) == (query, datetime.now(UTC).date())
 
-    def answer(self, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None) -> tuple[Answer, ...]:
+    def answer(
+        self, objects: Callable[[], SceneObjects], asker: NDArray[np.float64] | None = None
+    ) -> tuple[Answer, ...]:
         """Answers each text, in order; every answer ranks all names.
 
-        `things` loads the scene's things, only for measurements, sentences about unnamed things, or if none are stored.
-        `asker` is float64 [4, 4], world from asker."""
+        `objects` loads the scene's objects, only for measurements, sentences about unnamed objects, or if none are
+        stored. `asker` is float64 [4, 4], world from asker."""
         if self._answers is None or self._is_of_pose:
-            answers = map(partial(self._in_words, things), self.decided(things, asker), self._questions)
+            answers = map(partial(self._in_words, objects), self.decided(objects, asker), self._questions)
             texts = self._query.texts
             self._answers = tuple(replace(answer, text=text) for answer, text in zip(answers, texts, strict=True))
         return self._answers
 
-    def _in_words(self, things: Callable[[], SceneThings], ranked: Ranked, question: TimeQuestion | None) -> Answer:
+    def _in_words(self, objects: Callable[[], SceneObjects], ranked: Ranked, question: TimeQuestion | None) -> Answer:
         scene, words = self._scene, self._scene.words
-        if (ranked.answer.thing_ids or scene.history.looked_at_again) and not scene.names.stored:
-            words = ThingWords(things().names)
+        if (ranked.answer.object_ids or scene.history.looked_at_again) and not scene.names.stored:
+            words = ObjectWords(objects().names)
 
-        def in_words(thing_ids: Sequence[int]) -> str:
-            return words.listed(thing_ids, lambda: things().measures)
+        def in_words(object_ids: Sequence[int]) -> str:
+            return words.listed(object_ids, lambda: objects().measures)
 
         answer = spoken(ranked, words.names, scene.unseen, in_words)
         if question is not None or scene.history.looked_at_again:
@@ -167,12 +169,14 @@ class RankedQuery:
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
         return replace(words.names.counted(answer), provisional=scene.provisional)
 
-    def decided(self, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None) -> Sequence[Ranked]:
+    def decided(
+        self, objects: Callable[[], SceneObjects], asker: NDArray[np.float64] | None = None
+    ) -> Sequence[Ranked]:
         """Judges each text before sentences are written; arguments as in `answer`."""
         scene = self._scene
 
-        def color_share(thing_id: int, name: str) -> float:
-            color = things().measures.color(thing_id)
+        def color_share(object_id: int, name: str) -> float:
+            color = objects().measures.color(object_id)
             return 0.0 if color is None else color.shares.get(name, 0.0)
 
         def judged(each: Ranked) -> Ranked:
@@ -189,12 +193,12 @@ class RankedQuery:
             closest_kind,
         )
 
-        names = scene.names if scene.names.stored else things().names
+        names = scene.names if scene.names.stored else objects().names
         context = AskedScene(
             names,
             scene.ranker.names,
             lambda texts: self._rank(tuple(texts)),
-            lambda: things().measures,
+            lambda: objects().measures,
             scene.unit,
             scene.written,
             scene.looks,

@@ -17,19 +17,19 @@ from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
 from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import check_query
+from fastsplat.service.query.objects.gaussian_labels import label_by_objects, label_gaussians
+from fastsplat.service.query.objects.names.look_alikes import sizes_in_meters
+from fastsplat.service.query.objects.names.object_names import names_of
+from fastsplat.service.query.objects.object_history import scene_history
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
-from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
-from fastsplat.service.query.things.names.look_alikes import sizes_in_meters
-from fastsplat.service.query.things.names.thing_names import names_of
-from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SceneT, SemanticHead, Things, ThingSemantics
+from fastsplat.service.scene.artefact.scene import Objects, ObjectSemantics, Parts, Scene, SceneT, SemanticHead
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.viewpoint import WORLD
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import Answer
-from fastsplat_contract.messages.things import SceneThing
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -37,8 +37,8 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Mask2D, Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
-    from fastsplat.service.query.phrases.thing_looks import LooksModel
-    from fastsplat.service.query.things.thing_index import SceneThings
+    from fastsplat.service.query.objects.object_index import SceneObjects
+    from fastsplat.service.query.phrases.object_looks import LooksModel
 
 _MAX_IMAGE_SIDE = 4_096
 """Pixels; larger views are refused."""
@@ -63,7 +63,7 @@ class SceneIndex:
         encoder: embeds queries; also re-embeds the labels if the scene's came from another encoder or other templates.
         before: index of the scene before an edit, with the same encoder, settings and lexicon, for reuse.
         lexicon: judges meanings beside the encoder where both were calibrated together; None: not used.
-        looks: compares texts with the appearance of things; None: disabled.
+        looks: compares texts with the appearance of objects; None: disabled.
 
     Attributes:
         ranked: answers queries without keeping the Gaussians.
@@ -90,22 +90,22 @@ class SceneIndex:
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._coarse: CoarseView | None = None
-        self._things: SceneThings | None = None
-        self._things_lock = threading.Lock()
+        self._objects: SceneObjects | None = None
+        self._objects_lock = threading.Lock()
         self._history = scene_history(scene)
         semantics = scene.semantics()
-        if isinstance(semantics, ThingSemantics):
-            self._labels = label_by_things(semantics, self.things.belief)
-            unseen = self.things.unseen
+        if isinstance(semantics, ObjectSemantics):
+            self._labels = label_by_objects(semantics, self.objects.belief)
+            unseen = self.objects.unseen
         else:
-            from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
+            from fastsplat.service.query.objects.unseen_space import surface_kind, unseen_space
 
             self._labels = label_gaussians(scene)
             kinds = {
                 number: surface_kind(entry.label) for number, entry in enumerate(scene.dictionary.entries, start=1)
             }
             unseen = unseen_space(scene, self._labels.classes, kinds)
-        names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
+        names = names_of(scene, None if scene.objects is None else self.objects.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
         embeddings = np.array(scene.label_embeddings)
         labels = SceneLabels(names.dictionary, embeddings, scene.text_encoder, scene.label_templates)
@@ -149,15 +149,15 @@ class SceneIndex:
         """Selects Gaussians of these labels, or in parts that bear one, bool [G]."""
         rows = np.isin(self._labels.classes, label_ids)
         parts = [part_id for label_id in label_ids for part_id in self._part_labels.get(label_id, ())]
-        return np.asarray(rows | np.isin(self.things.part_owner, parts) if parts else rows)
+        return np.asarray(rows | np.isin(self.objects.part_owner, parts) if parts else rows)
 
     @cached_property
     def _part_labels(self) -> Mapping[int, tuple[int, ...]]:
         """Ids of the parts that bear each label."""
-        if self.scene.things is None or self.scene.things.parts is None:
+        if self.scene.objects is None or self.scene.objects.parts is None:
             return {}
-        parts = {part.id for part in self.things.present_parts}
-        named = {label_id: tuple(i for i in ids if i in parts) for label_id, ids in self.things.by_label.items()}
+        parts = {part.id for part in self.objects.present_parts}
+        named = {label_id: tuple(i for i in ids if i in parts) for label_id, ids in self.objects.by_label.items()}
         return {label_id: ids for label_id, ids in named.items() if ids}
 
     def ask(
@@ -170,27 +170,27 @@ class SceneIndex:
     ) -> tuple[Answer, ...]:
         """Answers each text; arguments and errors as `check_query`; new templates re-embed the labels."""
         query = check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
-        return RankedQuery(self.ranked, query).answer(lambda: self.things)
+        return RankedQuery(self.ranked, query).answer(lambda: self.objects)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """Selects Gaussians whose class or part is a relevant entry, bool [G]."""
         relevant = self._relevant_ids(answer)
         meant = self.ranked.names.picks(answer)
-        return self.labeled(relevant) if meant is None else self.things.rows(meant)
+        return self.labeled(relevant) if meant is None else self.objects.rows(meant)
 
     @property
-    def things(self) -> SceneThings:
-        """All things, named or not: stored ones, else those of `labeled_things`."""
-        from fastsplat.service.query.things.labeled_things import labeled_things
-        from fastsplat.service.query.things.thing_index import SceneThings
+    def objects(self) -> SceneObjects:
+        """All objects, named or not: stored ones, else those of `labeled_objects`."""
+        from fastsplat.service.query.objects.labeled_objects import labeled_objects
+        from fastsplat.service.query.objects.object_index import SceneObjects
 
-        with self._things_lock:
-            if self._things is None:
-                scene, before = self.scene, None if self._before is None else self._before._things
-                stored = scene.things is not None
-                whole = scene.with_things(scene.things or labeled_things(scene, self._labels))
-                self._things = SceneThings(whole, stored, self._thing_map, self._history, before)
-            return self._things
+        with self._objects_lock:
+            if self._objects is None:
+                scene, before = self.scene, None if self._before is None else self._before._objects
+                stored = scene.objects is not None
+                whole = scene.with_objects(scene.objects or labeled_objects(scene, self._labels))
+                self._objects = SceneObjects(whole, stored, self._object_map, self._history, before)
+            return self._objects
 
     def is_understood(self, name: str) -> bool:
         """True if the lexicon knows a name's or alias's last word; True without a lexicon."""
@@ -212,19 +212,19 @@ class SceneIndex:
             scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
         )
 
-    def objects_of(self, answer: Answer) -> tuple[SceneThing, ...]:
-        """Visible named things and parts of an answer with best views, by entry and size."""
+    def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
+        """Visible named objects and parts of an answer with best views, by entry and size."""
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
         if not place:
             return ()
-        things, meant = self.things, self.ranked.names.picks(answer)
+        objects, meant = self.objects, self.ranked.names.picks(answer)
         named = [
             each
-            for each in (*things.listed, *things.listed_parts)
+            for each in (*objects.listed, *objects.listed_parts)
             if each.label_id in place and each.box is not None and (meant is None or each.id in meant)
         ]
-        named.sort(key=lambda each: (place[each.label_id], -things.extents[each.id].opacity))
-        views = things.best_views([each.id for each in named])
+        named.sort(key=lambda each: (place[each.label_id], -objects.extents[each.id].opacity))
+        views = objects.best_views([each.id for each in named])
         return tuple(replace(each, best_views=views.get(each.id, ())) for each in named)
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
@@ -237,24 +237,24 @@ class SceneIndex:
         drawn = self._renderer_for(posed).mask(posed, relevant, relevancy)
         for label_id in relevant:
             if parts := self._part_labels.get(label_id):
-                inside = np.isin(self.things.part_map(posed), parts)
+                inside = np.isin(self.objects.part_map(posed), parts)
                 label_ids = np.where(inside, np.uint16(label_id), drawn.label_ids)
                 drawn = replace(drawn, mask=drawn.mask | inside, label_ids=label_ids)
         if (meant := self.ranked.names.picks(answer)) is not None:
-            inside = self.things.mask(posed, meant)
+            inside = self.objects.mask(posed, meant)
             drawn = replace(drawn, mask=inside, label_ids=np.where(inside, drawn.label_ids, np.uint16(0)))
         return drawn
 
     def mask(self, answer: Answer, posed: PosedCamera) -> NDArray[np.bool_]:
-        """Computes `mask2d(answer, posed).mask`, without colors and relevancy; reuses recent thing maps."""
+        """Computes `mask2d(answer, posed).mask`, without colors and relevancy; reuses recent object maps."""
         relevant = self._relevant_ids(answer)
         if (meant := self.ranked.names.picks(answer)) is not None:
             self.check_view(posed)
-            return self.things.mask(posed, meant)
-        if self.scene.things is not None:
+            return self.objects.mask(posed, meant)
+        if self.scene.objects is not None:
             self.check_view(posed)
-            ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]
-            return self.things.mask(posed, ids)
+            ids = [object_id for label_id in relevant for object_id in self.objects.by_label.get(label_id, ())]
+            return self.objects.mask(posed, ids)
         return np.asarray(np.isin(self.label_map(posed), relevant))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
@@ -264,12 +264,12 @@ class SceneIndex:
     @property
     def coarse(self) -> CoarseView | SceneIndex:
         """Renderer for moving cameras; for a small scene this index itself."""
-        things = self.things
+        objects = self.objects
         with self._renderer_lock:
             if self._coarse is None:
                 from fastsplat.service.query.coarse_view import CoarseView
 
-                scene = coarse_scene(things.scene)
+                scene = coarse_scene(objects.scene)
                 if scene is None:
                     return self
                 self._coarse = CoarseView(scene, self.settings)
@@ -287,14 +287,14 @@ class SceneIndex:
         """Renders each pixel's most probable class, uint16 [H, W]; 0 = undetected or barely covered."""
         return self._renderer_for(posed).label_map(posed)
 
-    def thing_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
-        """Renders each pixel's most probable thing, uint16 [H, W]; 0 = none or barely covered."""
+    def object_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
+        """Renders each pixel's most probable object, uint16 [H, W]; 0 = none or barely covered."""
         self.check_view(posed)
-        return self.things.map(posed)
+        return self.objects.map(posed)
 
-    def _thing_map(self, posed: PosedCamera, things: Things | Parts) -> NDArray[np.uint16]:
+    def _object_map(self, posed: PosedCamera, objects: Objects | Parts) -> NDArray[np.uint16]:
         renderer = self._renderer_for(posed)
-        return renderer.part_map(posed, things) if isinstance(things, Parts) else renderer.thing_map(posed, things)
+        return renderer.part_map(posed, objects) if isinstance(objects, Parts) else renderer.object_map(posed, objects)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
         entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them

@@ -10,23 +10,23 @@ import numpy as np
 
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.object_prompts import ObjectPrompt, Pixel, PixelBox
 from fastsplat_contract.geometry.places import Alignment, KnownLength, Place
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.geometry.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.jobs.look_again import LookAgainIn
 from fastsplat_contract.jobs.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.messages.edit_previews import PreviewEditIn
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.measurements import MeasureRequest
+from fastsplat_contract.messages.objects import PickRequest
 from fastsplat_contract.messages.scenes import Color, Edit, EditIn, SceneUpdate
-from fastsplat_contract.messages.things import PickRequest
 from fastsplat_contract.photos.pictures import PictureRequest, Tint
 from tests.api.made_scene import turned
 
 _PIXEL = Pixel(24.0, 18.0)
 RED = Color(1.0, 0.0, 0.0)
 _FAR = Vector3(90.0, 0.0, 0.0)
-_SPLIT = Edit("split", thing_ids=(1,), prompt=ThingPrompt(view="front.png", pixels=(_PIXEL,)))
+_SPLIT = Edit("split", object_ids=(1,), prompt=ObjectPrompt(view="front.png", pixels=(_PIXEL,)))
 _NEAR = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(1.5, 9.0, 9.0))
 _CROP = Edit("remove", filter=GaussianFilter(box=_NEAR, outside=True))
 _LOOSE = Edit("remove", filter=GaussianFilter(isolation_above=1.2))
@@ -62,13 +62,13 @@ def _with(camera: PosedCamera) -> tuple[tuple[str, Any, str], ...]:
     """Requests with a camera, and where it is in them."""
     place = Place(camera, pixel=_PIXEL)
     length = Edit("scale", known_lengths=(KnownLength(place, Place(point=_FAR), 90.0),))
-    split = replace(_SPLIT, prompt=ThingPrompt(camera, pixels=(_PIXEL,)))
+    split = replace(_SPLIT, prompt=ObjectPrompt(camera, pixels=(_PIXEL,)))
     return (
         ("RenderView", PictureRequest("", "rgb", camera=camera), "camera"),
-        ("PickThing", PickRequest("", camera=camera, pixel=_PIXEL), "camera"),
+        ("PickObject", PickRequest("", camera=camera, pixel=_PIXEL), "camera"),
         ("MeasureScene", MeasureRequest(places=(place,), scene_id=""), "places[0].camera"),
         ("EditScene", EditIn((length,), camera.frame_id), "edits[0].known_lengths[0].first.camera"),
-        ("EditScene", EditIn((Edit("merge", thing_ids=(1, 2)), split), camera.frame_id), "edits[1].prompt.camera"),
+        ("EditScene", EditIn((Edit("merge", object_ids=(1, 2)), split), camera.frame_id), "edits[1].prompt.camera"),
     )
 
 
@@ -85,31 +85,31 @@ EXAMPLES = (
     Example("UpdateScene", SceneUpdate("desk <b>☕</b>"), "own"),
     Example("ListLabels"),
     Example("ListLabels", {"page_size": 2}),
-    *(Example("ListThings", fields) for fields in ({}, {"page_size": 2}, {"parts": True, "version": "1"})),
+    *(Example("ListObjects", fields) for fields in ({}, {"page_size": 2}, {"parts": True, "version": "1"})),
     *(
-        Example("PickThing", PickRequest("", **place))
+        Example("PickObject", PickRequest("", **place))
         for place in (
             {"view": "front.png", "pixel": _PIXEL},
             {"view": "front.png", "pixel": _PIXEL, "mask2d_encoding": "png"},
             {"view": "front.png", "box": PixelBox(20.0, 13.0, 29.0, 22.0), "version": "1"},
             {"camera": turned(0.0), "pixel": _PIXEL},
             {"point": Vector3(0.0, 0.0, 4.0)},
-            {"point": Vector3(0.0, 0.0, 4.0), "level": "thing", "mask3d": True},
+            {"point": Vector3(0.0, 0.0, 4.0), "level": "object", "mask3d": True},
         )
     ),
     *(
         Example("MeasureScene", MeasureRequest(places=places, scene_id=""))
         for places in (
-            (Place(thing_id=1),),
-            (Place(view="front.png", pixel=_PIXEL), Place(thing_id=1)),
+            (Place(object_id=1),),
+            (Place(view="front.png", pixel=_PIXEL), Place(object_id=1)),
             (Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))),
         )
     ),
     *(Example("ListVersions", of=of) for of in ("scene", "edited")),
     Example("EditScene", EditIn((Edit("recolor", label="mug", color=RED),), "recolored"), "own"),
-    Example("EditScene", EditIn((Edit("name", thing_ids=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
+    Example("EditScene", EditIn((Edit("name", object_ids=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
     Example("EditScene", EditIn((Edit("move", label="ball", transform=UP), Edit("remove", "mug")), "both"), "own"),
-    Example("EditScene", EditIn((Edit("merge", thing_ids=(1, 2)), _SPLIT), "split"), "own"),
+    Example("EditScene", EditIn((Edit("merge", object_ids=(1, 2)), _SPLIT), "split"), "own"),
     Example("EditScene", EditIn((_CROP, _LOOSE), "cropped"), "own"),
     *(Example("PreviewEdit", PreviewEditIn(edits)) for edits in ((_CROP,), (_CROP, _LOOSE, Edit("remove", "mug")))),
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
@@ -120,16 +120,19 @@ EXAMPLES = (
     Example("RedoEdit", {"version": "1"}, "undone"),
     Example("RestoreVersion", {"version": "1"}, "edited"),
     *(_render(kind, text="ball") for kind in ("overlay", "relevancy", "mask")),
-    *(_render(kind) for kind in ("rgb", "label_map", "depth_picture", "thing_map", "things", "normals", "confidence")),
-    *(_render(kind, format="npy") for kind in ("label_map", "depth", "thing_map", "normals", "confidence")),
+    *(
+        _render(kind)
+        for kind in ("rgb", "label_map", "depth_picture", "object_map", "objects", "normals", "confidence")
+    ),
+    *(_render(kind, format="npy") for kind in ("label_map", "depth", "object_map", "normals", "confidence")),
     _render("depth", depth_scale=0.002),
     _render("rgb", view=None, camera=turned(0.25)),
     _render("rgb", coarse=True, tints=(Tint((1,), RED, 0.5),)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     _export("spz", coarse=True),
-    *(_export(name, thing_ids=(1, 2)) for name in ("ply", "spz", "sog", "mcap", "mesh")),
-    *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "things")),
+    *(_export(name, object_ids=(1, 2)) for name in ("ply", "spz", "sog", "mcap", "mesh")),
+    *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "objects")),
     _export("points", cell=0.2),
     _export("map", "upright", cell=0.1),
     Example("ListPhotos"),
@@ -141,15 +144,15 @@ EXAMPLES = (
     *(
         Example("ListBestViews", fields)
         for fields in (
-            {"thing_ids": (1, 2)},
-            {"thing_ids": (3,), "max_views": 1},
+            {"object_ids": (1, 2)},
+            {"object_ids": (3,), "max_views": 1},
             {"text": "cup", "max_views": 2},
             {"text": "volcano", "version": "1"},
         )
     ),
-    Example("GetThingSheet"),
-    Example("GetThingSheet", {"page_size": 1}, "unnamed"),
-    Example("GetGoal", {"thing_id": 1, "robot_radius": 0.15}, "upright"),
+    Example("GetObjectSheet"),
+    Example("GetObjectSheet", {"page_size": 1}, "unnamed"),
+    Example("GetGoal", {"object_id": 1, "robot_radius": 0.15}, "upright"),
     *(Example("ListDetections", fields, "upright") for fields in ({}, {"page_size": 1})),
     *(Example("ListOperations", {"page_size": size}) for size in (0, 1)),
     *(Example("GetOperation", of=of) for of in ("done", "training")),
@@ -167,7 +170,7 @@ EXAMPLES = (
     *(
         _bad(name, {}, "scene", "NOT_FOUND", "nothing")
         for name in (
-            *("GetScene", "DeleteScene", "ListLabels", "ListThings", "ListVersions", "ListPhotoVerdicts"),
+            *("GetScene", "DeleteScene", "ListLabels", "ListObjects", "ListVersions", "ListPhotoVerdicts"),
             *("ExportScene", "ListPhotos", "ListNextPhotos", "ListDetections"),
         )
     ),
@@ -182,7 +185,7 @@ EXAMPLES = (
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),
     *(
-        _bad("PickThing", PickRequest("", **place), field, reason)
+        _bad("PickObject", PickRequest("", **place), field, reason)
         for place, field, reason in (
             ({"view": "front.png", "pixel": Pixel(48.0, 1.0)}, "pixel", "INVALID_INPUT"),
             ({"view": "front.png", "pixel": Pixel(-0.5, 1.0)}, "pixel", "INVALID_INPUT"),
@@ -203,7 +206,7 @@ EXAMPLES = (
             ((), "edits", "INVALID_INPUT"),
             ((Edit("remove", label="unicorn"),), "edits[0].label", "NOT_FOUND"),
             ((Edit("recolor", label="mug"),), "edits[0].color", "INVALID_INPUT"),
-            ((Edit("name", thing_ids=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
+            ((Edit("name", object_ids=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
             ((replace(_SPLIT, prompt=None),), "edits[0].prompt", "INVALID_INPUT"),
             ((Edit("align", alignment=Alignment("map")),), "edits[0].alignment", "INVALID_INPUT"),
             ((Edit("look_again", texts=("trophy",)),), "edits[0].texts", "INVALID_INPUT"),
@@ -235,11 +238,11 @@ EXAMPLES = (
         _bad("RenderView", PictureRequest("", **{"view": "front.png", **more}), field)
         for more, field in (
             ({"kind": "depth", "format": "jpeg"}, "format"),
-            ({"kind": "thing_map", "format": "jpeg"}, "format"),
+            ({"kind": "object_map", "format": "jpeg"}, "format"),
             ({"kind": "mask", "text": "mug", "format": "jpeg"}, "format"),
             ({"kind": "depth_picture", "format": "npy"}, "format"),
-            ({"kind": "things", "format": "npy"}, "format"),
-            ({"kind": "things", "tints": (Tint((1,), RED, 0.5),)}, "tints"),
+            ({"kind": "objects", "format": "npy"}, "format"),
+            ({"kind": "objects", "tints": (Tint((1,), RED, 0.5),)}, "tints"),
             ({"kind": "depth", "dimming": 0.5}, "dimming"),
             ({"kind": "depth", "coarse": True}, "coarse"),
             ({"kind": "mask"}, "text"),
@@ -248,41 +251,41 @@ EXAMPLES = (
     *(
         _bad("RenderView", PictureRequest("", "rgb", view="front.png", tints=tints), field, "NOT_FOUND")
         for tints, field in (
-            ((Tint((1, 60_000), RED, 0.5),), "tints[0].things[1]"),
-            ((Tint((), RED, 0.5), Tint((-1,), RED, 0.5)), "tints[1].things[0]"),
+            ((Tint((1, 60_000), RED, 0.5),), "tints[0].objects[1]"),
+            ((Tint((), RED, 0.5), Tint((-1,), RED, 0.5)), "tints[1].objects[0]"),
         )
     ),
     _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),
     _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
     _bad("ExportScene", ExportRequest("", "colmap"), "format"),  # the name of one has blanks
     *(
-        _bad("ExportScene", ExportRequest("", name, thing_ids=(4_000,)), "thing_ids[0]", "NOT_FOUND")
+        _bad("ExportScene", ExportRequest("", name, object_ids=(4_000,)), "object_ids[0]", "NOT_FOUND")
         for name in ("ply", "sog")
     ),
     _bad("ExportScene", ExportRequest("", "spz", cell=0.2), "cell"),
     _bad("ExportScene", ExportRequest("", "sog", coarse=True), "coarse"),
-    _bad("ExportScene", ExportRequest("", "spz", thing_ids=(1,), coarse=True), "coarse"),
+    _bad("ExportScene", ExportRequest("", "spz", object_ids=(1,), coarse=True), "coarse"),
     _bad("ExportScene", ExportRequest("", "map"), "scene_id"),  # its z is not up
     *(
         _bad("ListBestViews", fields, field, reason)
         for fields, field, reason in (
-            ({}, "thing_ids", "INVALID_INPUT"),
-            ({"thing_ids": (1,), "text": "ball"}, "thing_ids", "INVALID_INPUT"),
-            ({"thing_ids": (77,)}, "thing_ids[0]", "NOT_FOUND"),
-            ({"thing_ids": (1,), "max_views": -1}, "max_views", "INVALID_INPUT"),
-            ({"thing_ids": (1,), "max_views": 17}, "max_views", "LIMIT_EXCEEDED"),
-            ({"thing_ids": (1,), "version": "none"}, "version", "NOT_FOUND"),
+            ({}, "object_ids", "INVALID_INPUT"),
+            ({"object_ids": (1,), "text": "ball"}, "object_ids", "INVALID_INPUT"),
+            ({"object_ids": (77,)}, "object_ids[0]", "NOT_FOUND"),
+            ({"object_ids": (1,), "max_views": -1}, "max_views", "INVALID_INPUT"),
+            ({"object_ids": (1,), "max_views": 17}, "max_views", "LIMIT_EXCEEDED"),
+            ({"object_ids": (1,), "version": "none"}, "version", "NOT_FOUND"),
             ({"text": "x" * 2_000}, "text", "LIMIT_EXCEEDED"),
         )
     ),
-    _bad("GetGoal", {"thing_id": 1}, "scene_id"),  # its z is not up
-    _bad("GetGoal", {"thing_id": 1}, "scene_id", of="table"),  # its lowest level is a table top
-    _bad("GetGoal", {"thing_id": 4_000}, "thing_id", "NOT_FOUND", "upright"),
-    _bad("GetGoal", {"thing_id": 1, "robot_radius": 5.0}, "thing_id", "NOT_FOUND", "upright"),
-    _bad("GetGoal", {"thing_id": 1, "robot_radius": -1.0}, "robot_radius", of="upright"),
+    _bad("GetGoal", {"object_id": 1}, "scene_id"),  # its z is not up
+    _bad("GetGoal", {"object_id": 1}, "scene_id", of="table"),  # its lowest level is a table top
+    _bad("GetGoal", {"object_id": 4_000}, "object_id", "NOT_FOUND", "upright"),
+    _bad("GetGoal", {"object_id": 1, "robot_radius": 5.0}, "object_id", "NOT_FOUND", "upright"),
+    _bad("GetGoal", {"object_id": 1, "robot_radius": -1.0}, "robot_radius", of="upright"),
     *(
         _bad(call, fields, field, reason, of)
-        for call, of in (("GetThingSheet", "scene"), ("ListDetections", "upright"))
+        for call, of in (("GetObjectSheet", "scene"), ("ListDetections", "upright"))
         for fields, field, reason in (
             ({"version": "9"}, "version", "NOT_FOUND"),
             ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),
@@ -292,6 +295,6 @@ EXAMPLES = (
 )
 BOUNDS_OF_THE_URL = {
     *(("GetGoal", "robot_radius"), ("ListBestViews", "max_views")),
-    *((call, "page_size") for call in ("ListDetections", "GetThingSheet")),
+    *((call, "page_size") for call in ("ListDetections", "GetObjectSheet")),
 }
 """Where REST's own parameters are bounded, in other words."""

@@ -37,8 +37,8 @@ LABELS = ("mug", "ball", "story book")
 KINDRED = {"mug": ("cup", "beaker"), "ball": ("sphere", "balloon"), "story book": ("novel", "paperback")}
 STRANGERS = ("elephant", "submarine", "volcano", "violin", "carrot", "moon")
 PHRASES = tuple(
-    "thing left of the ball/mug left of the ball/second thing from the right/second thing/red mug/blue mug/things/"
-    "thing/left/mug on the piano/piano/how many things are red/"
+    "object left of the ball/mug left of the ball/second object from the right/second object/red mug/blue mug/objects/"
+    "object/left/mug on the piano/piano/how many objects are red/"
     "how many submarines are/submarines".split("/")
 )
 """Questions that say more than a name, as they are embedded, and what they are made of."""
@@ -48,7 +48,7 @@ PLAIN_PNG = image_file(np.full((24, 32, 3), (120, 130, 140), np.uint8))
 """An image file in which nothing is to be seen."""
 _PER_BLOB = 60
 OBSERVED = "e0123456789abcdef"
-"""The observation of the made scene: all three things were looked at, none has changed."""
+"""The observation of the made scene: all three objects were looked at, none has changed."""
 _OBSERVATION = Observation(
     "", OBSERVED, datetime(2026, 3, 2, 18, tzinfo=UTC), "given", (), (), (), (1, 2, 3), True, "Nothing has changed."
 )
@@ -117,7 +117,7 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
 
 
 def add_known_name(service: SceneService, scene_id: str, name: str = "mug") -> str:
-    """Store a name as if a person had given it to thing 1 in the current version of a scene; returns its id."""
+    """Store a name as if a person had given it to object 1 in the current version of a scene; returns its id."""
     store = service._store
     version = store.scenes.scene(scene_id).version
     names = VersionNames([NewName(1, name, b"\0\0", b"\xff\xd8\xff")], limit=1000)

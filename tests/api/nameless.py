@@ -17,7 +17,7 @@ from tests.api.served import Faces, served
 
 
 class Nameless(NamedTuple):
-    """The server, the scene, and what its things were called, by their ids."""
+    """The server, the scene, and what its objects were called, by their ids."""
 
     faces: Faces
     scene_id: str
@@ -39,12 +39,12 @@ def nameless_sample(models_dir: Path, folder: Path, namer: NamerSettings | None 
     with open_service(settings) as service, served(service, settings) as faces:
         scene_id = service.open_sample().id
         with client_of(faces) as client:
-            truth = {each.id: each.name for each in client.things(scene_id) if each.name}
-            client.edit_scene(scene_id, [Edit("unname", thing_ids=tuple(truth))])
+            truth = {each.id: each.name for each in client.objects(scene_id) if each.name}
+            client.edit_scene(scene_id, [Edit("unname", object_ids=tuple(truth))])
         yield Nameless(faces, scene_id, truth)
 
 
 def seen_with_errors(truth: Mapping[int, str], seed: int) -> dict[int, str]:
-    """What a stand-in sees: the truth, but for one thing in ten."""
+    """What a stand-in sees: the truth, but for one object in ten."""
     wrong = np.random.default_rng(seed).choice(list(truth), -(-len(truth) // 10), replace=False).tolist()
-    return {thing: "umbrella" if thing in wrong else name for thing, name in truth.items()}
+    return {obj: "umbrella" if obj in wrong else name for obj, name in truth.items()}

@@ -13,7 +13,7 @@ from tests.scenes import store_scene
 
 
 def add_upright_scene(service: SceneService, settings: Settings, floor: str = "floor") -> str:
-    """Stores a box (thing 1, a mug) on a floor of that name (thing 2), in meters; returns the scene's id."""
+    """Stores a box (object 1, a mug) on a floor of that name (object 2), in meters; returns the scene's id."""
     shells = [
         BoxShell("mug", (0, 0, 0.2), (0.4, 0.4, 0.4), count=1_500),
         BoxShell(floor, (0, 0, -0.02), (3.0, 3.0, 0.02), count=6_000),

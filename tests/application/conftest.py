@@ -85,7 +85,7 @@ def finish(settings: Settings, models_dir: Path) -> Iterator[Callable[[SceneInfo
     encoder = open_text_encoder(ENCODER, models_dir)
 
     def finish(info: SceneInfo) -> Scene:
-        scene = _two_things(encoder)
+        scene = _two_objects(encoder)
         # "confidence" is in the row, and not in what a caller is shown.
         finish_job(store, info.operation_id, scene, version="v1", aliases=["cup"], pixels=9, views=1, confidence=0.5)
         return scene
@@ -94,7 +94,7 @@ def finish(settings: Settings, models_dir: Path) -> Iterator[Callable[[SceneInfo
     store.close()
 
 
-def _two_things(encoder: TextEncoder) -> Scene:
+def _two_objects(encoder: TextEncoder) -> Scene:
     sh = np.zeros((2, 1, 3))
     sh[0, 0, 0] = sh[1, 0, 1] = 1.5
     return labelled_scene(

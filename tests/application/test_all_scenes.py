@@ -19,7 +19,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Parts, Scene, SceneFacts, SemanticHead, Thing
+from fastsplat.service.scene.artefact.scene import Object, Parts, Scene, SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, posterior
 from fastsplat.service.settings import Settings
@@ -32,7 +32,7 @@ PLAIN = ("mug", "something to drink from", "banana", "a grand piano", "handle")
 PHRASES = (
     "the mug on the table",
     "how many mugs are there?",
-    "the red thing",
+    "the red object",
     "the largest banana",
     "the piano on the table",
     "how many pianos are there?",
@@ -52,16 +52,16 @@ def encoder(models_dir: Path) -> TextEncoder:
 
 @pytest.fixture(scope="module")
 def scenes(encoder: TextEncoder) -> dict[str, Scene]:
-    """Labels by codes, by things, with parts, with things that have no name, and none at all."""
+    """Labels by codes, by objects, with parts, with objects that have no name, and none at all."""
     room = Room()
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.7, 0.55, 0.4))
     room.place("mug", box((0.09, 0.09, 0.1)), (0.2, 0.1, 0.75), 0.2, (0.75, 0.1, 0.1))
     room.place("mug", box((0.09, 0.09, 0.1)), (1.5, 0, 0), 0.2, (0.1, 0.2, 0.75))
     made = scene_of(room, 0, drawn_frame(np.random.default_rng(3)))
-    assert made.things is not None
+    assert made.objects is not None
     one_hot = np.eye(len(made.dictionary) + 1, dtype=np.float32)
-    label_ids = np.array([0, *(made.dictionary.id_of(thing.name) for thing in made.things.table)])
-    owner = posterior(made.things.membership, len(label_ids)).classes
+    label_ids = np.array([0, *(made.dictionary.id_of(obj.name) for obj in made.objects.table)])
+    owner = posterior(made.objects.membership, len(label_ids)).classes
     made = replace(
         made,
         gaussians=replace(made.gaussians, codes=one_hot[label_ids[owner]]),
@@ -71,22 +71,22 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
         label_templates=QuerySettings().templates,
         facts=SceneFacts(searched_names=80, searched_for=("banana", "submarine")),
     )
-    assert made.things is not None
-    first, *others = made.things.table
+    assert made.objects is not None
+    first, *others = made.objects.table
     unnamed = replace(
-        made.things, table=(replace(first, suggestions=(Suggestion("piano", 0.6),), name="", source=None), *others)
+        made.objects, table=(replace(first, suggestions=(Suggestion("piano", 0.6),), name="", source=None), *others)
     )
     count = len(made.gaussians)
     (rows,) = np.nonzero(np.arange(count) % 50 == 7)
     inside = evidence_of(rows, np.full(len(rows), 9, np.int32), np.full(len(rows), 16 * UNIT, np.int64), count)
-    parts = Parts((Thing(9, "mug", "person", 0.8, parent=1),), inside)
+    parts = Parts((Object(9, "mug", "person", 0.8, parent=1),), inside)
     labelled = {"encoder": encoder, "templates": QuerySettings().templates}
     two = labelled_scene([[-0.5, 0, 2], [0.5, 0, 2]], [1, 2], LABELS, **labelled)
     return {
-        "things": made,
+        "objects": made,
         "codes": two,
-        "unnamed": replace(made, things=unnamed),
-        "parts": replace(made, things=replace(made.things, parts=parts)),
+        "unnamed": replace(made, objects=unnamed),
+        "parts": replace(made, objects=replace(made.objects, parts=parts)),
         "no labels": labelled_scene([[0, 0, 2]], [0], (), **labelled),
     }
 
@@ -178,21 +178,21 @@ def test_what_needs_gaussians_opens_only_scenes_that_answer(
     assert opens("banana", "mask3d") == opens("banana", "objects") == {"codes"}
     assert opens("banana") == opens("a submarine", "mask3d", "objects") == set()
     assert opens("a grand piano", "mask3d", "objects") == {"unnamed"}  # where a piano is suggested
-    # What is measured is measured where the head of the phrase is named; a scene without things has to look for some.
-    with_things = set(stored) - {"codes", "no labels"}
-    assert opens("the table next to the mug") >= {"things", "parts"}
-    assert not opens("the banana next to the mug") & with_things
-    assert not opens("how many bananas are there?", "mask3d") & with_things
+    # What is measured is measured where the head of the phrase is named; a scene without objects has to look for some.
+    with_objects = set(stored) - {"codes", "no labels"}
+    assert opens("the table next to the mug") >= {"objects", "parts"}
+    assert not opens("the banana next to the mug") & with_objects
+    assert not opens("how many bananas are there?", "mask3d") & with_objects
 
 
 def test_a_new_version_and_a_deleted_scene_are_noticed(service: SceneService, stored: dict[str, str]) -> None:
     request = QueryRequest("", ("mug", "teacup"))
     before = service.answers.query(request).answers
-    service.versions.edit(stored["things"], [Edit("name", thing_ids=(2,), name="teacup")], looked_at="1")
+    service.versions.edit(stored["objects"], [Edit("name", object_ids=(2,), name="teacup")], looked_at="1")
     after = service.answers.query(request).answers
     assert after == _alone(service, stored, request)
     changed = {new.scene_id for old, new in zip(before, after, strict=True) if old != new}
-    assert changed == {stored["things"]}
+    assert changed == {stored["objects"]}
     service.delete_scene(stored["codes"])
     assert {answer.scene_id for answer in service.answers.query(request).answers} == set(stored.values()) - {
         stored["codes"]

@@ -18,7 +18,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat.service.settings import CallSettings, Settings
@@ -37,10 +37,10 @@ from fastsplat_contract.geometry.places import Alignment, KnownLength, Place
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
 from fastsplat_contract.jobs.operations import OperationKind
+from fastsplat_contract.messages.object_reads import ObjectRead
+from fastsplat_contract.messages.objects import NameSuggestion, PickRequest
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Color, Edit, EditAction, InsertSource
-from fastsplat_contract.messages.thing_reads import ThingRead
-from fastsplat_contract.messages.things import NameSuggestion, PickRequest
 from tests.api.made_scene import ENCODER, write_words
 from tests.scenes import finish_job, labelled_scene, queued_job
 
@@ -73,7 +73,7 @@ def service(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
 
 @pytest.fixture
 def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
-    """Store a scene of three things without names that look like the given places; returns its id."""
+    """Store a scene of three objects without names that look like the given places; returns its id."""
 
     def made(*places: int, project: str = "default", tags: Sequence[str] = (), meters: float = 0.0) -> str:
         rng = np.random.default_rng(5)
@@ -81,11 +81,11 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
         wide = meters or 0.1
         means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + wide * rng.normal(size=(len(owner), 3))
         table = tuple(
-            Thing(number + 1, appearance=_looks(place), picture=bytes([place])) for number, place in enumerate(places)
+            Object(number + 1, appearance=_looks(place), picture=bytes([place])) for number, place in enumerate(places)
         )
         for number, tag in enumerate(tags):  # which are known by no look
-            reads = (ThingRead("tag", tag, 0.98, 4),) if tag else ()
-            table = (*table[:number], Thing(number + 1, reads=reads), *table[number + 1 :])
+            reads = (ObjectRead("tag", tag, 0.98, 4),) if tag else ()
+            table = (*table[:number], Object(number + 1, reads=reads), *table[number + 1 :])
         membership = evidence_of(np.arange(len(owner)), owner + 1, np.full(len(owner), 4096), len(owner))
         camera = PosedCamera(Camera(48, 36, 40.0, 40.0, 24.0, 18.0), np.eye(4), "front.png")
         scene = labelled_scene(
@@ -95,7 +95,7 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
             encoder=open_text_encoder(ENCODER, tmp_path / "models"),
             templates=QuerySettings().templates,
             cameras=[camera],
-            things=Things(table, membership),
+            objects=Objects(table, membership),
         )
         scene = replace(scene, scale="METRIC" if meters else "ARBITRARY")
         job = replace(queued_job(), project=project)
@@ -107,9 +107,9 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
     return made
 
 
-def _name(service: SceneService, scene_id: str, thing_id: int, name: str) -> None:
+def _name(service: SceneService, scene_id: str, object_id: int, name: str) -> None:
     service.versions.edit(
-        scene_id, [Edit("name", thing_ids=(thing_id,), name=name)], looked_at=_current(service, scene_id)
+        scene_id, [Edit("name", object_ids=(object_id,), name=name)], looked_at=_current(service, scene_id)
     )
 
 
@@ -123,11 +123,11 @@ def _current(service: SceneService, scene_id: str) -> str:
 
 
 def _suggested(service: SceneService, scene_id: str) -> dict[int, tuple[NameSuggestion, ...]]:
-    return {thing.id: thing.suggestions for thing in service.answers.list_things(scene_id).things}
+    return {obj.id: obj.suggestions for obj in service.answers.list_objects(scene_id).objects}
 
 
 def _known(service: SceneService) -> list[tuple[str, int, str, bytes]]:
-    return [(known.scene_id, known.thing_id, known.name, known.picture) for known in service.known_names.list().names]
+    return [(known.scene_id, known.object_id, known.name, known.picture) for known in service.known_names.list().names]
 
 
 def _rows(service: SceneService) -> int:
@@ -145,9 +145,9 @@ def test_a_name_is_suggested_for_what_looks_alike_in_other_scenes_old_and_new(
     (told,) = _suggested(service, older)[1]
     assert (told.name, told.scene_id) == ("mug", first) and 0.8 <= told.probability <= 0.95
     assert _suggested(service, newer) == {1: (), 2: (), 3: (told,)}
-    assert all(thing.name == "" for thing in service.answers.list_things(newer).things)
+    assert all(obj.name == "" for obj in service.answers.list_objects(newer).objects)
     picked = service.answers.pick(PickRequest(newer, point=Vector3(1.0, 0.0, 4.0)))
-    assert picked.thing.suggestions == (told,)
+    assert picked.object.suggestions == (told,)
     assert not any(suggestion.scene_id for one in _suggested(service, first).values() for suggestion in one)
 
 
@@ -170,7 +170,7 @@ def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
     _name(service, first, 2, "mug")
     (told,) = _suggested(service, other)[1]
     (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"}))).answers
-    assert (answer.outcome, answer.thing_ids, answer.probability) == ("probably_here", (1,), told.probability)
+    assert (answer.outcome, answer.object_ids, answer.probability) == ("probably_here", (1,), told.probability)
     assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _EACH
     everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",))).answers}
     assert everywhere == {first: "here", other: "probably_here"}
@@ -214,7 +214,7 @@ def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneServic
     assert _suggested(service, other)[1][0].name == "cup"
     service.versions.undo(first)
     assert _suggested(service, other)[1][0].name == "mug"
-    service.versions.edit(first, [Edit("unname", thing_ids=(2,))], looked_at=_current(service, first))
+    service.versions.edit(first, [Edit("unname", object_ids=(2,))], looked_at=_current(service, first))
     assert [name for _, _, name, _ in _known(service)] == ["moon"] and _suggested(service, other)[1] == ()
     service.versions.undo(first)
     assert {name for _, _, name, _ in _known(service)} == {"moon", "mug"}
@@ -235,12 +235,12 @@ def test_what_is_forgotten_stays_so_until_it_is_named_again(service: SceneServic
     assert raised.value.field == "name_id"
     _name(service, first, 3, "violin")  # what a later version takes over is not what was forgotten
     assert {name for _, _, name, _ in _known(service)} == {"moon", "violin"}
-    assert service.answers.list_things(first).things[1].name == "mug"
+    assert service.answers.list_objects(first).objects[1].name == "mug"
     _name(service, first, 2, "beaker")
     assert _suggested(service, other)[1][0].name == "beaker"
     service.known_names.forget("all")
     assert _known(service) == [] and _rows(service) == 0
-    assert [thing.name for thing in service.answers.list_things(first).things] == ["moon", "beaker", "violin"]
+    assert [obj.name for obj in service.answers.list_objects(first).objects] == ["moon", "beaker", "violin"]
 
 
 def test_projects_never_see_each_others_names(service: SceneService, add: Callable[..., str]) -> None:
@@ -261,18 +261,18 @@ def test_projects_never_see_each_others_names(service: SceneService, add: Callab
 def test_the_oldest_names_of_a_project_leave(service: SceneService, add: Callable[..., str]) -> None:
     scenes = [add(3, 7, 9), add(10, 11, 12)]
     for scene_id in scenes:
-        for thing_id in (1, 2, 3):
-            _name(service, scene_id, thing_id, _WORDS[thing_id])
+        for object_id in (1, 2, 3):
+            _name(service, scene_id, object_id, _WORDS[object_id])
     known = _known(service)
     assert [row[:2] for row in known] == [(scenes[1], 3), (scenes[1], 2), (scenes[1], 1), (scenes[0], 3)]
     assert _rows(service) <= 4 * 3  # of the versions that are left
     page = service.known_names.list(page_size=3)
     rest = service.known_names.list(page_size=3, page_token=page.next_page_token)
-    assert [name.thing_id for name in (*page.names, *rest.names)] == [3, 2, 1, 3] and rest.next_page_token == ""
+    assert [name.object_id for name in (*page.names, *rest.names)] == [3, 2, 1, 3] and rest.next_page_token == ""
 
 
-def _suggest(service: SceneService, scene_id: str, thing: int, name: str, source: str) -> None:
-    suggested = (SuggestedName(thing, name, 0.8, source),)
+def _suggest(service: SceneService, scene_id: str, obj: int, name: str, source: str) -> None:
+    suggested = (SuggestedName(obj, name, 0.8, source),)
     service.versions.edit(scene_id, [Edit("suggest", suggestions=suggested)])
 
 
@@ -281,9 +281,9 @@ def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_
 ) -> None:
     first, other, stranger = add(3, 7, 9), add(20, 21, 22), add(20, 21, 22, project="a")
     for scene_id in (first, other):
-        for thing in (1, 2, 3):
-            _suggest(service, scene_id, thing, f"{_WORDS[thing]}", "eyes")
-            _suggest(service, scene_id, thing, "mug", "ears")
+        for obj in (1, 2, 3):
+            _suggest(service, scene_id, obj, f"{_WORDS[obj]}", "eyes")
+            _suggest(service, scene_id, obj, "mug", "ears")
     elsewhere = service.in_project("a")
     _suggest(elsewhere, stranger, 1, "carrot", "eyes")
 
@@ -292,8 +292,8 @@ def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_
         return told[0].probability
 
     assert says("eyes") == says("ears") == pytest.approx(0.8)
-    for thing in (1, 2, 3):
-        _name(service, first, thing, _WORDS[thing])
+    for obj in (1, 2, 3):
+        _name(service, first, obj, _WORDS[obj])
     assert says("ears") == pytest.approx(0.8 * 4 / 6.4) and says("eyes") == pytest.approx(0.8 * 7 / 6.4)
     (answer,) = service.answers.query(QueryRequest(other, ("mug",))).answers
     assert answer.probability == pytest.approx(says("ears"))
@@ -321,9 +321,9 @@ def test_a_tag_names_what_bears_it_in_other_captures_until_the_name_is_taken_bac
     (told,) = suggested[3]
     assert (told.name, told.scene_id) == ("carrot", first) and told.probability == pytest.approx(0.97 * 0.98**2)
     assert [one.source for one in told.said_by] == ["tag"]
-    assert not any(thing.suggestions for thing in other.answers.list_things(stranger).things)
+    assert not any(obj.suggestions for obj in other.answers.list_objects(stranger).objects)
     assert _asked(service, second, "carrot") == "probably_here"
-    assert not any(thing.name for thing in service.answers.list_things(second).things)
+    assert not any(obj.name for obj in service.answers.list_objects(second).objects)
     assert [known.picture for known in service.known_names.list().names] == [b""]
     seen = SuggestedName(3, "carrot", 0.5, "assistant")
     service.versions.edit(second, [Edit("suggest", suggestions=(seen,))])
@@ -350,34 +350,34 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     upload, version = claimed.current_version()
     job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, settings, stages, {}, version)
     scene = read_scene(upload / "artefact")
-    assert scene.things is not None
-    first, *others = scene.things.table
+    assert scene.objects is not None
+    first, *others = scene.objects.table
     named = replace(first, name="moon", source="person", probability=1.0)
-    scene = replace(scene, things=replace(scene.things, table=(named, *others)))
+    scene = replace(scene, objects=replace(scene.objects, table=(named, *others)))
     folder = start_stage(job, stages[-1])
-    edits = [to_plain(Edit("name", thing_ids=(1,), name="moon"))]
+    edits = [to_plain(Edit("name", object_ids=(1,), name="moon"))]
     write_renamed(job, scene, folder, {"result": {}, "edits": edits})
     finish_stage(job, stages[-1], folder, 1.0)
     KINDS[kind].publish(claimed, stages[-1])
     assert _current(service, scene_id) == claimed.run_id
-    assert {(thing, name) for _, thing, name, _ in _known(service)} == {(1, "moon"), (2, "mug")}
+    assert {(obj, name) for _, obj, name, _ in _known(service)} == {(1, "moon"), (2, "mug")}
 
 
 _HERE = Place(point=Vector3(0.0, 0.0, 0.0))
 _MOVED = Pose(Vector3(0.0, -2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 _EDITS = (
-    *(Edit(action, thing_ids=(2,)) for action in ("remove", "unname", "discard")),
-    *(Edit(action, thing_ids=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
-    Edit("recolor", thing_ids=(2,), color=Color(1.0, 0.0, 0.0)),
-    Edit("name", thing_ids=(2,), name="carrot"),
-    Edit("merge", thing_ids=(2, 3)),
+    *(Edit(action, object_ids=(2,)) for action in ("remove", "unname", "discard")),
+    *(Edit(action, object_ids=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
+    Edit("recolor", object_ids=(2,), color=Color(1.0, 0.0, 0.0)),
+    Edit("name", object_ids=(2,), name="carrot"),
+    Edit("merge", object_ids=(2, 3)),
     Edit("scale", known_lengths=(KnownLength(_HERE, Place(point=Vector3(1.0, 0.0, 0.0)), 2.0),)),
     Edit("align", alignment=Alignment("map", _MOVED)),
     Edit("suggest", suggestions=(SuggestedName(2, "carrot", 0.8, "eyes"),)),
 )
 
 
-def test_no_edit_of_other_things_forgets_a_name(service: SceneService, add: Callable[..., str]) -> None:
+def test_no_edit_of_other_objects_forgets_a_name(service: SceneService, add: Callable[..., str]) -> None:
     # A prompt needs a segmenter; the last two are no edits to send.
     assert {edit.action for edit in _EDITS} == {*get_args(EditAction)} - {"split", "add", "look_again", "observe"}
     for edit in _EDITS:

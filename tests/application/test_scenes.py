@@ -28,14 +28,14 @@ def test_pages_stay_stable_while_scenes_come_and_go(service, post):
     assert [scene.id for scene in rest] == posted[3::-1]
 
 
-def test_a_list_says_how_many_things_each_scene_has_as_it_is_edited(service, post, finish):
+def test_a_list_says_how_many_objects_each_scene_has_as_it_is_edited(service, post, finish):
     info = post()
-    assert service.list_scenes().scenes[0].thing_count is None  # there is no version yet
+    assert service.list_scenes().scenes[0].object_count is None  # there is no version yet
 
     def said() -> tuple[int | None, int | None]:
-        listed = len(service.answers.list_things(info.id).things)
-        assert service.get_scene(info.id).thing_count == listed
-        return service.list_scenes().scenes[0].thing_count, listed
+        listed = len(service.answers.list_objects(info.id).objects)
+        assert service.get_scene(info.id).object_count == listed
+        return service.list_scenes().scenes[0].object_count, listed
 
     finish(info)
     counts = [said()]

@@ -63,7 +63,7 @@ def test_an_edit_whose_answer_the_database_lost_is_there(
     made = service.versions.all(scene_id)[-1]
     assert made.current and {version.version for version in service.versions.all(scene_id)} == _kept(service, scene_id)
     assert service.versions.edit(scene_id, _EDITS, "once") == made
-    assert service.answers.list_things(scene_id).things
+    assert service.answers.list_objects(scene_id).objects
 
 
 def test_a_folder_that_got_no_row_goes_to_the_trash_after_a_day(

@@ -193,7 +193,7 @@ class VersionMachine(RuleBasedStateMachine):
         shutil.copytree(parent or store.blobs.version(self.scene_id, record.version), folder)
         summary = {
             "result": {}, "parent": call.parent, "gaussians": record.gaussians,
-            "things": record.things, "dictionary": list(record.dictionary),
+            "objects": record.objects, "dictionary": list(record.dictionary),
         }  # fmt: skip
         (folder / "summary.json").write_text(json.dumps(summary))
         return job

@@ -29,13 +29,13 @@ def test_nothing_was_fitted_to_other_words_and_to_absences() -> None:
     asked = {label_key(each.text) for each in QUESTIONS if each.kind in ("names", "absent")}
     assert not asked & fitted
     for question in QUESTIONS:
-        names = {label_key(thing.name) for thing in ROOMS[question.room].room.things}
+        names = {label_key(obj.name) for obj in ROOMS[question.room].room.objects}
         assert question.kind not in ("names", "absent") or label_key(question.text) not in names
 
 
-def test_no_two_things_are_in_one_place() -> None:
+def test_no_two_objects_are_in_one_place() -> None:
     for layout in ROOMS.values():
-        rooms = range(1, len(layout.room.things) + 1)
+        rooms = range(1, len(layout.room.objects) + 1)
         centers = [layout.center(number) for number in rooms]
         for one in rooms:
             assert all(np.linalg.norm(centers[one - 1] - centers[other - 1]) > 0.1 for other in rooms if other != one)
@@ -47,8 +47,8 @@ def test_no_two_things_are_in_one_place() -> None:
 
 def _truth(question: Question, layout: Layout) -> dict[str, Any]:
     """What a tool that is never wrong would say."""
-    ids = list(question.things or ())
-    things = [{"id": number, "name": layout.room.things[number - 1].name} for number in ids]
+    ids = list(question.objects or ())
+    objects = [{"id": number, "name": layout.room.objects[number - 1].name} for number in ids]
     places = [{"id": number, "center": layout.center(number)} for number in ids]
     lengths: dict[str, Any] = {}
     if question.kind == "size":
@@ -60,18 +60,18 @@ def _truth(question: Question, layout: Layout) -> dict[str, Any]:
         "outcome": "here" if ids else "not_here",
         "label": question.names[0] if question.names else "",
         "alternatives": [],
-        "things": things,
+        "objects": objects,
         "places": places,
         "count": len(ids),
         "counted": ids,
-        "refusal": "" if question.things is not None else "pose_needed",
+        "refusal": "" if question.objects is not None else "pose_needed",
         "unit": "m",
         **lengths,
     }
 
 
 def _wrong(question: Question, said: dict[str, Any]) -> dict[str, Any]:
-    """The same with one thing, place or length wrong."""
+    """The same with one object, place or length wrong."""
     if question.tool == "measure":
         key = "sides" if question.kind == "size" else "center_distance"
         first = said[key][0] if question.kind == "size" else said[key]
@@ -80,8 +80,8 @@ def _wrong(question: Question, said: dict[str, Any]) -> dict[str, Any]:
     if said["places"] and question.kind == "where":
         moved = {**said["places"][0], "center": np.asarray(said["places"][0]["center"]) + 0.02}
         return {**said, "places": [moved, *said["places"][1:]]}
-    more = [*said["things"], {"id": 77, "name": "cuckoo", "center": (0.0, 0.0, 0.0)}]
-    return {**said, "things": more, "counted": [*said["counted"], 77], "places": more, "refusal": ""}
+    more = [*said["objects"], {"id": 77, "name": "cuckoo", "center": (0.0, 0.0, 0.0)}]
+    return {**said, "objects": more, "counted": [*said["counted"], 77], "places": more, "refusal": ""}
 
 
 def test_the_truth_is_right_and_what_is_beside_it_is_not() -> None:

@@ -1,4 +1,4 @@
-"""Suggestions in a room are counted by what its things are."""
+"""Suggestions in a room are counted by what its objects are."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.known_names.__main__ import FoundRoom, examples, one_kind_each, summed, told
-from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 
 _SIZE = 16
 
 
 def _room(name: str, *looks: tuple[int, str]) -> FoundRoom:
-    """Things that look like these places and are of these kinds, "" for what is no true thing."""
+    """Objects that look like these places and are of these kinds, "" for what is no true object."""
     table = tuple(
-        Thing(n, appearance=np.eye(_SIZE, dtype=np.float16)[place].tobytes())
+        Object(n, appearance=np.eye(_SIZE, dtype=np.float16)[place].tobytes())
         for n, (place, _) in enumerate(looks, start=1)
     )
     rows = np.arange(len(looks))
-    things = Things(table, evidence_of(rows, rows + 1, np.full(len(looks), UNIT), len(looks)))
-    sizes = {thing.id: np.full(3, 0.1) for thing in table}
-    return FoundRoom(name, things, sizes, {n: kind for n, (_, kind) in enumerate(looks, start=1) if kind})
+    objects = Objects(table, evidence_of(rows, rows + 1, np.full(len(looks), UNIT), len(looks)))
+    sizes = {obj.id: np.full(3, 0.1) for obj in table}
+    return FoundRoom(name, objects, sizes, {n: kind for n, (_, kind) in enumerate(looks, start=1) if kind})
 
 
 def test_right_wrong_and_missed_names_are_told_apart() -> None:
@@ -30,8 +30,8 @@ def test_right_wrong_and_missed_names_are_told_apart() -> None:
     assert [each.name for each in known] == ["mug", "book", "lamp"]
     room = _room("two", (0, "mug"), (1, "box"), (5, "lamp"), (2, ""), (6, "vase"))
     assert told(room, known) == {"nameable": 2, "suggested": 3, "right": 1, "suggested_80": 3, "right_80": 1}
-    undescribed = replace(room.things, table=tuple(replace(each, appearance=b"") for each in room.things.table))
-    assert set(told(room._replace(things=undescribed), known).values()) == {0}
+    undescribed = replace(room.objects, table=tuple(replace(each, appearance=b"") for each in room.objects.table))
+    assert set(told(room._replace(objects=undescribed), known).values()) == {0}
 
 
 def test_one_kind_at_a_time_has_at_most_three_examples() -> None:

@@ -11,18 +11,18 @@ from benchmarks.reads.labels import labelled_room
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
 
-def test_a_room_is_named_whole_with_one_confirmation_a_thing(tmp_path: Path, models_dir: Path) -> None:
+def test_a_room_is_named_whole_with_one_confirmation_an_object(tmp_path: Path, models_dir: Path) -> None:
     room, _ = labelled_room(300)
     kinds = ("cup", "drum", "lamp", "kettle", "spade", "globe", "candle", "stool", "jar", "tray", "brush", "clock")
-    placed = zip(room.things[2:], kinds, strict=False)  # all different, as one name for most would be refused
-    room.things[2:] = [replace(thing, label=kind) for thing, kind in placed]
+    placed = zip(room.objects[2:], kinds, strict=False)  # all different, as one name for most would be refused
+    room.objects[2:] = [replace(obj, label=kind) for obj, kind in placed]
     encoder = open_text_encoder("minilm_l6_int8", models_dir)
     index = drawn_index(room, FlatStudio(room, 400).shown, 1, 4, tmp_path, encoder)
     one, two = (named_room(index, room, tmp_path, 1, count) for count in (1, 2))
-    assert 8 <= one["things"] <= 12 and one["stated"] == two["stated"] == one["refused"] == 0
-    assert one["named"] == two["named"] == one["things"] and one["obeyed"] == 0
-    wrong = one["things"] - one["first"]
+    assert 8 <= one["objects"] <= 12 and one["stated"] == two["stated"] == one["refused"] == 0
+    assert one["named"] == two["named"] == one["objects"] and one["obeyed"] == 0
+    wrong = one["objects"] - one["first"]
     assert 1 <= wrong <= 2 and one["reached"] == one["first"] and one["wrong_at_once"] == wrong
-    assert two["reached"] >= max(one["reached"], two["things"] - 1)  # both may err about the same thing
-    assert one["keystrokes"] > 1 + one["things"]  # the wrong names are typed
+    assert two["reached"] >= max(one["reached"], two["objects"] - 1)  # both may err about the same object
+    assert one["keystrokes"] > 1 + one["objects"]  # the wrong names are typed
     assert one["seconds"] <= 90

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
-from benchmarks.evaluation.thing_discovery import count_things
+from benchmarks.evaluation.object_discovery import count_objects
 from benchmarks.rooms.__main__ import mean_of
 from benchmarks.rooms.figures import MARGIN, Measured, figures_of
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
@@ -25,7 +25,7 @@ _HALF = 0.1
 
 
 def _made() -> tuple[Truth, np.ndarray]:
-    """A wall at depth 2 with three squares before it at depth 1, and the thing of each pixel."""
+    """A wall at depth 2 with three squares before it at depth 1, and the object of each pixel."""
     middles = np.array([[0, 0, 2.0], [-0.4, 0, 1.0], [0, 0, 1.0], [0.4, 0, 1.0]])
     halves = np.array([[1.6, 1.2, 0.0], *[[_HALF, _HALF, 0.0]] * 3])
     x, y = np.meshgrid((np.arange(80) + 0.5 - 40) / 60, (np.arange(60) + 0.5 - 30) / 60)
@@ -61,7 +61,8 @@ def _made() -> tuple[Truth, np.ndarray]:
 def _measured(
     shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0, taken: int = 0
 ) -> Measured:
-    """The truth as flat Gaussians; a share of each thing's is moved away, and so many of the third are the second's."""
+    """The truth as flat Gaussians; a share of each object's is moved away, and so many of the third are the
+    second's."""
     truth, true = _made()
     shown = true if shown is None else shown
     count = len(truth.points)
@@ -80,7 +81,7 @@ def _measured(
     ids = range(1, max(4, int(shown.max())) + 1)
     sure = {"cup": 0.96, "knife": 0.9}  # one is stated, one a guess
     table = tuple(
-        Thing(number, name, "detected" if name else None, sure.get(name, 0.0))
+        Object(number, name, "detected" if name else None, sure.get(name, 0.0))
         for number, name in ((each, named.get(each, "")) for each in ids)
     )
     owners = truth.owners.copy()
@@ -94,38 +95,38 @@ def _measured(
         text_encoder=("made", "0" * 64),
         cameras=(),
         scale="METRIC",
-        things=Things(table, membership),
+        objects=Objects(table, membership),
     )
     view = TrueView("0.jpg", _CAMERA, instances=true)
     dataset = Dataset(Path("made"), "nerfstudio", dictionary_of(()), (), (view,), instances=_LABELS)
-    things = {"0.jpg": shown}
-    return Measured(scene, dataset, truth, things, {"0.jpg": 0 * shown}, count_things(scene, dataset, things))
+    objects = {"0.jpg": shown}
+    return Measured(scene, dataset, truth, objects, {"0.jpg": 0 * shown}, count_objects(scene, dataset, objects))
 
 
 def test_the_truth_is_perfect() -> None:
     figures = figures_of(_measured())
     for name in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou", "selected_miou", "surfaces_iou"):
         assert figures[name] == 1, name
-    assert figures["wall_iou"] == 1 and figures["outside_box"] == 0 and figures["things_true"] == 4
+    assert figures["wall_iou"] == 1 and figures["outside_box"] == 0 and figures["objects_true"] == 4
     assert figures["covered"] > 0.95 and figures["alone_miou"] > 0.7
 
 
-def test_fog_lies_outside_the_box_of_its_thing() -> None:
+def test_fog_lies_outside_the_box_of_its_object() -> None:
     figures = figures_of(_measured(fog=0.25))
     assert figures["outside_box"] == pytest.approx(0.25, abs=0.01) and figures["outside_at_others"] == 0
 
 
-def test_what_is_taken_from_another_thing_is_no_fog() -> None:
+def test_what_is_taken_from_another_object_is_no_fog() -> None:
     figures = figures_of(_measured(taken=300))
     assert figures["outside_box"] == figures["outside_at_others"] == pytest.approx(0.25 / 3, abs=0.001)
 
 
-def test_two_that_are_one_are_no_thing_and_halves_are_joined_by_a_second_click() -> None:
+def test_two_that_are_one_are_no_object_and_halves_are_joined_by_a_second_click() -> None:
     _, true = _made()
     merged = figures_of(_measured(np.where(true == 3, 2, true)))
     assert merged["recall_50"] < 1 and merged["clicks_miou"] < 1
     halves = true.copy()
-    halves[:30][true[:30] == 1] = 5  # the upper half of the wall is a thing of its own
+    halves[:30][true[:30] == 1] = 5  # the upper half of the wall is an object of its own
     split = figures_of(_measured(halves))
     assert split["selected_miou"] < 0.95 and split["clicks_1.3_miou"] == 1
 
@@ -138,7 +139,7 @@ def test_a_part_under_the_click_may_be_what_is_meant() -> None:
     assert figures_of(with_parts)["clicks_1.3_miou"] > figures_of(measured)["clicks_1.3_miou"]
 
 
-def test_a_part_is_known_by_a_part_or_a_thing_that_is_as_large() -> None:
+def test_a_part_is_known_by_a_part_or_an_object_that_is_as_large() -> None:
     truth, true = _made()
     with_head = _measured(np.where(truth.parts[0] == 1, 5, true))
     assert figures_of(with_head)["parts_recall_50"] == 1 and figures_of(with_head)["parts_true"] == 1

@@ -61,35 +61,35 @@ def test_the_same_seed_gives_the_same_pixels_and_another_room_others(written: Pa
     encoded = BytesIO()
     Image.fromarray(drawn).save(encoded, "JPEG", quality=92)
     assert (written / "images" / "002.jpg").read_bytes() == encoded.getvalue()
-    assert np.array_equal(np.asarray(Image.open(written / "instances" / "002.png")), _shown().things)
-    one, other = (soup_of([mesh for thing in _room(name).things for mesh in thing.meshes]) for name in _ALIKE)
+    assert np.array_equal(np.asarray(Image.open(written / "instances" / "002.png")), _shown().objects)
+    one, other = (soup_of([mesh for obj in _room(name).objects for mesh in obj.meshes]) for name in _ALIKE)
     assert not np.array_equal(one.points, other.points)
 
 
 def test_ids_are_exact() -> None:
-    """A pixel shows a thing just where the thing, drawn alone, is as near as anything is."""
+    """A pixel shows an object just where the object, drawn alone, is as near as anything is."""
     studio, shown = _studio(), _shown()
     projected, front, size = projected_into(studio.soup, shown.posed.camera, shown.posed.camera_from_world())
     nearest = np.zeros(size)
-    for number in range(1, len(_room("tools-1").things) + 1):
-        alone = rasterized(projected, studio.soup.triangles, front & (studio.thing_of == number), size)
-        own = shown.things == number
+    for number in range(1, len(_room("tools-1").objects) + 1):
+        alone = rasterized(projected, studio.soup.triangles, front & (studio.object_of == number), size)
+        own = shown.objects == number
         assert np.allclose(alone.nearness[own], shown.nearness[own], rtol=1e-6)
         assert (alone.nearness[~own] <= shown.nearness[~own] + 1e-6).all()
         nearest = np.maximum(nearest, alone.nearness)
-    assert np.allclose(nearest, shown.nearness, rtol=1e-6) and (shown.things > 0).mean() > 0.9
+    assert np.allclose(nearest, shown.nearness, rtol=1e-6) and (shown.objects > 0).mean() > 0.9
 
 
-def test_a_part_lies_in_its_thing() -> None:
+def test_a_part_lies_in_its_object() -> None:
     studio, shown = _studio(), _shown()
-    owners = np.array([0, *(thing for thing, _ in studio.parts)])
+    owners = np.array([0, *(obj for obj, _ in studio.parts)])
     assert (shown.parts > 0).any()
-    assert np.array_equal(owners[shown.parts][shown.parts > 0], shown.things[shown.parts > 0])
-    assert all(name and mesh.part in ("", name) for thing, name in studio.parts for mesh in _named(thing, name))
+    assert np.array_equal(owners[shown.parts][shown.parts > 0], shown.objects[shown.parts > 0])
+    assert all(name and mesh.part in ("", name) for obj, name in studio.parts for mesh in _named(obj, name))
 
 
-def _named(thing: int, name: str) -> Meshes:
-    meshes = [mesh for mesh in _room("tools-1").things[thing - 1].meshes if mesh.part == name]
+def _named(obj: int, name: str) -> Meshes:
+    meshes = [mesh for mesh in _room("tools-1").objects[obj - 1].meshes if mesh.part == name]
     assert meshes
     return meshes
 
@@ -97,7 +97,7 @@ def _named(thing: int, name: str) -> Meshes:
 def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(written: Path) -> None:
     dataset, truth = read_dataset(written, CaptureSettings()), read_truth(written / "truth.npz")
     room = _room("tools-1")
-    assert truth.labels == dataset.instances == tuple(thing.label for thing in room.things)
+    assert truth.labels == dataset.instances == tuple(obj.label for obj in room.objects)
     assert len(dataset.train) + len(dataset.test) == _VIEWS and truth.names == tuple(v.name for v in dataset.test)
     for place, view in enumerate(dataset.test):
         assert view.posed is not None and view.instances is not None
@@ -114,7 +114,7 @@ def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(written: Pat
         for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
             near |= alone[truth.owners[inside] - 1, y[inside] + dy, x[inside] + dx]
         assert near.mean() > 0.95
-    for number in range(1, len(room.things) + 1):
+    for number in range(1, len(room.objects) + 1):
         points = truth.points[truth.owners == number].astype(float)
         assert not truth.outside(number, points, 1e-5).any()
 
@@ -128,8 +128,8 @@ def test_every_hard_case_is_there(split: str) -> None:
 @pytest.mark.parametrize("name", [name for rooms in ROOMS.values() for name in rooms])
 def test_hard_cases_are_what_they_are_called(name: str) -> None:
     room = _room(name)
-    assert {thing.surface for thing in room.things} - {""} and len(room.poses) >= 20
-    boxes = [extent(thing.meshes) for thing in room.things]
+    assert {obj.surface for obj in room.objects} - {""} and len(room.poses) >= 20
+    boxes = [extent(obj.meshes) for obj in room.objects]
     for low, high in room.hard.get("crossed", []):
         below, above = boxes[low - 1], boxes[high - 1]
         assert (below[0] < above[1] + _NEAR).all() and (above[0] < below[1] + _NEAR).all()
@@ -141,12 +141,12 @@ def test_hard_cases_are_what_they_are_called(name: str) -> None:
     for content, vessel in room.hard.get("inside", []):
         middle = sum(boxes[content - 1]) / 2
         assert (middle[:2] > boxes[vessel - 1][0][:2]).all() and (middle[:2] < boxes[vessel - 1][1][:2]).all()
-    for thing, _ in room.hard.get("on a pattern", []):
-        assert room.things[thing - 1].label
-    for (thing,) in room.hard.get("two materials", []):
-        assert len({id(mesh.material) for mesh in room.things[thing - 1].meshes}) > 1
-    for thing in (ids[0] for ids in room.hard.get("thin", [])):
-        assert min(boxes[thing - 1][1] - boxes[thing - 1][0]) < 0.075
+    for obj, _ in room.hard.get("on a pattern", []):
+        assert room.objects[obj - 1].label
+    for (obj,) in room.hard.get("two materials", []):
+        assert len({id(mesh.material) for mesh in room.objects[obj - 1].meshes}) > 1
+    for obj in (ids[0] for ids in room.hard.get("thin", [])):
+        assert min(boxes[obj - 1][1] - boxes[obj - 1][0]) < 0.075
 
 
 def _overlap(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:

@@ -52,9 +52,9 @@ def fastsplat(service: SceneService) -> Iterator[Callable[..., Result]]:
 
 
 @pytest.fixture
-def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
-    """Runs a command about things."""
-    return lambda *words: fastsplat("things", *words)
+def objects(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
+    """Runs a command about objects."""
+    return lambda *words: fastsplat("objects", *words)
 
 
 @pytest.fixture

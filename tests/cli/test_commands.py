@@ -17,7 +17,7 @@ from rich.cells import cell_len
 from typer.testing import Result
 
 from fastsplat.cli.main import app
-from fastsplat.cli.scenes.thing_commands import _seen
+from fastsplat.cli.scenes.object_commands import _seen
 from fastsplat.cli.tables import WIDTH
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
@@ -38,7 +38,7 @@ from tests.scenes import queued_job
 LONG = "a name that nobody should give, 名前 " * 10
 """More letters than any terminal has columns."""
 _SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
-_GROUPS = ("scenes", "things", "jobs", "keys", "projects")
+_GROUPS = ("scenes", "objects", "jobs", "keys", "projects")
 _ENDLESS = {("mcp",)}
 """They go on until they are stopped, and print no value."""
 
@@ -108,14 +108,14 @@ LOOKING = (
     "jobs log $failed",
     "projects list",
     "keys list",
-    "things list $scene",
-    "things detections $upright",
-    "things goal $upright 1",
-    "things goal $scene 1",
-    "things pick $scene --view front.png --pixel 15.5 18.5",
-    "things measure $scene 1 2",
-    "things versions $scene",
-    "things known",
+    "objects list $scene",
+    "objects detections $upright",
+    "objects goal $upright 1",
+    "objects goal $scene 1",
+    "objects pick $scene --view front.png --pixel 15.5 18.5",
+    "objects measure $scene 1 2",
+    "objects versions $scene",
+    "objects known",
     "ask $scene mug",
     "ask $scene elephant ball --from front.png",
     "status",
@@ -130,10 +130,10 @@ BY_REST = {
     "jobs list": "/v1/operations",
     "jobs show $failed": "/v1/operations/{failed}",
     "keys list": "/v1/keys",
-    "things list $scene": "/v1/scenes/{scene}/things",
-    "things detections $upright": "/v1/scenes/{upright}/detections",
-    "things versions $scene": "/v1/scenes/{scene}/versions",
-    "things known": "/v1/known-names",
+    "objects list $scene": "/v1/scenes/{scene}/objects",
+    "objects detections $upright": "/v1/scenes/{upright}/detections",
+    "objects versions $scene": "/v1/scenes/{scene}/versions",
+    "objects known": "/v1/known-names",
     "projects list": "/v1/projects",
     "status": "/v1/server/status",
 }
@@ -227,34 +227,34 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     ids = home.ids
     assert home.run("scenes rename $upright desk", server=True).exit_code == 0
     assert home.json("scenes show $upright")["name"] == "desk"
-    version = home.json("things name $upright violin 1", server=True)["version"]
-    assert home.json("things list $upright")["things"][0]["name"] == "violin"
-    undone = home.run("things undo $upright --version", version[:6], server=True)
+    version = home.json("objects name $upright violin 1", server=True)["version"]
+    assert home.json("objects list $upright")["objects"][0]["name"] == "violin"
+    undone = home.run("objects undo $upright --version", version[:6], server=True)
     assert undone.exit_code == 0 and undone.stdout.endswith("is current\n")
-    again = home.run("things redo $upright")
+    again = home.run("objects redo $upright")
     assert again.stdout == f"version {version} is current\n"
-    home.run("things undo $upright", server=True)
+    home.run("objects undo $upright", server=True)
     sheet = home.folder / "sheet.jpg"
-    none = home.run("things sheet $upright", str(sheet))
-    assert none.stderr == "no thing is without a name\n" and not sheet.exists()
-    home.run("things unname $upright 1", server=True)
-    shown = home.json("things sheet $upright", str(sheet))
-    assert [each["thing_id"] for each in shown["things"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
-    table = home.run("things sheet $upright", str(sheet), server=True).stdout
+    none = home.run("objects sheet $upright", str(sheet))
+    assert none.stderr == "no object is without a name\n" and not sheet.exists()
+    home.run("objects unname $upright 1", server=True)
+    shown = home.json("objects sheet $upright", str(sheet))
+    assert [each["object_id"] for each in shown["objects"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
+    table = home.run("objects sheet $upright", str(sheet), server=True).stdout
     assert table.split()[:2] == ["no.", "id"] and "2 floor" in table
-    home.run("things undo $upright", server=True)
+    home.run("objects undo $upright", server=True)
     told = home.folder / "told.json"
     names = [SuggestedName(1, "moon", 0.9, "eyes"), SuggestedName(2, "carrot", 0.3, "eyes")]
     told.write_bytes(to_json(SuggestIn(tuple(names))))
-    assert "2 names suggested" in home.run("things suggest $upright", str(told), server=True).stdout
-    listed = home.json("things list $upright")["things"]
+    assert "2 names suggested" in home.run("objects suggest $upright", str(told), server=True).stdout
+    listed = home.json("objects list $upright")["objects"]
     assert {"moon", "carrot"} <= {told["name"] for each in listed for told in each["suggestions"]}
     unnamed = [each["id"] for each in listed if not each["name"]]
-    confirmed = home.json("things confirm $upright --least .2", server=True)["things"]
+    confirmed = home.json("objects confirm $upright --least .2", server=True)["objects"]
     assert [each["id"] for each in confirmed] == [each for each in unnamed if each in (1, 2)]
-    assert all(each["name"] for each in home.json("things list $upright")["things"] if each["id"] in (1, 2))
+    assert all(each["name"] for each in home.json("objects list $upright")["objects"] if each["id"] in (1, 2))
     told.write_text("{}")
-    assert isinstance(home.run("things suggest $upright", str(told), server=True).exception, InvalidInputError)
+    assert isinstance(home.run("objects suggest $upright", str(told), server=True).exception, InvalidInputError)
     assert home.json("jobs retry $cancelled --exclude", "another.jpg", server=True)["state"] == "QUEUED"
     assert home.json("jobs cancel $cancelled")["state"] == "CANCELLED"
     made = home.json("keys create robot --role reader", server=True)
@@ -274,8 +274,8 @@ def test_what_came_of_a_job_is_said_in_a_line_or_two(home: Home) -> None:
     done = from_json(Operation, home.run("jobs show $done --json", server=True).stdout)
     again = LookAgainResult("e12", ("cup",), ("a.jpg",), False, (FoundName(1, "cup", 0.5),), (), 3, 2)
     assert _seen(replace(done, look_again=again)).splitlines() == [
-        "thing 1 is cup (50%)",
-        "2 of 3 regions are no thing of the scene",
+        "object 1 is cup (50%)",
+        "2 of 3 regions are no object of the scene",
         "version e12 is there",
     ]
 
@@ -284,14 +284,14 @@ def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
     answers = home.json("ask $scene mug elephant")["answers"]
     said = home.run("ask $scene mug elephant").stdout.splitlines()
     assert said[0] == answers[0]["sentence"] and answers[1]["sentence"] in said[1:]
-    assert said[1].startswith("  thing 1, mug, at (")
+    assert said[1].startswith("  object 1, mug, at (")
 
 
 def test_a_folder_stands_for_its_newest_scene(home: Home) -> None:
     data = str(home.folder / "data")
     newest = home.json("scenes list", server=True)["scenes"][0]
     assert newest["state"] != "READY"
-    for words in ("scenes show", "things list", "ask"):
+    for words in ("scenes show", "objects list", "ask"):
         refused = home.run(words, data, *(["mug"] if words == "ask" else [])).exception
         assert isinstance(refused, NotReadyError) and "not been trained" in refused.message
     assert isinstance(home.run("scenes show", data, server=True).exception, NotFoundError)

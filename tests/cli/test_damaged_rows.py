@@ -72,7 +72,7 @@ DAMAGES = {
     "photos": "insert or replace into scene_photos values ('{id}', '[1]')",
     "versions' author": "update scene_versions set author='ghost' where scene_id='{id}' and parent!=''",
     "photos of no scene": "insert into scene_photos values ('ghost', '[]')",
-    "names of no scene": "insert into known_names (id, version, scene_id, thing_id, name, named_at, appearance, "
+    "names of no scene": "insert into known_names (id, version, scene_id, object_id, name, named_at, appearance, "
     "picture, said, tags) values ('n', 'v', 'ghost', 1, 'mug', 1.0, '', '', '[]', '[]')",
     "job of no scene": "update operations set scene_id='ghost', state='QUEUED' where {O}",
     "key of no operation": f"{_KEY} 'ghost', 'default', '')",
@@ -155,7 +155,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "get operation": lambda: service.get_operation(operation),
         "cancel": lambda: service.cancel_operation(operation),
         "retry": lambda: service.retry_operation(operation),
-        "things": lambda: service.answers.list_things(scene),
+        "objects": lambda: service.answers.list_objects(scene),
         "detections": lambda: service.detections.all(scene),
         "photos": lambda: service.photos.all(scene),
         "photo": lambda: service.photos.path(scene, "front.png"),

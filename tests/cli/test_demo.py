@@ -59,11 +59,11 @@ def test_the_sample_scene_is_there_without_training_and_keeps_what_is_done_to_it
     folder = tmp_path / "demo"
     prepare(folder)
     with open_scene(folder / "service") as scene:
-        thing = next(thing for thing in scene.things() if thing.name == "cup")
-        scene.name(thing.id, "beaker of tea")
+        obj = next(obj for obj in scene.objects() if obj.name == "cup")
+        scene.name(obj.id, "beaker of tea")
     prepare(folder)
     with open_scene(folder / "service") as scene:
-        assert "beaker of tea" in {thing.name for thing in scene.things()}
+        assert "beaker of tea" in {obj.name for obj in scene.objects()}
     assert sorted(path.name for path in folder.iterdir()) == [".fastsplat-demo", "service"]  # nothing unfinished
 
 

@@ -25,13 +25,13 @@ def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneSer
     scene_id = add_scene(service, load_settings())
     for name, more, request in (
         ("a.spz", [], ExportRequest(scene_id, "spz")),
-        ("a.sog", ["--thing", "2"], ExportRequest(scene_id, "sog", thing_ids=(2,))),
+        ("a.sog", ["--object", "2"], ExportRequest(scene_id, "sog", object_ids=(2,))),
         ("a.PLY", [], ExportRequest(scene_id, "ply")),
-        ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", thing_ids=(2,))),
+        ("b.ply", ["--object", "2"], ExportRequest(scene_id, "ply", object_ids=(2,))),
         ("c.bin", ["--format", "spz"], ExportRequest(scene_id, "spz")),
         ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
         ("D.glb", [], ExportRequest(scene_id, "mesh")),
-        ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", thing_ids=(2,))),
+        ("e.mcap", ["--object", "2"], ExportRequest(scene_id, "mcap", object_ids=(2,))),
     ):
         result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)
         assert result.exit_code == 0, result.output
@@ -44,7 +44,7 @@ def test_a_map_is_written_and_a_goal_printed(fastsplat: Run, service: SceneServi
     assert result.exit_code == 0, result.output
     truth = service.exports.file(ExportRequest(scene_id, "map", cell=0.1))
     assert (tmp_path / "floor.map.zip").read_bytes() == truth
-    result = fastsplat("things", "goal", scene_id, "1", "--radius", "0.15", "--json")
+    result = fastsplat("objects", "goal", scene_id, "1", "--radius", "0.15", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout) == to_plain(service.exports.goal(scene_id, 1, 0.15))
 
@@ -53,7 +53,7 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     scene_id = add_upright_scene(service, load_settings())
     paged_by_one = load_settings().model_copy(update={"store": StoreOptions(max_page_size=1)})
     monkeypatch.setattr("fastsplat.cli.connection.load_settings", lambda: paged_by_one)
-    printed = json.loads(invoke("things", "detections", scene_id, "--json").stdout)
+    printed = json.loads(invoke("objects", "detections", scene_id, "--json").stdout)
     truth = service.detections.all(scene_id)
     assert len(truth.detections) == 2 and printed["next_page_token"] == ""
     assert [each["label"] for each in printed["detections"]] == [each.label for each in truth.detections]

@@ -64,7 +64,7 @@ def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
             return _said(await client.call_tool(tool, arguments))
 
         said: dict[str, Any] = {"tools": {tool.name for tool in (await client.list_tools()).tools}}
-        for tool in ("list_scenes", "describe_scene", "list_things", "photograph_next", "scene_status"):
+        for tool in ("list_scenes", "describe_scene", "list_objects", "photograph_next", "scene_status"):
             said[tool] = await call(tool)
         for name in (*_MIDDLES, "submarine"):
             said[f"find {name}"] = await call("find", text=name)
@@ -73,8 +73,8 @@ def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
         found = said["find banana"]
         ids = [said[f"find {name}"]["places"][0]["id"] for name in ("cup", "bottle")]
         said["measure"] = await call("measure", first=ids[0], second=ids[1])
-        said["look_from"] = await client.call_tool("look_from", {"thing_id": found["things"][0]["id"]})
-        said["name_thing"] = await call("name_thing", thing_id=found["things"][0]["id"], name="breakfast")
+        said["look_from"] = await client.call_tool("look_from", {"object_id": found["objects"][0]["id"]})
+        said["name_object"] = await call("name_object", object_id=found["objects"][0]["id"], name="breakfast")
         said["find renamed"] = await call("find", text="breakfast")
         return said
 
@@ -89,11 +89,11 @@ def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
     assert described["photos"] == 26 and described["grade"] == "good" and described["more_names"] == 0
     assert {"apple", "banana", "cup", "vase"} <= described["names"].keys()
     assert answers["scene_status"]["job"] == "SUCCEEDED"
-    assert len(answers["list_things"]["things"]) >= 15
+    assert len(answers["list_objects"]["objects"]) >= 15
 
 
 @pytest.mark.parametrize("name", _MIDDLES)
-def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
+def test_objects_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
     where = answers[f"find {name}"]
     assert where["outcome"] == "here" and where["unit"] == "m"
     assert np.allclose(
@@ -103,7 +103,7 @@ def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> N
 
 def test_a_name_that_is_given_is_found_in_that_session(answers: dict[str, Any]) -> None:
     assert answers["find renamed"]["outcome"] == "here"
-    assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing_id"]
+    assert answers["find renamed"]["objects"][0]["id"] == answers["name_object"]["object_id"]
 
 
 def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:

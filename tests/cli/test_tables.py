@@ -1,4 +1,4 @@
-"""What is printed for people fits 80 columns whatever the data, and ids in short mean one thing or are refused."""
+"""What is printed for people fits 80 columns whatever the data, and ids in short mean one object or are refused."""
 
 from __future__ import annotations
 

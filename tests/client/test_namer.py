@@ -18,28 +18,28 @@ from benchmarks.naming.replay import named, replayed
 from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
 from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.geometry.poses import Vector3
-from fastsplat_contract.messages.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
 from tests.client.scripted import Scripted, scripted
 
 
-def _sheet(page: int, things: int = 5, larger: float = 2.0, written: tuple[str, ...] = ()) -> ThingSheet:
-    """A sheet whose things have the ids 100·page + number, each so many times larger than the one before."""
-    near = (NeighborThing(7, "table"),)
-    sizes = [Vector3(*(side * larger ** (n - 1) for side in (0.1, 0.25, 0.3))) for n in range(1, things + 1)]
+def _sheet(page: int, objects: int = 5, larger: float = 2.0, written: tuple[str, ...] = ()) -> ObjectSheet:
+    """A sheet whose objects have the ids 100·page + number, each so many times larger than the one before."""
+    near = (NeighborObject(7, "table"),)
+    sizes = [Vector3(*(side * larger ** (n - 1) for side in (0.1, 0.25, 0.3))) for n in range(1, objects + 1)]
     shown = tuple(
-        SheetThing(n, 100 * page + n, "front.png", True, size, "", near, ()) for n, size in enumerate(sizes, start=1)
+        SheetObject(n, 100 * page + n, "front.png", True, size, "", near, ()) for n, size in enumerate(sizes, start=1)
     )
-    return ThingSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
+    return ObjectSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
 
 
 _KINDS = {n: f"kind {n}" for n in range(1_000)}
 
 
 def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_schema() -> None:
-    sheets = [_sheet(1), _sheet(2), ThingSheet(b"", (), (9,), True, "", "v")]
+    sheets = [_sheet(1), _sheet(2), ObjectSheet(b"", (), (9,), True, "", "v")]
     with replayed(sheets, lambda sheet: named(sheet, _KINDS)) as server:
         said = ask_namer(Namer(f"{server.url}/", "eyes:7b", "secret"), sheets)
-    assert [(each.thing_id, each.name) for each in said.names] == [
+    assert [(each.object_id, each.name) for each in said.names] == [
         (n, _KINDS[n]) for n in (*range(101, 106), *range(201, 206))
     ]
     assert {(each.source, each.model, each.probability) for each in said.names} == {("eyes:7b", "eyes:7b", 0.9)}
@@ -64,18 +64,18 @@ def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -
     }
     with replayed([_sheet(1)], lambda _: answer) as server:
         said = ask_namer(Namer(server.url, "eyes"), [_sheet(1)])
-    assert sorted((each.thing_id, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
+    assert sorted((each.object_id, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
     assert said.refused == len(told) - 2 and {each.aliases for each in said.names} == {("ok", "a", "b", "c", "d")}
 
 
-@pytest.mark.parametrize(("same", "things", "taken"), [(2, 4, 4), (3, 4, 0), (3, 3, 3), (10, 20, 20), (11, 20, 0)])
-def test_one_name_for_more_than_half_of_four_things_is_refused(same: int, things: int, taken: int) -> None:
+@pytest.mark.parametrize(("same", "objects", "taken"), [(2, 4, 4), (3, 4, 0), (3, 3, 3), (10, 20, 20), (11, 20, 0)])
+def test_one_name_for_more_than_half_of_four_objects_is_refused(same: int, objects: int, taken: int) -> None:
     names = {
-        100 + n: "cat" if n % 2 and n <= same else "Cat" if n <= same else f"kind {n}" for n in range(1, things + 1)
+        100 + n: "cat" if n % 2 and n <= same else "Cat" if n <= same else f"kind {n}" for n in range(1, objects + 1)
     }
-    with replayed([_sheet(1, things)], lambda sheet: named(sheet, names)) as server:
-        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1, things)])
-    assert (len(said.names), said.refused) == (taken, things - taken)
+    with replayed([_sheet(1, objects)], lambda sheet: named(sheet, names)) as server:
+        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1, objects)])
+    assert (len(said.names), said.refused) == (taken, objects - taken)
 
 
 def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
@@ -85,17 +85,17 @@ def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
     assert (said.names, said.refused) == ((), 6)
 
 
-def _books(sheets: list[ThingSheet], name: str = "book") -> tuple[int, int]:
-    """How many names are suggested and refused where a namer gives all things but the last of each sheet one name."""
-    names = {each.thing_id: name for sheet in sheets for each in sheet.things[:-1]}
-    names |= {sheet.things[-1].thing_id: f"kind {sheet.things[-1].thing_id}" for sheet in sheets}
+def _books(sheets: list[ObjectSheet], name: str = "book") -> tuple[int, int]:
+    """How many names are suggested and refused where a namer gives all objects but the last of each sheet one name."""
+    names = {each.object_id: name for sheet in sheets for each in sheet.objects[:-1]}
+    names |= {sheet.objects[-1].object_id: f"kind {sheet.objects[-1].object_id}" for sheet in sheets}
     with replayed(sheets, lambda sheet: named(sheet, names)) as server:
         said = ask_namer(Namer(server.url, "eyes"), sheets)
     return len(said.names), said.refused
 
 
 @pytest.mark.parametrize(("larger", "taken"), [(1.0, 10), (1.05, 10), (1.2, 0), (2.0, 0)])
-def test_one_name_for_most_things_needs_things_of_one_size(larger: float, taken: int) -> None:
+def test_one_name_for_most_objects_needs_objects_of_one_size(larger: float, taken: int) -> None:
     assert _books([_sheet(1, 10, larger)]) == (taken, 10 - taken)
 
 
@@ -110,9 +110,9 @@ def test_a_name_that_one_sheet_refuses_is_refused_on_all() -> None:
     assert _books([alike, differing]) == (1, 19)
 
 
-def test_things_without_a_size_support_no_name() -> None:
+def test_objects_without_a_size_support_no_name() -> None:
     alike = _sheet(1, 10, 1.0)
-    assert _books([replace(alike, things=tuple(replace(each, size=None) for each in alike.things))]) == (0, 10)
+    assert _books([replace(alike, objects=tuple(replace(each, size=None) for each in alike.objects))]) == (0, 10)
 
 
 def _whole(message: str) -> tuple[int, dict[str, str], bytes]:
@@ -127,7 +127,7 @@ _BAD: dict[str, Any] = {
     "no json": (200, {}, b"<html>"),
     "no choices": (200, {}, b'{"choices": []}'),
     "prose": _whole("It is a mug."),
-    "other json": _whole('{"things": []}'),
+    "other json": _whole('{"objects": []}'),
     "more than asked": _whole('{"names": [], "run": "rm"}'),
     "probability": _whole('{"names": [{"number": 1, "name": "mug", "probability": 2, "aliases": []}]}'),
     "too large": (200, {}, b" " * 1_000_001),
@@ -175,7 +175,7 @@ def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, 
     # What was said before stays, and what was not asked about is told.
     scripted_namer.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
     said = ask_namer(namer, [_sheet(1), _sheet(2), _sheet(3)])
-    assert [each.thing_id for each in said.names] == [101] and "does not answer" in said.problem
+    assert [each.object_id for each in said.names] == [101] and "does not answer" in said.problem
 
 
 def test_tries_are_further_and_further_apart_and_as_far_as_the_namer_says(

@@ -64,7 +64,7 @@ def test_variants_share_a_key(one: str, other: str) -> None:
         ("😀", "😁"),
     ],
 )
-def test_different_things_keep_different_keys(one: str, other: str) -> None:
+def test_different_objects_keep_different_keys(one: str, other: str) -> None:
     assert label_key(one) != label_key(other)
 
 

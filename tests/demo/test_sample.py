@@ -87,10 +87,10 @@ def test_poses_are_rigid_and_look_at_the_table(transforms: dict, poses: NDArray[
     assert transforms["cx"] == transforms["w"] / 2 and transforms["cy"] == transforms["h"] / 2
 
 
-def test_rays_through_one_thing_meet(
+def test_rays_through_one_object_meet(
     transforms: dict, labels: dict[str, int], masks: list[NDArray[np.uint8]], poses: NDArray[np.float64]
 ) -> None:
-    """Rays through the middle of a compact thing's mask pass within 3 cm of one point: masks, poses and axes agree."""
+    """Rays through the middle of a compact object's mask pass within 3 cm of one point: masks, poses and axes agree."""
     for name in ("clock", "cup", "bowl", "vase", "teddy bear", "banana"):
         rays = []
         for mask, pose in zip(masks, poses, strict=True):

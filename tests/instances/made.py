@@ -1,4 +1,4 @@
-"""Made scenes: Gaussians of known things, and what views propose of them."""
+"""Made scenes: Gaussians of known objects, and what views propose of them."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ _CENTERS = np.array([[-0.6, 0.0, 0.25], [0.3, 0.5, 0.25], [0.3, -0.5, 0.25]])
 
 @dataclass(frozen=True)
 class Room:
-    """A splat with photos; `owner` [G] is each Gaussian's thing, 0 the floor; `maps` each pixel's, from 1."""
+    """A splat with photos; `owner` [G] is each Gaussian's object, 0 the floor; `maps` each pixel's, from 1."""
 
     gaussians: Gaussians
     owner: np.ndarray

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.scene.artefact.scene import SH_C0, Scene, SceneFacts, Thing, Things
+from fastsplat.service.scene.artefact.scene import SH_C0, Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
@@ -23,7 +23,7 @@ _SURE_PX = 16
 
 
 def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tuple[Scene, dict[int, str]]:
-    """The scene, in which nothing has a name, and what each of its things is, by id."""
+    """The scene, in which nothing has a name, and what each of its objects is, by id."""
     document = json.loads((folder / "transforms.json").read_text())
     width, height = document["w"], document["h"]
     camera = Camera(width, height, document["fl_x"], document["fl_y"], document["cx"], document["cy"])
@@ -45,8 +45,8 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
     _, cell, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     table = np.stack([np.bincount(cell.ravel(), column) for column in table.T], axis=1) / counts[:, None]
     labels = np.rint(table[:, 7]).astype(np.int64)
-    things = {number: name for name, number in document["labels"].items() if name not in SURFACES}
-    owner = np.where(np.isin(labels, list(things)), labels, 0)
+    objects = {number: name for name, number in document["labels"].items() if name not in SURFACES}
+    owner = np.where(np.isin(labels, list(objects)), labels, 0)
     membership = evidence_of(np.arange(len(owner)), owner, np.full(len(owner), _SURE_PX * UNIT, np.int64), len(owner))
     scene = labelled_scene(
         table[:, :3],
@@ -57,7 +57,7 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
         sh=((table[:, 3:6] - 0.5) / SH_C0)[:, None],
         encoder=encoder,
         cameras=cameras,
-        things=Things(tuple(Thing(number) for number in sorted(things)), membership),
+        objects=Objects(tuple(Object(number) for number in sorted(objects)), membership),
         facts=SceneFacts(searched_names=80, searched_for=tuple(f"name {number}" for number in range(80))),
     )
-    return scene, things
+    return scene, objects

@@ -111,12 +111,12 @@ def test_supports_are_shares_and_no_two_candidates_are_the_same(views: list[list
 @settings(max_examples=40, derandomize=True)
 @given(st.integers(2, 6), st.integers(0, 10**6), st.randoms(use_true_random=False))
 def test_the_order_of_views_and_of_masks_does_not_matter(views: int, seed: int, random) -> None:
-    """Things whose masks slip by a little in each view."""
+    """Objects whose masks slip by a little in each view."""
     rng = np.random.default_rng(seed)
     regions = []
     for _ in range(views):
-        things = [set(range(30 * thing, 30 * thing + 30)) for thing in range(4) if rng.random() < 0.8]
-        regions.append([sorted(thing ^ set(rng.integers(0, 120, 3).tolist())) for thing in things])
+        objects = [set(range(30 * obj, 30 * obj + 30)) for obj in range(4) if rng.random() < 0.8]
+        regions.append([sorted(obj ^ set(rng.integers(0, 120, 3).tolist())) for obj in objects])
     quality = [np.asarray(rng.uniform(0.8, 1.0, len(own)), np.float32) for own in regions]
     orders = [random.sample(range(len(own)), len(own)) for own in regions]
     order = random.sample(range(views), views)
@@ -129,18 +129,18 @@ def test_the_order_of_views_and_of_masks_does_not_matter(views: int, seed: int, 
     assert results[0] == results[1]
 
 
-def _large_capture(views: int, gaussians: int, things: int) -> Iterator[LiftedRegions]:
-    """Each view proposes a third of all things, of half of them a part, and of a quarter a group with the next."""
+def _large_capture(views: int, gaussians: int, objects: int) -> Iterator[LiftedRegions]:
+    """Each view proposes a third of all objects, of half of them a part, and of a quarter a group with the next."""
     rng = np.random.default_rng(0)
-    size = gaussians // things
+    size = gaussians // objects
     for _ in range(views):
-        some = rng.choice(things - 1, things // 3, replace=False)
+        some = rng.choice(objects - 1, objects // 3, replace=False)
         visible = np.zeros(gaussians, np.bool_)
-        for thing in some:
-            visible[thing * size : (thing + 2) * size] = True
-        whole = [range(thing * size, (thing + 1) * size) for thing in some]
-        parts = [range(thing * size, thing * size + size // 3) for thing in some[: len(some) // 2]]
-        groups = [range(thing * size, (thing + 2) * size) for thing in some[: len(some) // 4]]
+        for obj in some:
+            visible[obj * size : (obj + 2) * size] = True
+        whole = [range(obj * size, (obj + 1) * size) for obj in some]
+        parts = [range(obj * size, obj * size + size // 3) for obj in some[: len(some) // 2]]
+        groups = [range(obj * size, (obj + 2) * size) for obj in some[: len(some) // 4]]
         yield lifted(gaussians, [*whole, *parts, *groups], visible)
 
 

@@ -1,4 +1,4 @@
-"""Things of a made room are discovered without a word, and named by whoever has words."""
+"""Objects of a made room are discovered without a word, and named by whoever has words."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from hypothesis import strategies as st
 
 from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.instances.discovery.discovery import Discovery, discover_things
+from fastsplat.service.instances.discovery.discovery import Discovery, discover_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_probability, name_things
-from fastsplat.service.instances.naming.thing_appearances import with_appearances
-from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
+from fastsplat.service.instances.naming.naming import NAMED_FROM, NameVotes, name_objects, name_probability
+from fastsplat.service.instances.naming.object_appearances import with_appearances
+from fastsplat.service.instances.scene_objects import find_scene_objects, regions_of_label_map
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.artefact.scene import STATED_FROM, Thing, Things
+from fastsplat.service.scene.artefact.scene import STATED_FROM, Object, Objects
 from fastsplat.service.scene.objects.label_evidence import no_evidence
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room
 from tests.looks_model import MODEL, write_looks_model
@@ -44,36 +44,35 @@ def masks(room: Room) -> Masks:
 
 @pytest.fixture(scope="module")
 def discovery(room: Room, masks: Masks) -> Discovery:
-    return discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS)
+    return discover_objects(room.gaussians, room.capture.views, masks, UP, SETTINGS)
 
 
-def _overlaps(things: Things, owner: np.ndarray) -> dict[int, tuple[int, float]]:
-    """Of each true thing, the thing that overlaps it most, and by how much."""
-    rows = thing_rows(things)
+def _overlaps(objects: Objects, owner: np.ndarray) -> dict[int, tuple[int, float]]:
+    """Of each true object, the object that overlaps it most, and by how much."""
+    rows = object_rows(objects)
     best = {}
     for true in range(4):
         inside = owner == true
         shares = {
-            thing.id: (inside & (rows == thing.id)).sum() / (inside | (rows == thing.id)).sum()
-            for thing in things.table
+            obj.id: (inside & (rows == obj.id)).sum() / (inside | (rows == obj.id)).sum() for obj in objects.table
         }
         best[true] = max(shares.items(), key=lambda item: item[1])
     return best
 
 
-def test_every_thing_is_discovered_once(room: Room, discovery: Discovery) -> None:
-    best = _overlaps(discovery.things, room.owner)
-    assert len(discovery.things.table) == 4 and len({thing for thing, _ in best.values()}) == 4
+def test_every_object_is_discovered_once(room: Room, discovery: Discovery) -> None:
+    best = _overlaps(discovery.objects, room.owner)
+    assert len(discovery.objects.table) == 4 and len({obj for obj, _ in best.values()}) == 4
     # Half of each ball's points look down or lie within; of those no view says anything.
     assert all(overlap > 0.6 for _, overlap in best.values())
-    assert all(not thing.name and thing.source is None for thing in discovery.things.table)
-    assert [thing.id for thing in discovery.things.table] == [1, 2, 3, 4]
-    assert all(thing.consensus > 0.5 for thing in discovery.things.table)
+    assert all(not obj.name and obj.source is None for obj in discovery.objects.table)
+    assert [obj.id for obj in discovery.objects.table] == [1, 2, 3, 4]
+    assert all(obj.consensus > 0.5 for obj in discovery.objects.table)
 
 
 def test_the_floor_is_a_surface_and_balls_are_none(room: Room, discovery: Discovery) -> None:
-    best = _overlaps(discovery.things, room.owner)
-    kinds = {thing.id: thing.surface for thing in discovery.things.table}
+    best = _overlaps(discovery.objects, room.owner)
+    kinds = {obj.id: obj.surface for obj in discovery.objects.table}
     assert kinds[best[0][0]] == "horizontal surface"
     assert all(kinds[best[ball][0]] == "" for ball in (1, 2, 3))
 
@@ -83,10 +82,10 @@ def test_views_that_nobody_looked_at_have_no_say(room: Room) -> None:
         room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION.model_copy(update={"proposal_views": 5})
     )
     assert sum(own is not None for own in few) == 5 and few[0] is not None and few[-1] is not None
-    all_views = discover_things(room.gaussians, room.capture.views, few, UP, SETTINGS)
+    all_views = discover_objects(room.gaussians, room.capture.views, few, UP, SETTINGS)
     used = [(view, own) for view, own in zip(room.capture.views, few, strict=True) if own is not None]
-    alone = discover_things(room.gaussians, [view for view, _ in used], [own for _, own in used], UP, SETTINGS)
-    assert all_views.views == 5 and (thing_rows(all_views.things) == thing_rows(alone.things)).all()
+    alone = discover_objects(room.gaussians, [view for view, _ in used], [own for _, own in used], UP, SETTINGS)
+    assert all_views.views == 5 and (object_rows(all_views.objects) == object_rows(alone.objects)).all()
 
 
 def test_boxes_spare_points(room: Room) -> None:
@@ -103,10 +102,10 @@ def test_boxes_spare_points(room: Room) -> None:
     assert len(with_boxes) >= len(without)
 
 
-def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery, masks: Masks) -> None:
-    again = discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS)
-    assert again.things.table == discovery.things.table
-    assert (thing_rows(again.things) == thing_rows(discovery.things)).all()
+def test_the_same_input_gives_the_same_objects(room: Room, discovery: Discovery, masks: Masks) -> None:
+    again = discover_objects(room.gaussians, room.capture.views, masks, UP, SETTINGS)
+    assert again.objects.table == discovery.objects.table
+    assert (object_rows(again.objects) == object_rows(discovery.objects)).all()
 
 
 def test_it_ends_when_asked_to(room: Room, masks: Masks) -> None:
@@ -116,60 +115,64 @@ def test_it_ends_when_asked_to(room: Room, masks: Masks) -> None:
             raise CancelledError("enough")
 
     with pytest.raises(CancelledError):
-        discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS, stop)
+        discover_objects(room.gaussians, room.capture.views, masks, UP, SETTINGS, stop)
 
 
-def test_no_views_no_things(room: Room) -> None:
-    discovery = discover_things(room.gaussians, (), (), UP, SETTINGS)
-    assert discovery.things.table == () and discovery.prompts == 0
-    assert (thing_rows(discovery.things) == 0).all()
+def test_no_views_no_objects(room: Room) -> None:
+    discovery = discover_objects(room.gaussians, (), (), UP, SETTINGS)
+    assert discovery.objects.table == () and discovery.prompts == 0
+    assert (object_rows(discovery.objects) == 0).all()
 
 
 def test_given_label_maps_name_what_they_show(room: Room, masks: Masks) -> None:
     labelling = Labelling(dictionary_of(NAMES), room.maps, exact=True)
-    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
-    names = {thing.id: (thing.name, thing.source) for thing in things.table}
-    for true, (thing, _) in _overlaps(things, room.owner).items():
-        assert names[thing] == (NAMES[true], "given")
+    objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    names = {obj.id: (obj.name, obj.source) for obj in objects.table}
+    for true, (obj, _) in _overlaps(objects, room.owner).items():
+        assert names[obj] == (NAMES[true], "given")
 
 
-def test_without_labels_things_have_no_names(room: Room, masks: Masks) -> None:
+def test_without_labels_objects_have_no_names(room: Room, masks: Masks) -> None:
     labelling = Labelling(Dictionary(()), ())
-    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
-    assert len(things.table) == 4 and not any(thing.name for thing in things.table)
+    objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    assert len(objects.table) == 4 and not any(obj.name for obj in objects.table)
 
 
-def test_things_are_described_from_the_photos_that_show_them(room: Room, masks: Masks, models_dir: Path) -> None:
+def test_objects_are_described_from_the_photos_that_show_them(room: Room, masks: Masks, models_dir: Path) -> None:
     encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
     assert encoder is not None
-    things, gaussians = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
-    described = with_appearances(things, gaussians, room.capture.views, encoder, SETTINGS.max_side)
-    best = _overlaps(things, room.owner)
-    for thing in described.table:
-        descriptor = np.frombuffer(thing.appearance, np.float16)
+    objects, gaussians = find_scene_objects(
+        room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS
+    )
+    described = with_appearances(objects, gaussians, room.capture.views, encoder, SETTINGS.max_side)
+    best = _overlaps(objects, room.owner)
+    for obj in described.table:
+        descriptor = np.frombuffer(obj.appearance, np.float16)
         assert descriptor.shape == (SIZE,) and np.linalg.norm(descriptor.astype(np.float64)) == pytest.approx(
             1, abs=0.01
         )
     blue_green_red = {}
     for number in (1, 2, 3):
-        (thing,) = [thing for thing in described.table if thing.id == best[number][0]]
-        picture = cv2.imdecode(np.frombuffer(thing.picture, np.uint8), cv2.IMREAD_COLOR)
+        (obj,) = [obj for obj in described.table if obj.id == best[number][0]]
+        picture = cv2.imdecode(np.frombuffer(obj.picture, np.uint8), cv2.IMREAD_COLOR)
         blue_green_red[number] = int(picture[40:56, 40:56].reshape(-1, 3).mean(axis=0).argmax())
     assert blue_green_red == {1: 2, 2: 1, 3: 0}
-    assert with_appearances(things, gaussians, (), encoder, SETTINGS.max_side) == things
+    assert with_appearances(objects, gaussians, (), encoder, SETTINGS.max_side) == objects
 
 
-def test_an_image_text_model_looks_at_the_photos_that_show_a_thing_best(
+def test_an_image_text_model_looks_at_the_photos_that_show_an_object_best(
     room: Room, masks: Masks, tmp_path: Path
 ) -> None:
     write_looks_model(tmp_path)
     model = open_image_text(PerceptionSettings(image_text=MODEL), tmp_path)
-    things, gaussians = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
-    looked = with_appearances(things, gaussians, room.capture.views, None, SETTINGS.max_side, looks=model)
-    assert not any(thing.appearance or thing.picture for thing in looked.table)
-    looks = {thing.id: thing.looks for thing in looked.table if thing.looks is not None}
+    objects, gaussians = find_scene_objects(
+        room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS
+    )
+    looked = with_appearances(objects, gaussians, room.capture.views, None, SETTINGS.max_side, looks=model)
+    assert not any(obj.appearance or obj.picture for obj in looked.table)
+    looks = {obj.id: obj.looks for obj in looked.table if obj.looks is not None}
     assert {each.sha256 for each in looks.values()} == {model.sha256}
-    best, words = _overlaps(things, room.owner), model.encode(["red", "green", "blue"])
+    best, words = _overlaps(objects, room.owner), model.encode(["red", "green", "blue"])
     rows = np.stack([np.frombuffer(looks[best[number][0]].embedding, np.float16) for number in (1, 2, 3)])
     assert np.linalg.norm(rows.astype(np.float64), axis=1) == pytest.approx(1, abs=0.01)
     assert (rows @ words.T).argmax(axis=1).tolist() == [0, 1, 2]
@@ -184,9 +187,9 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
         regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
     maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
     labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
-    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
-    by_id = {thing.id: thing for thing in things.table}
-    best = _overlaps(things, room.owner)
+    objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    by_id = {obj.id: obj for obj in objects.table}
+    best = _overlaps(objects, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
     assert red.name == "" and {each.name for each in red.suggestions} == {"ball", "apple"}
     assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
@@ -194,25 +197,25 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
 
 
 def test_a_name_by_a_person_outlives_votes() -> None:
-    things = Things((Thing(1, "Fritz", "person", 1.0), Thing(2)), no_evidence(3))
+    objects = Objects((Object(1, "Fritz", "person", 1.0), Object(2)), no_evidence(3))
     votes = NameVotes(np.array([[0.0, 5.0], [0.0, 5.0]]), np.array([5.0, 5.0]))
-    named = name_things(things, votes, ("cup",), "detected")
-    assert [thing.name for thing in named.table] == ["Fritz", "cup"]
+    named = name_objects(objects, votes, ("cup",), "detected")
+    assert [obj.name for obj in named.table] == ["Fritz", "cup"]
 
 
 @settings(max_examples=50)
 @given(st.lists(st.floats(0, 10), min_size=4, max_size=4), st.floats(1, 10))
 def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], able: float) -> None:
     votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
-    things = Things((Thing(1),), no_evidence(3))
-    (thing,) = name_things(things, votes, ("a", "b", "c", "d"), "detected").table
+    objects = Objects((Object(1),), no_evidence(3))
+    (obj,) = name_objects(objects, votes, ("a", "b", "c", "d"), "detected").table
     probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"))[0, 1:]
-    assert bool(thing.name) == (probability.max() >= NAMED_FROM)
-    if thing.name:
-        assert thing.probability == pytest.approx(probability.max())
-        assert thing.guessed == (thing.probability < STATED_FROM)
-    shares = [each.probability for each in thing.suggestions]
-    assert shares == sorted(shares, reverse=True) and thing.name not in {each.name for each in thing.suggestions}
+    assert bool(obj.name) == (probability.max() >= NAMED_FROM)
+    if obj.name:
+        assert obj.probability == pytest.approx(probability.max())
+        assert obj.guessed == (obj.probability < STATED_FROM)
+    shares = [each.probability for each in obj.suggestions]
+    assert shares == sorted(shares, reverse=True) and obj.name not in {each.name for each in obj.suggestions}
 
 
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:
@@ -233,26 +236,28 @@ def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Pat
     cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
     views = list(room.capture.views)
     views[0] = replace(views[0], valid_path=blank)
-    without = discover_things(room.gaussians, views[1:], masks[1:], UP, SETTINGS)
-    margin = discover_things(room.gaussians, views, masks, UP, SETTINGS)
-    assert len(margin.things.table) == len(without.things.table) == 4
+    without = discover_objects(room.gaussians, views[1:], masks[1:], UP, SETTINGS)
+    margin = discover_objects(room.gaussians, views, masks, UP, SETTINGS)
+    assert len(margin.objects.table) == len(without.objects.table) == 4
 
 
-def test_a_thing_says_in_which_views_it_was_proposed_and_missed(room: Room, masks: Masks, discovery: Discovery) -> None:
+def test_an_object_says_in_which_views_it_was_proposed_and_missed(
+    room: Room, masks: Masks, discovery: Discovery
+) -> None:
     views = range(len(room.capture.views))
-    for thing in discovery.things.table:
-        assert set(thing.proposed_in) <= set(views) and len(thing.proposed_in) >= 2
-        assert not set(thing.proposed_in) & set(thing.missed_in)
-        assert (thing.consensus == 1.0) == (not thing.missed_in)
+    for obj in discovery.objects.table:
+        assert set(obj.proposed_in) <= set(views) and len(obj.proposed_in) >= 2
+        assert not set(obj.proposed_in) & set(obj.missed_in)
+        assert (obj.consensus == 1.0) == (not obj.missed_in)
     # Numbers are those of the capture's views, also where some of these have no say.
-    few = discover_things(room.gaussians, room.capture.views, (None, *masks[1:]), UP, SETTINGS)
-    seen = {number for thing in few.things.table for number in (*thing.proposed_in, *thing.missed_in)}
+    few = discover_objects(room.gaussians, room.capture.views, (None, *masks[1:]), UP, SETTINGS)
+    seen = {number for obj in few.objects.table for number in (*obj.proposed_in, *obj.missed_in)}
     assert seen and min(seen) >= 1 and max(seen) == max(views)
     third = masks[3]
     assert third is not None
     blind = (*masks[:3], replace(third, bits=third.bits[:0], quality=third.quality[:0]), *masks[4:])
-    best = max(discovery.things.table, key=lambda thing: len(thing.proposed_in))
+    best = max(discovery.objects.table, key=lambda obj: len(obj.proposed_in))
     assert 3 in best.proposed_in
-    after = discover_things(room.gaussians, room.capture.views, blind, UP, SETTINGS)
-    assert any(3 in thing.missed_in for thing in after.things.table)
-    assert not any(3 in thing.proposed_in for thing in after.things.table)
+    after = discover_objects(room.gaussians, room.capture.views, blind, UP, SETTINGS)
+    assert any(3 in obj.missed_in for obj in after.objects.table)
+    assert not any(3 in obj.proposed_in for obj in after.objects.table)

@@ -1,4 +1,4 @@
-"""An image-text model looks at the things of new scenes where photos may be kept, and at nothing of others."""
+"""An image-text model looks at the objects of new scenes where photos may be kept, and at nothing of others."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import WithheldReport
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.jobs.create_scene import find_things
+from fastsplat.service.jobs.create_scene import find_objects
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling
@@ -28,15 +28,15 @@ def settings(tmp_path: Path, models_dir: Path) -> Settings:
     write_looks_model(tmp_path)
     (tmp_path / "picodet_416").symlink_to(models_dir / "picodet_416")
     perception = PerceptionSettings(image_text=MODEL, reader="")
-    return Settings(models=tmp_path, perception=perception, discovery=SETTINGS.model_copy(update={"things": "on"}))
+    return Settings(models=tmp_path, perception=perception, discovery=SETTINGS.model_copy(update={"objects": "on"}))
 
 
 def _looked_at(room: Room, settings: Settings) -> list[bool]:
     masks = propose_view_masks(room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION)
     trained = TrainedSplats(room.gaussians, SemanticHead.unlearnt(0), {}, ())
-    things, _ = find_things(trained, Labelling(Dictionary(()), (), masks=masks), room.capture, settings, silent)
-    assert things is not None and all(thing.appearance for thing in things.table)
-    return [thing.looks is not None for thing in things.table]
+    objects, _ = find_objects(trained, Labelling(Dictionary(()), (), masks=masks), room.capture, settings, silent)
+    assert objects is not None and all(obj.appearance for obj in objects.table)
+    return [obj.looks is not None for obj in objects.table]
 
 
 def test_looks_are_kept_unless_photos_are_not_or_people_are_withheld(room: Room, settings: Settings) -> None:

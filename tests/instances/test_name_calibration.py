@@ -25,11 +25,11 @@ def test_the_file_says_what_it_was_measured_on() -> None:
     model = name_model()
     assert model.sets and model.detector and model.factor > 0 and NAMED_FROM < STATED_FROM
     for category in model.categories.values():
-        assert 0 <= category.right <= category.things
+        assert 0 <= category.right <= category.objects
     # Of two names that were seen as often the one that was right more often needs less evidence.
-    seen = sorted(model.categories.values(), key=lambda each: each.things)
-    best = max(seen[-4:], key=lambda each: each.right / each.things)
-    worst = min(seen[-4:], key=lambda each: each.right / each.things)
+    seen = sorted(model.categories.values(), key=lambda each: each.objects)
+    best = max(seen[-4:], key=lambda each: each.right / each.objects)
+    worst = min(seen[-4:], key=lambda each: each.right / each.objects)
     assert best.offset > worst.offset
 
 
@@ -53,7 +53,7 @@ def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(
 
 
 def test_a_name_that_was_right_elsewhere_is_no_more_than_a_guess_without_evidence_of_its_own() -> None:
-    likely = NameCategory(offset=9.0, things=90, right=90)
+    likely = NameCategory(offset=9.0, objects=90, right=90)
     model = NameModel(detector="any", sets=("desk",), factor=1.0, offset=0.0, categories={"book": likely})
     little, much = model.probability(np.array([[0.59], [0.61]]), ["book"])[:, 0]
     assert NAMED_FROM <= little < STATED_FROM <= much

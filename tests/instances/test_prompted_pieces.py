@@ -39,13 +39,13 @@ def _click(x: float, y: float, *background: tuple[float, float]) -> PicturePromp
     return PicturePrompt(np.array([[x, y]]), np.array(background, np.float64).reshape(-1, 2))
 
 
-def test_of_a_part_a_thing_and_a_group_the_thing_is_meant() -> None:
-    part, thing, other = _disk(20, 30, 5), _disk(20, 30, 9), _disk(42, 30, 9)
-    group = thing | other
+def test_of_a_part_an_object_and_a_group_the_object_is_meant() -> None:
+    part, obj, other = _disk(20, 30, 5), _disk(20, 30, 9), _disk(42, 30, 9)
+    group = obj | other
     ids = np.where(group, 7, 0)
-    answer = _answer(part, thing, group, quality=(0.95, 0.9, 0.9))
+    answer = _answer(part, obj, group, quality=(0.95, 0.9, 0.9))
     chosen = prompted_mask(answer, _click(20, 30), ids, ids == 7)
-    np.testing.assert_array_equal(chosen, thing)
+    np.testing.assert_array_equal(chosen, obj)
     # Who wants the part says what is beside it, or how large it is.
     chosen = prompted_mask(answer, _click(20, 30, (27.5, 30)), ids, ids == 7)
     np.testing.assert_array_equal(chosen, part)
@@ -53,20 +53,20 @@ def test_of_a_part_a_thing_and_a_group_the_thing_is_meant() -> None:
     np.testing.assert_array_equal(prompted_mask(answer, box, ids, ids == 7), part)
 
 
-def test_an_answer_that_leaves_the_thing_is_not_its_piece() -> None:
-    thing, beside = _disk(20, 30, 9), _disk(30, 30, 20)
-    ids = np.where(thing, 7, 0)
+def test_an_answer_that_leaves_the_object_is_not_its_piece() -> None:
+    obj, beside = _disk(20, 30, 9), _disk(30, 30, 20)
+    ids = np.where(obj, 7, 0)
     chosen = prompted_mask(_answer(_disk(20, 30, 5), beside), _click(20, 30), ids, ids == 7)
     np.testing.assert_array_equal(chosen, _disk(20, 30, 5))
 
 
-def test_a_missing_thing_is_not_made_of_whole_other_things() -> None:
-    thing, other = _disk(20, 30, 9), _disk(42, 30, 9)
-    answer = _answer(thing, thing | other)
-    np.testing.assert_array_equal(prompted_mask(answer, _click(20, 30), np.where(other, 3, 0), None), thing)
+def test_a_missing_object_is_not_made_of_whole_other_objects() -> None:
+    obj, other = _disk(20, 30, 9), _disk(42, 30, 9)
+    answer = _answer(obj, obj | other)
+    np.testing.assert_array_equal(prompted_mask(answer, _click(20, 30), np.where(other, 3, 0), None), obj)
     # Where nothing is known of the other, the larger answer is as good.
     chosen = prompted_mask(answer, _click(20, 30), np.zeros((_SIDE, _SIDE), int), None)
-    np.testing.assert_array_equal(chosen, thing | other)
+    np.testing.assert_array_equal(chosen, obj | other)
 
 
 def test_specks_are_no_answer() -> None:

@@ -1,4 +1,4 @@
-"""Things take the masks that they match, and Gaussians count the masks' pixels."""
+"""Objects take the masks that they match, and Gaussians count the masks' pixels."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ def test_what_its_mask_leaves_out_is_unknown() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_without_masks_that_match_all_stays_as_drawn(seed: int, things: int) -> None:
+def test_without_masks_that_match_all_stays_as_drawn(seed: int, objects: int) -> None:
     rng = np.random.default_rng(seed)
-    shown = np.kron(rng.integers(0, things + 1, (5, 5)), np.ones((8, 8), int))
+    shown = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
     none = np.zeros((0, SIDE, SIDE), np.bool_)
     strangers = np.stack([_square(0, 0, 3), _square(20, 20, 2)])
     assert (repainted(shown, none, min_overlap=0.5) == shown).all()
@@ -56,10 +56,10 @@ def test_without_masks_that_match_all_stays_as_drawn(seed: int, things: int) -> 
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
-def test_exact_masks_change_nothing(seed: int, things: int) -> None:
+def test_exact_masks_change_nothing(seed: int, objects: int) -> None:
     rng = np.random.default_rng(seed)
-    shown = np.kron(rng.integers(0, things + 1, (5, 5)), np.ones((8, 8), int))
-    masks = np.stack([shown == thing for thing in range(1, things + 1)])
+    shown = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
+    masks = np.stack([shown == obj for obj in range(1, objects + 1)])
     assert (repainted(shown, masks, min_overlap=0.5) == shown).all()
 
 

@@ -16,12 +16,12 @@ from fastsplat.service.instances.naming.closer_look import (
     best_positions,
     closer_look,
     mean_votes,
-    things_in_map,
+    objects_in_map,
     votes_for,
 )
 from fastsplat.service.instances.naming.second_look import NamesAdded, add_names, choose_views, shares_seen
 from fastsplat.service.perception.results import Detections
-from fastsplat.service.scene.artefact.scene import Thing, Things
+from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
@@ -30,9 +30,9 @@ from tests.instances.made_room import make_room
 _SHARES = hnp.arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5)), elements=st.floats(0, 1))
 
 
-def _added(thing: Thing, texts: dict[str, float]) -> tuple[Thing, NamesAdded]:
-    added = add_names(Things((thing,), no_evidence(0)), {thing.id: texts}, name_probability=0.4)
-    return added.things.table[0], added
+def _added(obj: Object, texts: dict[str, float]) -> tuple[Object, NamesAdded]:
+    added = add_names(Objects((obj,), no_evidence(0)), {obj.id: texts}, name_probability=0.4)
+    return added.objects.table[0], added
 
 
 @given(_SHARES, st.integers(1, 8), st.data())
@@ -61,14 +61,14 @@ def test_a_view_sees_what_nothing_hides(tmp_path: Path) -> None:
     owner = room.owner.astype(np.int64)
     rows = np.arange(len(owner))
     membership = evidence_of(rows, owner, np.full(len(owner), 16 * UNIT, np.int64), len(owner))
-    things = Things((Thing(1), Thing(2), Thing(3)), membership)
+    objects = Objects((Object(1), Object(2), Object(3)), membership)
     below = np.diag([1.0, 1.0, 1.0, 1.0])
     below[2, 3] = -3.0  # looks up along z
     cameras = [view.posed for view in room.capture.views]
     heard: list[tuple[int, int]] = []
     shares = shares_seen(
         room.gaussians,
-        things,
+        objects,
         [*cameras, PosedCamera(cameras[0].camera, below)],
         DiscoverySettings(),
         lambda done, total: heard.append((done, total)),
@@ -80,38 +80,38 @@ def test_a_view_sees_what_nothing_hides(tmp_path: Path) -> None:
 
 
 def test_a_clear_text_becomes_the_name() -> None:
-    thing, added = _added(Thing(3), {"mug": 0.6, "cup": 0.2})
-    assert (thing.name, thing.source, thing.probability) == ("mug", "detected", 0.6)
-    assert thing.suggestions == (Suggestion("cup", 0.2),) and added.named == (3,) and added.suggested == ()
+    obj, added = _added(Object(3), {"mug": 0.6, "cup": 0.2})
+    assert (obj.name, obj.source, obj.probability) == ("mug", "detected", 0.6)
+    assert obj.suggestions == (Suggestion("cup", 0.2),) and added.named == (3,) and added.suggested == ()
 
 
 @pytest.mark.parametrize("texts", [{"mug": 0.39}, {"mug": 0.6, "cup": 0.31}])
 def test_an_unsure_text_is_suggested(texts: dict[str, float]) -> None:
-    thing, added = _added(Thing(3, suggestions=(Suggestion("bottle", 0.35),)), texts)
-    assert thing.name == "" and {each.name: each.probability for each in thing.suggestions} == {"bottle": 0.35, **texts}
+    obj, added = _added(Object(3, suggestions=(Suggestion("bottle", 0.35),)), texts)
+    assert obj.name == "" and {each.name: each.probability for each in obj.suggestions} == {"bottle": 0.35, **texts}
     assert added.named == () and added.suggested == (3,)
 
 
 @pytest.mark.parametrize("source", ["person", "given"])
 def test_names_of_people_and_label_maps_stay(source: str) -> None:
-    before = Thing(3, "trophy", source, 1.0)
-    thing, added = _added(before, {"mug": 1.0})
-    assert thing == before and added.named == added.suggested == ()
+    before = Object(3, "trophy", source, 1.0)
+    obj, added = _added(before, {"mug": 1.0})
+    assert obj == before and added.named == added.suggested == ()
 
 
 def test_a_detected_name_gives_way_only_to_a_clear_one() -> None:
-    unsure, added = _added(Thing(3, "dog", "detected", 0.5), {"mascot doll": 0.7})
+    unsure, added = _added(Object(3, "dog", "detected", 0.5), {"mascot doll": 0.7})
     assert unsure.name == "dog" and unsure.suggestions == (Suggestion("mascot doll", 0.7),) and added.suggested == (3,)
-    clear, added = _added(Thing(3, "dog", "detected", 0.4), {"mascot doll": 0.9})
+    clear, added = _added(Object(3, "dog", "detected", 0.4), {"mascot doll": 0.9})
     assert clear.name == "mascot doll" and clear.suggestions == (Suggestion("dog", 0.4),) and added.named == (3,)
-    same, added = _added(Thing(3, "dog", "detected", 0.5), {"Dogs": 0.2})
+    same, added = _added(Object(3, "dog", "detected", 0.5), {"Dogs": 0.2})
     assert (same.name.lower(), same.probability) == ("dog", 0.5) and added.named == (3,)
 
 
 def test_what_was_suggested_with_more_is_not_overruled() -> None:
-    thing, _ = _added(Thing(3, suggestions=(Suggestion("spoon", 0.7),)), {"scissors": 0.6})
-    assert thing.name == "" and thing.suggestions == (Suggestion("spoon", 0.7), Suggestion("scissors", 0.6))
-    seen_twice, _ = _added(Thing(3, suggestions=(Suggestion("scissors", 0.7),)), {"scissors": 0.2})
+    obj, _ = _added(Object(3, suggestions=(Suggestion("spoon", 0.7),)), {"scissors": 0.6})
+    assert obj.name == "" and obj.suggestions == (Suggestion("spoon", 0.7), Suggestion("scissors", 0.6))
+    seen_twice, _ = _added(Object(3, suggestions=(Suggestion("scissors", 0.7),)), {"scissors": 0.2})
     assert seen_twice.name == "" and seen_twice.suggestions == (Suggestion("scissors", 0.7),)
 
 
@@ -120,26 +120,26 @@ def test_what_was_suggested_with_more_is_not_overruled() -> None:
     st.sampled_from([("", None), ("mug", "detected"), ("jar", "detected"), ("jar", "person"), ("jar", "given")]),
     st.lists(st.tuples(st.sampled_from(["mug", "jar", "vase"]), st.floats(0, 1)), max_size=3, unique_by=lambda p: p[0]),
 )
-def test_every_thing_has_one_name_or_suggestions_and_none_twice(
+def test_every_object_has_one_name_or_suggestions_and_none_twice(
     texts: dict[str, float], name: tuple[str, str | None], suggestions: list[tuple[str, float]]
 ) -> None:
     others = tuple(Suggestion(*pair) for pair in suggestions if pair[0] != name[0])
-    before = Thing(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)
-    thing, added = _added(before, texts)
-    keys = [label_key(pair[0]) for pair in thing.suggestions] + ([label_key(thing.name)] if thing.name else [])
+    before = Object(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)
+    obj, added = _added(before, texts)
+    keys = [label_key(pair[0]) for pair in obj.suggestions] + ([label_key(obj.name)] if obj.name else [])
     assert len(keys) == len(set(keys))
-    assert [pair[1] for pair in thing.suggestions] == sorted((pair[1] for pair in thing.suggestions), reverse=True) or (
-        thing is before
+    assert [pair[1] for pair in obj.suggestions] == sorted((pair[1] for pair in obj.suggestions), reverse=True) or (
+        obj is before
     )
-    assert not (before.name and not thing.name)
+    assert not (before.name and not obj.name)
     assert set(added.named) | set(added.suggested) <= {1}
     if not added.named and not added.suggested:
-        assert thing == before
+        assert obj == before
 
 
-def test_things_that_are_gone_are_left_out() -> None:
-    added = add_names(Things((), no_evidence(0)), {7: {"mug": 0.9}}, name_probability=0.4)
-    assert added.things.table == () and added.named == added.suggested == ()
+def test_objects_that_are_gone_are_left_out() -> None:
+    added = add_names(Objects((), no_evidence(0)), {7: {"mug": 0.9}}, name_probability=0.4)
+    assert added.objects.table == () and added.named == added.suggested == ()
 
 
 @given(st.integers(0, 60), st.integers(0, 40), st.integers(8, 20), st.integers(8, 20), st.floats(1, 4))
@@ -164,17 +164,17 @@ def test_what_fills_the_view_is_not_looked_at_closer() -> None:
     assert closer_look(posed, np.array([5, 5, 90, 70], np.float32), 4.0, 640) is None
 
 
-def test_views_of_a_thing_are_those_that_show_most_of_it() -> None:
+def test_views_of_an_object_are_those_that_show_most_of_it() -> None:
     maps = np.zeros((3, 40, 40), np.int32)
     maps[0, :10, :10], maps[1, :20, :20], maps[2, :15, :15] = 4, 4, 4
     maps[1, 30:, 30:], maps[2, 39, 39] = 9, 9
-    shown = [things_in_map(thing_map) for thing_map in maps]
-    assert [[thing.thing_id for thing in view] for view in shown] == [[4], [4, 9], [4]]  # a speck is nothing
+    shown = [objects_in_map(object_map) for object_map in maps]
+    assert [[obj.object_id for obj in view] for view in shown] == [[4], [4, 9], [4]]  # a speck is nothing
     assert best_positions(shown, 2) == {4: (1, 2), 9: (1,)}
     assert shown[0][0].box == pytest.approx([0, 0, 10, 10], abs=0.5) and shown[0][0].pixels == 100
 
 
-def test_boxes_vote_for_the_thing_that_they_fit() -> None:
+def test_boxes_vote_for_the_object_that_they_fit() -> None:
     boxes = np.array([[0, 0, 10, 10], [0, 0, 9, 10], [30, 30, 40, 40]], np.float32)
     detections = Detections(boxes, np.array([0.5, 0.7, 0.9], np.float32), ("mug", "mug", "cup"))
     votes = votes_for(detections, np.array([0, 0, 10, 10], np.float32), 0.5)

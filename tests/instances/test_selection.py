@@ -1,4 +1,4 @@
-"""Parts are no things, groups are no things, surfaces are whole, and every Gaussian has one owner at most."""
+"""Parts are no objects, groups are no objects, surfaces are whole, and every Gaussian has one owner at most."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.discovery.discovery import find_hierarchy, select_things
+from fastsplat.service.instances.discovery.discovery import find_hierarchy, select_objects
 from fastsplat.service.instances.discovery.ownership import NOBODY, assign_owners, with_neighbors, without_strays
 from fastsplat.service.instances.discovery.surfaces import Plane, fit_plane, join_surfaces, lies_in, surface_kinds
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
@@ -17,13 +17,13 @@ SETTINGS = DiscoverySettings(min_weight_px=5)
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def test_parts_things_and_groups() -> None:
+def test_parts_objects_and_groups() -> None:
     size = np.ones(400, np.float32)
     cup, handle = candidate(range(0, 100), support=0.9), candidate(range(80, 100), support=0.65)
     plate, both = candidate(range(100, 200), support=0.95), candidate(range(0, 200), support=0.7)
     rare = candidate(range(300, 400), support=0.3)
     hierarchy = find_hierarchy([cup, handle, plate, both, rare], size, SETTINGS)
-    assert set(hierarchy.things) == {0, 2}
+    assert set(hierarchy.objects) == {0, 2}
     assert hierarchy.part_of == {1: 0}
     assert {group: set(members) for group, members in hierarchy.groups.items()} == {3: {0, 2}}
 
@@ -34,32 +34,32 @@ def test_a_whole_is_a_group_if_what_it_consists_of_is_better_supported(support: 
     size = np.ones(100, np.float32)
     halves = [candidate(range(50), support=0.8), candidate(range(50, 100), support=0.8)]
     hierarchy = find_hierarchy([*halves, candidate(range(100), support=support)], size, SETTINGS)
-    assert (set(hierarchy.groups) == {2}) == (support < 0.8) == (2 not in hierarchy.things)
+    assert (set(hierarchy.groups) == {2}) == (support < 0.8) == (2 not in hierarchy.objects)
     assert support < 0.9 or hierarchy.part_of == {0: 2, 1: 2}
 
 
-def test_what_has_a_sharper_edge_than_the_thing_it_lies_in_is_a_thing_of_its_own() -> None:
+def test_what_has_a_sharper_edge_than_the_object_it_lies_in_is_an_object_of_its_own() -> None:
     """An apple in a bowl, each with a part: its leaf, its pattern."""
     size = np.ones(100, np.float32)
     bowl, apple = candidate(range(0, 100), support=0.8), candidate(range(0, 20), support=0.75)
     leaf, pattern = candidate(range(0, 6), support=0.5), candidate(range(40, 70), support=0.6)
     hierarchy = find_hierarchy([bowl, apple, leaf, pattern], size, SETTINGS)
-    assert hierarchy.things == (0, 1) and hierarchy.part_of == {2: 1, 3: 0} and hierarchy.groups == {}
+    assert hierarchy.objects == (0, 1) and hierarchy.part_of == {2: 1, 3: 0} and hierarchy.groups == {}
 
 
-@pytest.mark.parametrize(("proposed", "is_thing"), [(1, False), (3, False), (4, True), (10, True)])
-def test_what_most_views_do_not_propose_is_no_thing(proposed: int, is_thing: bool) -> None:
-    """However well the masks of the others happen to fit; in a thing it is a part, of the smallest that has it."""
+@pytest.mark.parametrize(("proposed", "is_object"), [(1, False), (3, False), (4, True), (10, True)])
+def test_what_most_views_do_not_propose_is_no_object(proposed: int, is_object: bool) -> None:
+    """However well the masks of the others happen to fit; in an object it is a part, of the smallest that has it."""
     size = np.ones(200, np.float32)
     table, plate = candidate(range(0, 100), support=0.9), candidate(range(0, 40), support=0.95)
     alone = candidate(range(120, 150), support=0.9, proposed=proposed, missed=10 - proposed)
     inside = candidate(range(0, 20), support=0.6, proposed=proposed, missed=10 - proposed)
     hierarchy = find_hierarchy([table, plate, alone, inside], size, SETTINGS)
-    assert set(hierarchy.things) == ({0, 1, 2} if is_thing else {0, 1})
+    assert set(hierarchy.objects) == ({0, 1, 2} if is_object else {0, 1})
     assert hierarchy.part_of == {3: 1}
 
 
-def test_parts_of_parts_are_parts_of_the_thing() -> None:
+def test_parts_of_parts_are_parts_of_the_object() -> None:
     size = np.ones(100, np.float32)
     chain = [candidate(range(length), support=0.4 + 0.005 * length) for length in (10, 30, 60, 100)]
     assert find_hierarchy(chain, size, SETTINGS).part_of == {0: 3, 1: 3, 2: 3}
@@ -71,7 +71,7 @@ def test_what_lies_in_two_members_of_a_group_counts_once() -> None:
     halves = [candidate(range(0, 55), support=0.75), candidate(range(5, 60), support=0.75)]
     wall = candidate(range(100), support=0.8)
     hierarchy = find_hierarchy([*halves, wall], size, SETTINGS)
-    assert 2 in hierarchy.things and hierarchy.groups == {}
+    assert 2 in hierarchy.objects and hierarchy.groups == {}
 
 
 @settings(max_examples=100, derandomize=True)
@@ -79,45 +79,45 @@ def test_what_lies_in_two_members_of_a_group_counts_once() -> None:
     st.lists(st.tuples(st.integers(0, 90), st.integers(1, 60), st.floats(0, 1)), max_size=10),
     st.randoms(use_true_random=False),
 )
-def test_every_candidate_is_one_of_thing_part_and_group(spans: list[tuple[int, int, float]], random) -> None:
+def test_every_candidate_is_one_of_object_part_and_group(spans: list[tuple[int, int, float]], random) -> None:
     """Or too small or too little supported; the order of candidates does not matter where no two weigh the same."""
     size = np.ones(100, np.float32)
     by_weight = {length: (start, length, support) for start, length, support in spans if start + length <= 100}
     candidates = [candidate(range(s, s + length), support=support) for s, length, support in by_weight.values()]
     hierarchy = find_hierarchy(candidates, size, SETTINGS)
-    kinds = [*hierarchy.things, *hierarchy.part_of, *hierarchy.groups]
+    kinds = [*hierarchy.objects, *hierarchy.part_of, *hierarchy.groups]
     assert len(kinds) == len(set(kinds))
     for number, one in enumerate(candidates):
         better = any(other.support > one.support for other in candidates)
         assert number in kinds or one.weight < 5 or one.support < 0.36 or better
-    assert set(hierarchy.part_of.values()) <= set(hierarchy.things)
+    assert set(hierarchy.part_of.values()) <= set(hierarchy.objects)
     assert all(len(members) >= 2 for members in hierarchy.groups.values())
-    weights = [candidates[thing].weight for thing in hierarchy.things]
+    weights = [candidates[obj].weight for obj in hierarchy.objects]
     assert weights == sorted(weights, reverse=True)
     order = random.sample(range(len(candidates)), len(candidates))
     again = find_hierarchy([candidates[number] for number in order], size, SETTINGS)
-    assert [order[thing] for thing in again.things] == list(hierarchy.things)
-    assert {order[part]: order[thing] for part, thing in again.part_of.items()} == hierarchy.part_of
+    assert [order[obj] for obj in again.objects] == list(hierarchy.objects)
+    assert {order[part]: order[obj] for part, obj in again.part_of.items()} == hierarchy.part_of
 
 
 @settings(max_examples=40)
 @given(st.lists(st.tuples(st.integers(0, 90), st.integers(1, 40)), max_size=8))
-def test_the_smallest_thing_owns(spans: list[tuple[int, int]]) -> None:
-    things = [
+def test_the_smallest_object_owns(spans: list[tuple[int, int]]) -> None:
+    objects = [
         candidate(range(start, min(100, start + length)), share=0.5 + 0.01 * n)
         for n, (start, length) in enumerate(spans)
     ]
-    owners, shares = assign_owners(things, 100)
+    owners, shares = assign_owners(objects, 100)
     for row in range(100):
-        having = [n for n, thing in enumerate(things) if row in thing.rows]
+        having = [n for n, obj in enumerate(objects) if row in obj.rows]
         if not having:
             assert owners[row] == NOBODY and shares[row] == 0
         else:
-            assert things[owners[row]].weight == min(things[n].weight for n in having)
-            assert shares[row] == pytest.approx(things[owners[row]].shares[0])
+            assert objects[owners[row]].weight == min(objects[n].weight for n in having)
+            assert shares[row] == pytest.approx(objects[owners[row]].shares[0])
 
 
-def test_strays_are_left_out_and_whole_things_stay() -> None:
+def test_strays_are_left_out_and_whole_objects_stay() -> None:
     points = np.concatenate([grid(1, 1, 0.05), grid(0.1, 0.1, 0.05, height=5.0)])
     owners = np.zeros(len(points), np.int32)
     left = without_strays(owners, gaussians_at(points), np.ones(len(points), np.float32), 0.1)
@@ -183,7 +183,7 @@ def test_a_surface_has_its_plane_as_far_as_it_is_connected() -> None:
 
 @pytest.mark.parametrize(("included", "support"), [(True, 0.75), (False, 0.75), (False, 0.4)])
 def test_pieces_of_a_surface_join_it_and_what_lies_on_it_does_not(included: bool, support: float) -> None:
-    """A table, a flat thing on it (a print if the table's masks include it, else a ruler), and a higher book."""
+    """A table, a flat object on it (a print if the table's masks include it, else a ruler), and a higher book."""
     table = grid(2, 2, 0.04)
     noise = np.random.default_rng(1).normal(0, 0.004, len(table))
     table[:, 2] = noise
@@ -197,27 +197,27 @@ def test_pieces_of_a_surface_join_it_and_what_lies_on_it_does_not(included: bool
         candidate(np.arange(len(table), len(points)), support=0.5),
     ]
     size = np.ones(len(points), np.float32)
-    selection = select_things(candidates, gaussians_at(points), size, SETTINGS)
+    selection = select_objects(candidates, gaussians_at(points), size, SETTINGS)
     book_number = int(selection.owners[-1])
     is_print = included or support < 0.45
-    assert len(selection.things) == (2 if is_print else 3) and 0 in selection.surfaces
+    assert len(selection.objects) == (2 if is_print else 3) and 0 in selection.surfaces
     assert (selection.owners[rest] == 0).mean() > 0.99
     assert (selection.owners[print_rows] == 0).all() == is_print
-    assert selection.things[book_number].support == 0.5 and (selection.owners[len(table) :] == book_number).all()
+    assert selection.objects[book_number].support == 0.5 and (selection.owners[len(table) :] == book_number).all()
     assert ((selection.owners == NOBODY) == (selection.shares == 0)).all()
 
 
-@pytest.mark.parametrize(("height", "is_thing"), [(-0.7, True), (0.3, True), (0.0, False)])
-def test_what_lies_off_the_plane_of_a_surface_is_no_part_of_it(height: float, is_thing: bool) -> None:
+@pytest.mark.parametrize(("height", "is_object"), [(-0.7, True), (0.3, True), (0.0, False)])
+def test_what_lies_off_the_plane_of_a_surface_is_no_part_of_it(height: float, is_object: bool) -> None:
     """A table whose masks have the floor, too, and would have a lit patch of it, which stays a part."""
     table = grid(2, 2, 0.04)
     table[:, 2] = np.random.default_rng(2).normal(0, 0.004, len(table))
     points = np.concatenate([table, grid(1, 1, 0.04, height=height, center=(1.5, 0))])
     other = np.arange(len(table), len(points))
     candidates = [candidate(range(len(points)), support=0.9), candidate(other, support=0.6)]
-    selection = select_things(candidates, gaussians_at(points), np.ones(len(points), np.float32), SETTINGS)
-    assert len(selection.things) == (2 if is_thing else 1) and len(selection.parts) == (not is_thing)
-    assert (selection.owners[: len(table)] == 0).all() and (selection.owners[other] == int(is_thing)).all()
+    selection = select_objects(candidates, gaussians_at(points), np.ones(len(points), np.float32), SETTINGS)
+    assert len(selection.objects) == (2 if is_object else 1) and len(selection.parts) == (not is_object)
+    assert (selection.owners[: len(table)] == 0).all() and (selection.owners[other] == int(is_object)).all()
 
 
 def test_a_plate_on_a_table_does_not_spread_over_the_table() -> None:
@@ -227,15 +227,15 @@ def test_a_plate_on_a_table_does_not_spread_over_the_table() -> None:
     plate_rows, ring = np.flatnonzero(middle < 0.3), np.flatnonzero((middle >= 0.3) & (middle < 0.4))
     owners = np.zeros(len(table), np.int32)
     owners[plate_rows], owners[ring] = 1, NOBODY
-    things = [candidate(np.flatnonzero(middle >= 0.4)), candidate(plate_rows)]
+    objects = [candidate(np.flatnonzero(middle >= 0.4)), candidate(plate_rows)]
     planes = {0: Plane(UP, 0.0, 0.02), 1: Plane(UP, 0.0, 0.02)}
-    joined = join_surfaces(owners, things, planes, gaussians_at(table), np.ones(len(table), np.float32))
+    joined = join_surfaces(owners, objects, planes, gaussians_at(table), np.ones(len(table), np.float32))
     assert (joined[ring] == 0).all() and (joined[plate_rows] == 1).all()
 
 
 def test_nothing_from_nothing() -> None:
-    selection = select_things([], gaussians_at(grid(1, 1, 0.2)), np.ones(25, np.float32), SETTINGS)
-    assert selection.things == () and (selection.owners == NOBODY).all()
+    selection = select_objects([], gaussians_at(grid(1, 1, 0.2)), np.ones(25, np.float32), SETTINGS)
+    assert selection.objects == () and (selection.owners == NOBODY).all()
 
 
 def test_surfaces_are_named_by_gravity() -> None:

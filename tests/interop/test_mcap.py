@@ -37,9 +37,9 @@ def _index() -> SceneIndex:
     return seen_wall(lambda angle: Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix())
 
 
-def _written(index: SceneIndex, things: Sequence[int] = (), name: str = "wall") -> bytes:
-    points = points_file(index, name, things, 0.05)
-    return foxglove_file(index, SceneRecording("an-id", "v7", name, START, points, PHOTOS, 1), things)
+def _written(index: SceneIndex, objects: Sequence[int] = (), name: str = "wall") -> bytes:
+    points = points_file(index, name, objects, 0.05)
+    return foxglove_file(index, SceneRecording("an-id", "v7", name, START, points, PHOTOS, 1), objects)
 
 
 def _messages(content: bytes) -> dict[str, list[tuple[int, Any]]]:
@@ -68,30 +68,30 @@ def _matrix(translation: Message, rotation: Message) -> np.ndarray:
     return matrix
 
 
-def test_each_thing_is_a_box_with_its_name() -> None:
+def test_each_object_is_a_box_with_its_name() -> None:
     index = _index()
-    ((at, update),) = _messages(_written(index))["/things"]
-    assert at == START and len(update.entities) == len(index.things.listed) == 2
-    for entity, thing in zip(update.entities, index.things.listed, strict=True):
-        assert (entity.id, entity.frame_id, thing.box is None) == (str(thing.id), "world", False)
+    ((at, update),) = _messages(_written(index))["/objects"]
+    assert at == START and len(update.entities) == len(index.objects.listed) == 2
+    for entity, obj in zip(update.entities, index.objects.listed, strict=True):
+        assert (entity.id, entity.frame_id, obj.box is None) == (str(obj.id), "world", False)
         (cube,), (text,) = entity.cubes, entity.texts
-        assert thing.box is not None
-        assert _numbers(cube.pose.position) == list(thing.box.center.position)
-        assert _numbers(cube.pose.orientation) == list(thing.box.center.orientation)
-        assert _numbers(cube.size) == list(thing.box.size)
+        assert obj.box is not None
+        assert _numbers(cube.pose.position) == list(obj.box.center.position)
+        assert _numbers(cube.pose.orientation) == list(obj.box.center.orientation)
+        assert _numbers(cube.size) == list(obj.box.size)
         assert 0 < cube.color.a < text.color.a == 1
-        assert text.text == thing.name
+        assert text.text == obj.name
         facts = {pair.key: pair.value for pair in entity.metadata}
-        assert (facts["name"], float(facts["probability"])) == (thing.name, thing.probability)
-        assert int(facts["gaussians"]) == thing.gaussian_count
-    (_, only), *_ = _messages(_written(index, (2,)))["/things"]
+        assert (facts["name"], float(facts["probability"])) == (obj.name, obj.probability)
+        assert int(facts["gaussians"]) == obj.gaussian_count
+    (_, only), *_ = _messages(_written(index, (2,)))["/objects"]
     assert [entity.id for entity in only.entities] == ["2"]
 
 
-@pytest.mark.parametrize("things", [(), (2,)])
-def test_the_cloud_is_that_of_the_points_file(things: tuple[int, ...]) -> None:
+@pytest.mark.parametrize("objects", [(), (2,)])
+def test_the_cloud_is_that_of_the_points_file(objects: tuple[int, ...]) -> None:
     index = _index()
-    ((_, cloud),) = _messages(_written(index, things))["/points"]
+    ((_, cloud),) = _messages(_written(index, objects))["/points"]
     fields = {field.name: (_NUMPY[field.type], field.offset) for field in cloud.fields}
     rows = np.frombuffer(
         cloud.data,
@@ -104,12 +104,12 @@ def test_the_cloud_is_that_of_the_points_file(things: tuple[int, ...]) -> None:
             }
         ),
     )
-    vertices = PlyData.read(io.BytesIO(points_file(index, "wall", things, 0.05)))["vertex"]
+    vertices = PlyData.read(io.BytesIO(points_file(index, "wall", objects, 0.05)))["vertex"]
     assert len(rows) == vertices.count > 100
     for one in vertices.properties:
         np.testing.assert_array_equal(rows[one.name], vertices[one.name])
-    assert (rows["alpha"] == 255).all() and {"label", "thing"} <= set(fields)
-    assert set(rows["thing"].tolist()) == set(things or (1, 2))
+    assert (rows["alpha"] == 255).all() and {"label", "object"} <= set(fields)
+    assert set(rows["object"].tolist()) == set(objects or (1, 2))
 
 
 def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
@@ -173,7 +173,7 @@ def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
     there = (up @ _matrix(transform.translation, transform.rotation).T)[:, :3]
     np.testing.assert_allclose(there, aligned.gaussians.means, atol=1e-5)
     np.testing.assert_allclose(there, frame_of(aligned).points(trained.gaussians.means), atol=1e-6)
-    names = {one.frame_id for one in read["/things"][0][1].entities} | {read["/points"][0][1].frame_id}
+    names = {one.frame_id for one in read["/objects"][0][1].entities} | {read["/points"][0][1].frame_id}
     assert names == {"hall 3"} == {one.parent_frame_id for _, one in read["/tf"]}
     about = _metadata(content)["scene"]
     low, high = json.loads(about["meters_per_unit_95"])
@@ -188,13 +188,13 @@ def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters() -> No
     assert (about["scene_id"], about["version"], about["name"]) == ("an-id", "v7", "wall")
     assert (about["scale"], about["unit"]) == ("ARBITRARY", "arbitrary") and "not meters" in about["warning"]
     assert not any(key.startswith("meters") for key in about)
-    assert (about["photos"], about["photos_left_out"], about["cameras"], about["things"]) == ("2", "1", "3", "2")
-    assert read["labels"] == {"1": "red half", "2": "grün\nhalf"} == read["things"]
-    assert _metadata(_written(index, (2,)))["things"] == {"2": "grün\nhalf"}
+    assert (about["photos"], about["photos_left_out"], about["cameras"], about["objects"]) == ("2", "1", "3", "2")
+    assert read["labels"] == {"1": "red half", "2": "grün\nhalf"} == read["objects"]
+    assert _metadata(_written(index, (2,)))["objects"] == {"2": "grün\nhalf"}
 
 
 def _renamed(index: SceneIndex, name: str) -> Scene:
-    """The scene with its first label, and so its first thing, called otherwise."""
+    """The scene with its first label, and so its first object, called otherwise."""
     scene = index.scene
     first, *others = scene.dictionary.entries
     entries = (dataclasses.replace(first, label=name), *others)
@@ -205,9 +205,9 @@ def test_names_are_text_whatever_they_hold() -> None:
     index = _index()
     named = index.after(_renamed(index, HOSTILE))
     content = _written(named, name=HOSTILE)
-    entity = _messages(content)["/things"][0][1].entities[0]
+    entity = _messages(content)["/objects"][0][1].entities[0]
     assert entity.texts[0].text == HOSTILE == _metadata(content)["scene"]["name"]
-    assert _metadata(content)["things"]["1"] == HOSTILE and entity.id == "1"
+    assert _metadata(content)["objects"]["1"] == HOSTILE and entity.id == "1"
 
 
 def test_the_same_version_is_the_same_bytes() -> None:

@@ -1,4 +1,4 @@
-"""Which scenes get things without being asked to: those whose photos models label."""
+"""Which scenes get objects without being asked to: those whose photos models label."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.jobs.create_scene import build_scene, capture_folder
-from fastsplat.service.scene.objects.thing_codes import classes_of_codes, codes_of_things
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.object_codes import classes_of_codes, codes_of_objects
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_settings import TrainingSettings
 
@@ -41,33 +41,33 @@ def _photos(folder: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("things", ["auto", "off"])
-def test_photos_that_models_label_give_things_with_and_without_names(
-    settings: Settings, tmp_path: Path, things: str
+@pytest.mark.parametrize("objects", ["auto", "off"])
+def test_photos_that_models_label_give_objects_with_and_without_names(
+    settings: Settings, tmp_path: Path, objects: str
 ) -> None:
-    used = settings.model_copy(update={"discovery": DiscoverySettings(things=things)})
+    used = settings.model_copy(update={"discovery": DiscoverySettings(objects=objects)})
     capture = capture_folder(_photos(tmp_path / "photos"), tmp_path / "capture", used.capture)
     scene = build_scene(capture, used).scene
-    assert scene.things is not None and scene.label_mode == "things"
-    assert scene.things.head is not None
-    owner = thing_rows(scene.things)
-    coded = codes_of_things(scene.gaussians.codes, scene.things.head, owner)
+    assert scene.objects is not None and scene.label_mode == "objects"
+    assert scene.objects.head is not None
+    owner = object_rows(scene.objects)
+    coded = codes_of_objects(scene.gaussians.codes, scene.objects.head, owner)
     said = coded.ids[classes_of_codes(coded.codes, coded.head)[0]]
-    assert (said == owner).mean() > 0.95, "the code of a Gaussian says which thing it is"
-    assert len(scene.things.table) >= (1 if things == "off" else 3)
-    unknown = [thing for thing in scene.things.table if not thing.name and not thing.suggestions]
+    assert (said == owner).mean() > 0.95, "the code of a Gaussian says which object it is"
+    assert len(scene.objects.table) >= (1 if objects == "off" else 3)
+    unknown = [obj for obj in scene.objects.table if not obj.name and not obj.suggestions]
     # Three small photos: what the detector finds may be too unsure for a name or a suggestion.
-    assert unknown if things == "auto" else 2 * len(unknown) < len(scene.things.table), "off: what the detector finds"
-    assert {thing.source for thing in scene.things.table} <= {None, "detected"}
+    assert unknown if objects == "auto" else 2 * len(unknown) < len(scene.objects.table), "off: what the detector finds"
+    assert {obj.source for obj in scene.objects.table} <= {None, "detected"}
 
 
 @pytest.mark.parametrize(
-    ("things", "given_labels", "proposes"),
+    ("objects", "given_labels", "proposes"),
     [
         ("auto", False, True), ("auto", True, False), ("on", False, True),
         ("on", True, True), ("off", False, False), ("off", True, False),
     ],
 )  # fmt: skip
-def test_given_label_maps_need_no_models(things: str, given_labels: bool, proposes: bool) -> None:
-    settings = DiscoverySettings(things=things)
+def test_given_label_maps_need_no_models(objects: str, given_labels: bool, proposes: bool) -> None:
+    settings = DiscoverySettings(objects=objects)
     assert settings.proposes(given_labels=given_labels) == proposes

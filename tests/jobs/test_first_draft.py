@@ -1,4 +1,4 @@
-"""The first draft of a scene: its things are found, on few points and a moment of training."""
+"""The first draft of a scene: its objects are found, on few points and a moment of training."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from fastsplat.service.perception.label_maps.capture_masks import propose_view_m
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.labels.blending import thing_map
+from fastsplat.service.splatting.labels.blending import object_map
 from fastsplat_contract.jobs.job_watching import Provisional
 from tests.instances.made_room import ColorSegmenter, NoDetector, make_room
 
 _POINTS = 300
 
 
-def test_things_are_found_on_few_points_and_neither_described_nor_read(
+def test_objects_are_found_on_few_points_and_neither_described_nor_read(
     tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room = make_room(tmp_path)
@@ -46,10 +46,10 @@ def test_things_are_found_on_few_points_and_neither_described_nor_read(
     settings = Settings(data_dir=tmp_path, models=models_dir, discovery=DiscoverySettings(min_weight_px=5))
     scene = first_draft(capture, labelling, range(len(views)), settings)
     assert scene.facts.draft == Provisional("points", 0.0)
-    assert scene.things is not None
+    assert scene.objects is not None
     owners = []
     for ball in (2, 3, 4):
-        shown = [thing_map(scene, view.posed)[own == ball] for view, own in zip(views, room.maps, strict=True)]
+        shown = [object_map(scene, view.posed)[own == ball] for view, own in zip(views, room.maps, strict=True)]
         counted = np.bincount(np.concatenate(shown))
         owners.append(int(counted.argmax()))
         assert owners[-1] and counted.max() > 0.5 * counted.sum()

@@ -16,7 +16,7 @@ from fastsplat.service.jobs.look_again import Sightings, look_for, name_sighting
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.objects.things import discard_thing
+from fastsplat.service.scene.objects.objects import discard_object
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -44,13 +44,13 @@ def settings(models_dir: Path) -> Settings:
 @pytest.fixture(scope="module")
 def table(settings: Settings, test_data: Path) -> Table:
     encoder = open_text_encoder("minilm_l6_int8", settings.models)
-    scene, things = made_table(test_data / "tabletop", range(0, 40, 5), encoder)
-    return SceneIndex(scene, encoder), {number: _WORDS.get(name, name) for number, name in things.items()}
+    scene, objects = made_table(test_data / "tabletop", range(0, 40, 5), encoder)
+    return SceneIndex(scene, encoder), {number: _WORDS.get(name, name) for number, name in objects.items()}
 
 
 @pytest.fixture(scope="module")
 def looked(settings: Settings, table: Table, test_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Looked:
-    """A look at the table top's photos for the names of all 14 things."""
+    """A look at the table top's photos for the names of all 14 objects."""
     index, truth = table
     cameras = {posed.name: posed.camera for posed in index.scene.cameras}
 
@@ -68,21 +68,22 @@ def looked(settings: Settings, table: Table, test_data: Path, tmp_path_factory: 
     return look_for(index, list(truth.values()), settings, folder, events.append, photo), events
 
 
-def test_things_are_named_by_what_was_asked_for(settings: Settings, table: Table, looked: Looked) -> None:
+def test_objects_are_named_by_what_was_asked_for(settings: Settings, table: Table, looked: Looked) -> None:
     """A small detector knows few words: five of 14 names are right, a holder is a mug, a screwdriver scissors."""
     index, truth = table
     scene, result = name_sightings(index, looked[0], settings)
-    right = [name for name in result.named if label_key(truth[name.thing_id]) == label_key(name.name)]
+    right = [name for name in result.named if label_key(truth[name.object_id]) == label_key(name.name)]
     print(
-        f"{len(right)} of {len(result.named)} right", [(truth[n.thing_id], n.name, n.probability) for n in result.named]
+        f"{len(right)} of {len(result.named)} right",
+        [(truth[n.object_id], n.name, n.probability) for n in result.named],
     )
     assert len(right) >= 4 and len(right) >= 0.6 * len(result.named)
-    assert scene.things is not None
-    named = {name.thing_id for name in result.named}
-    for thing in scene.things.table:
-        assert bool(thing.name) == (thing.id in named) and thing.source in ("detected", None)
+    assert scene.objects is not None
+    named = {name.object_id for name in result.named}
+    for obj in scene.objects.table:
+        assert bool(obj.name) == (obj.id in named) and obj.source in ("detected", None)
     (answer,) = index.after(scene).ask([right[0].name])
-    assert answer.outcome == "here" and right[0].thing_id in answer.thing_ids
+    assert answer.outcome == "here" and right[0].object_id in answer.object_ids
 
 
 def test_a_look_says_from_where_and_how_far_it_is(table: Table, looked: Looked) -> None:
@@ -110,18 +111,18 @@ def test_a_persons_names_stay(settings: Settings, table: Table, looked: Looked) 
     """Also those that were given while the detector looked, and what is gone by then is left out."""
     index, _ = table
     first = next(iter(looked[0].found))
-    things = index.scene.things
-    assert things is not None
+    objects = index.scene.objects
+    assert objects is not None
     given = {"name": "grandmother's", "source": "person", "probability": 1.0}
-    table = tuple(replace(thing, **given) if thing.id == first else thing for thing in things.table)
-    scene = replace(index.scene, things=replace(things, table=table))
+    table = tuple(replace(obj, **given) if obj.id == first else obj for obj in objects.table)
+    scene = replace(index.scene, objects=replace(objects, table=table))
     other = next(number for number in looked[0].found if number != first)
-    scene = discard_thing(scene, other)
+    scene = discard_object(scene, other)
     after, result = name_sightings(index.after(scene), looked[0], settings)
-    assert after.things is not None
-    kept = next(thing for thing in after.things.table if thing.id == first)
+    assert after.objects is not None
+    kept = next(obj for obj in after.objects.table if obj.id == first)
     assert (kept.name, kept.source, kept.suggestions) == ("grandmother's", "person", ())
-    changed = {name.thing_id for name in (*result.named, *result.suggested)}
+    changed = {name.object_id for name in (*result.named, *result.suggested)}
     assert changed and not changed & {first, other}
 
 

@@ -57,7 +57,7 @@ def test_a_folder_answers_as_the_service_does(scene: LocalScene, folder: Path) -
 
 def test_masks_show_what_answers(scene: LocalScene) -> None:
     mask, inside = scene.mask("mug", "front.png"), scene.mask3d("mug")
-    mug = next(thing for thing in scene.things() if thing.name == "mug")
+    mug = next(obj for obj in scene.objects() if obj.name == "mug")
     assert inside.shape == (scene.info.gaussians,) and inside.sum() == mug.gaussian_count
     image = scene.image("front.png").astype(float)
     assert mask.shape == image.shape[:2]
@@ -71,21 +71,21 @@ def test_a_free_viewpoint_is_as_good_as_the_camera_that_stands_there(scene: Loca
     assert np.array_equal(scene.image(posed), scene.image(posed.name))
 
 
-def test_every_thing_is_listed_and_measured(scene: LocalScene) -> None:
-    things = scene.things()
-    assert {thing.name for thing in things} >= set(LABELS)
-    first, second = things[0], things[1]
+def test_every_object_is_listed_and_measured(scene: LocalScene) -> None:
+    objects = scene.objects()
+    assert {obj.name for obj in objects} >= set(LABELS)
+    first, second = objects[0], objects[1]
     measured = scene.measure(first.id, second.id)
     assert measured.meters and measured.distance is not None and measured.distance.value > 0
     assert len(scene.measure(first.id).sides) == 3
 
 
 def test_a_name_is_there_for_whoever_opens_the_folder_next(scene: LocalScene, folder: Path) -> None:
-    ball = next(thing for thing in scene.things() if thing.name == "ball")
+    ball = next(obj for obj in scene.objects() if obj.name == "ball")
     version = scene.name(ball.id, "beaker")
     assert scene.info.version == version.version
     with fastsplat.open_scene(folder) as again:
-        assert again.ask("beaker").thing_ids == (ball.id,)
+        assert again.ask("beaker").object_ids == (ball.id,)
 
 
 def test_a_picture_shows_the_answer_and_says_it(scene: LocalScene, tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, t
     said = invoke("ask", str(folder), *texts)
     assert said.exit_code == 0, said.output
     assert all(scene.ask(text).sentence in said.stdout for text in texts)
-    assert "thing 1, mug, at (" in said.stdout and "m\n" in said.stdout
+    assert "object 1, mug, at (" in said.stdout and "m\n" in said.stdout
     shown = invoke("scenes", "show", str(folder), "--json")
     assert json.loads(shown.stdout)["id"] == scene.id
 

@@ -56,15 +56,15 @@ def test_it_says_nothing_of_where_it_was_made(temporary: Path) -> None:
 def test_it_is_asked_and_gone_when_it_is_closed(models_dir: Path, temporary: Path) -> None:
     with fastsplat.open_sample() as scene:
         answer = scene.ask("cup")
-        assert answer.outcome == "here" and len(answer.thing_ids) == 1
+        assert answer.outcome == "here" and len(answer.object_ids) == 1
         assert scene.info.scale == "METRIC"
-        kinds = {thing.name: thing.surface for thing in scene.things()}
+        kinds = {obj.name: obj.surface for obj in scene.objects()}
         assert kinds["dining table"] == "horizontal surface" and "floor" not in kinds.values()
-        scene.name(answer.thing_ids[0], "beaker of tea")
-        assert scene.ask("beaker of tea").thing_ids == answer.thing_ids
+        scene.name(answer.object_ids[0], "beaker of tea")
+        assert scene.ask("beaker of tea").object_ids == answer.object_ids
     assert list(temporary.iterdir()) == []
     with fastsplat.open_sample() as again:
-        assert "beaker of tea" not in {thing.name for thing in again.things()}
+        assert "beaker of tea" not in {obj.name for obj in again.objects()}
 
 
 def test_it_is_asked_from_any_folder_with_the_models_of_the_user(

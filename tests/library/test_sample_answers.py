@@ -31,7 +31,7 @@ def scene(request: pytest.FixtureRequest, models_dir: Path, lexicon_models_dir: 
 def _ask(scene: LocalScene, *texts: str) -> tuple[Answer, ...]:
     request = QueryRequest(scene.id, texts, outputs=frozenset({"mask3d"}))
     answers = tuple(scene._service.answers.query(request).answers)
-    names = {thing.name for thing in scene.things() if thing.name}
+    names = {obj.name for obj in scene.objects() if obj.name}
     for answer in answers:
         assert contradictions(answer, names) == [], (answer.text, answer.sentence)
     return answers
@@ -48,15 +48,15 @@ def test_a_phrasing_is_answered_as_its_bare_noun(scene: LocalScene) -> None:
 
 
 def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
-    things = scene.things()
-    names = {thing.name for thing in things if thing.name}
-    suggested = {each.name for thing in things if not thing.name for each in thing.suggestions}
+    objects = scene.objects()
+    names = {obj.name for obj in objects if obj.name}
+    suggested = {each.name for obj in objects if not obj.name for each in obj.suggestions}
     for answer in _ask(scene, *sorted(names | suggested)):
-        assert answer.outcome in ("here", "probably_here") and answer.thing_ids, answer.text
+        assert answer.outcome in ("here", "probably_here") and answer.object_ids, answer.text
 
 
 @pytest.mark.parametrize(
-    "text", ["the apple nearest to the banana", "the mug left of the vase", "how many things are on the table?"]
+    "text", ["the apple nearest to the banana", "the mug left of the vase", "how many objects are on the table?"]
 )
 def test_what_is_not_decided_is_not_denied(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
@@ -65,15 +65,15 @@ def test_what_is_not_decided_is_not_denied(scene: LocalScene, text: str) -> None
 
 def test_a_surface_without_a_name_is_spoken_of(scene: LocalScene) -> None:
     clock, wall, pictures = _ask(scene, "the clock on the wall", "wall", "what is on the wall?")
-    assert clock.phrase is not None and clock.phrase.refusal is None and clock.thing_ids == ()
-    assert wall.outcome == "here" and wall.thing_ids and not wall.relevant_ids
-    assert pictures.phrase is not None and not set(pictures.thing_ids) & set(wall.thing_ids)
+    assert clock.phrase is not None and clock.phrase.refusal is None and clock.object_ids == ()
+    assert wall.outcome == "here" and wall.object_ids and not wall.relevant_ids
+    assert pictures.phrase is not None and not set(pictures.object_ids) & set(wall.object_ids)
 
 
 def test_what_lies_on_a_table_is_there_whatever_its_shape(scene: LocalScene) -> None:
     on_table, books = _ask(scene, "what is on the table?", "book")
     assert on_table.phrase is not None
-    assert set(books.thing_ids) <= {*on_table.thing_ids, *on_table.phrase.undecided}
+    assert set(books.object_ids) <= {*on_table.object_ids, *on_table.phrase.undecided}
 
 
 def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
@@ -81,19 +81,21 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
     assert [match.label for match in wine.matches if match.relevant] == ["bottle"] and wine.phrase is None
     assert juice.phrase is None
     assert pepper.method != "lexicon" or pepper.phrase is None  # no name of the sample: the lexicon has it
-    assert apple.phrase is not None and len(apple.thing_ids) == 1
+    assert apple.phrase is not None and len(apple.object_ids) == 1
 
 
-def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
+def test_a_color_that_a_quarter_of_an_object_has_is_not_denied(scene: LocalScene) -> None:
     (bottle,) = _ask(scene, "the green bottle")
-    assert bottle.outcome in ("cannot_say", "probably_here") and bottle.thing_ids == _ask(scene, "bottle")[0].thing_ids
+    assert (
+        bottle.outcome in ("cannot_say", "probably_here") and bottle.object_ids == _ask(scene, "bottle")[0].object_ids
+    )
 
 
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
     for answer in _ask(
-        scene, "the largest thing", "the tallest thing", "something red", "the nearest thing to the cup"
+        scene, "the largest object", "the tallest object", "something red", "the nearest object to the cup"
     ):
-        assert not answer.thing_ids or not answer.matches or answer.matches[0].relevant
+        assert not answer.object_ids or not answer.matches or answer.matches[0].relevant
 
 
 def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
@@ -103,13 +105,15 @@ def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
 
 def test_another_kind_is_found_as_its_last_word_finds_it(scene: LocalScene) -> None:
     bear, black = _ask(scene, "bear", "Where is the black bear?")
-    assert black.outcome in ("here", "probably_here") and black.thing_ids == bear.thing_ids and "bear" in black.sentence
+    assert (
+        black.outcome in ("here", "probably_here") and black.object_ids == bear.object_ids and "bear" in black.sentence
+    )
 
 
 @pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
 def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.outcome == "cannot_say" and answer.thing_ids == () and answer.probability is None
+    assert answer.outcome == "cannot_say" and answer.object_ids == () and answer.probability is None
 
 
 @pytest.mark.parametrize("text", ["mice", "something for children", "something shiny"])

@@ -15,7 +15,7 @@ from fastsplat.service.localization.changes import (
     Change,
     Lost,
     find_changes,
-    lost_things,
+    lost_objects,
     pixels_of,
     whole,
 )
@@ -73,14 +73,14 @@ def _events(
 ) -> tuple[Change, ...]:
     views = _later(scene, empty, photos)
     if _BLOCK not in boxes:
-        views = [replace(view, things=np.ones_like(view.things)) for view in views]
+        views = [replace(view, objects=np.ones_like(view.objects)) for view in views]
     return find_changes(views, boxes, _PLACE, frozenset({1})).events
 
 
 def _later(
     scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]], cameras: Sequence[PosedCamera] = _VIEWS
 ) -> list[LaterView]:
-    """Photos beside the scene, whose things are the room, 1, and the block."""
+    """Photos beside the scene, whose objects are the room, 1, and the block."""
     views = []
     for posed, photo in zip(cameras, photos, strict=False):
         comparison = compared(photo, posed, scene.geometry, side=COMPARED_SIDE)
@@ -95,7 +95,7 @@ def _photos(of: Renderer, gain: float = 1.0) -> list[NDArray[np.uint8]]:
 
 def test_what_was_put_there_is_new_at_its_place(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(empty, empty, _photos(with_block), {})
-    assert event.kind == "new" and event.thing_id == 0 and event.before is None and len(event.views) >= 4
+    assert event.kind == "new" and event.object_id == 0 and event.before is None and len(event.views) >= 4
     assert event.after is not None
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"new"}
@@ -123,7 +123,7 @@ def test_the_middle_of_what_is_new_is_right_where_photos_see_one_side_of_it(
 
 def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)})
-    assert event.kind == "gone" and event.thing_id == _BLOCK and event.after is None
+    assert event.kind == "gone" and event.object_id == _BLOCK and event.after is None
     assert {region.kind for region in event.regions} == {"missing"}
     for region in event.regions:
         posed = _VIEWS[region.view]
@@ -137,41 +137,41 @@ def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> N
 def test_what_was_put_elsewhere_has_moved(
     empty: Renderer, with_block: Renderer, moved_block: Renderer, found: bool
 ) -> None:
-    """Also where it was none of the scene's things."""
+    """Also where it was none of the scene's objects."""
     boxes = {_BLOCK: _box(_AT)} if found else {}
     (event,) = _events(with_block, empty, _photos(moved_block), boxes)
-    assert event.kind == "moved" and event.thing_id == (_BLOCK if found else 0)
+    assert event.kind == "moved" and event.object_id == (_BLOCK if found else 0)
     assert event.before is not None and event.after is not None
     np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=_WIDTH / 2)
     np.testing.assert_allclose(event.after.mean(axis=0), (_box(_AT) + _AWAY).mean(axis=0), atol=_WIDTH / 2)
 
 
-def test_what_was_taken_away_and_was_no_thing_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
+def test_what_was_taken_away_and_was_no_object_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(with_block, empty, _photos(empty), {})
-    assert event.kind == "gone" and event.thing_id == 0 and event.after is None and event.before is not None
+    assert event.kind == "gone" and event.object_id == 0 and event.after is None and event.before is not None
     np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"missing"}
 
 
-def test_views_that_are_mostly_unsure_of_a_thing_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:
+def test_views_that_are_mostly_unsure_of_an_object_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:
     views, boxes = _later(with_block, empty, _photos(empty)), {_BLOCK: _box(_AT)}
-    lost, seen = lost_things(views, boxes, frozenset())
-    assert [each.thing_id for each in lost] == seen == [_BLOCK]
+    lost, seen = lost_objects(views, boxes, frozenset())
+    assert [each.object_id for each in lost] == seen == [_BLOCK]
     for share, known in ((0.4, []), (0.7, [_BLOCK])):
         some = []
         for view in views:
-            own = np.flatnonzero((view.things == _BLOCK) & view.comparison.sure)
+            own = np.flatnonzero((view.objects == _BLOCK) & view.comparison.sure)
             sure = view.comparison.sure.copy()
-            sure.ravel()[own[int(share * (view.things == _BLOCK).sum()) :]] = False
-            some.append(LaterView(replace(view.comparison, sure=sure), view.things))
-        assert lost_things(some, boxes, frozenset())[1] == known
+            sure.ravel()[own[int(share * (view.objects == _BLOCK).sum()) :]] = False
+            some.append(LaterView(replace(view.comparison, sure=sure), view.objects))
+        assert lost_objects(some, boxes, frozenset())[1] == known
 
 
-def test_what_is_set_aside_of_no_thing_is_the_surface_in_its_box(empty: Renderer, with_block: Renderer) -> None:
+def test_what_is_set_aside_of_no_object_is_the_surface_in_its_box(empty: Renderer, with_block: Renderer) -> None:
     views = _later(with_block, empty, _photos(empty))
     lost = Lost(0, _box(_AT) + np.array([[-0.02], [0.02]]), (0,), (), 1.0, 0.5)
     for view, aside in zip(views, pixels_of(views, [lost]), strict=True):
-        block = view.things == _BLOCK
+        block = view.objects == _BLOCK
         assert (aside & block).sum() > 0.9 * (aside | block).sum()
 
 
@@ -179,11 +179,13 @@ def test_where_something_stands_out_more_it_has_changed(empty: Renderer, with_bl
     """As a block does beside one of the color of the walls; where one stands out as much, it may be a dark gap."""
     dull = renderer(_recolored(textured_room(block=True), (0.0, 0.0, 0.0)))
     (event,) = _events(dull, empty, _photos(with_block), {_BLOCK: _box(_AT)})
-    assert event.kind == "changed" and event.thing_id == _BLOCK and event.before is not None and event.after is not None
+    assert (
+        event.kind == "changed" and event.object_id == _BLOCK and event.before is not None and event.after is not None
+    )
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     dark = renderer(_recolored(textured_room(block=True), (-1.7, -1.7, -1.7)))
     (event,) = _events(with_block, empty, _photos(dark), {_BLOCK: _box(_AT)})
-    assert event.kind == "gone" and event.thing_id == _BLOCK
+    assert event.kind == "gone" and event.object_id == _BLOCK
 
 
 @pytest.mark.parametrize("gain", [0.62, 1.0, 1.3])
@@ -223,10 +225,10 @@ def test_what_stands_where_no_photo_of_the_scene_looked_is_not_new(looked: bool,
 def test_a_piece_that_touches_what_is_lost_is_a_part_of_it() -> None:
     pixels = np.zeros((3, 40, 40), np.bool_)
     pixels[0, 5:15, 5:15], pixels[1, 5:15, 18:25], pixels[2, 30:35, 30:35] = True, True, True
-    thing, beside, elsewhere = (
+    obj, beside, elsewhere = (
         Lost(number, _box(_AT), (0, 1), (own, own), 0.9, 0.5)
         for number, own in zip((_BLOCK, 0, 0), pixels, strict=True)
     )
-    assert whole([thing, beside, elsewhere]) == [thing, elsewhere]
-    other = replace(beside, thing_id=_BLOCK + 1)
-    assert whole([thing, other, elsewhere]) == [thing, other, elsewhere]
+    assert whole([obj, beside, elsewhere]) == [obj, elsewhere]
+    other = replace(beside, object_id=_BLOCK + 1)
+    assert whole([obj, other, elsewhere]) == [obj, other, elsewhere]

@@ -88,7 +88,7 @@ def clip_file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def sam2_folder(tmp_path: Path) -> Path:
-    """A segmenter whose "thing" is the box, its part 10 px smaller of 256 on each side, its group 10 px larger."""
+    """A segmenter whose "object" is the box, its part 10 px smaller of 256 on each side, its group 10 px larger."""
     write_network(
         tmp_path / "sam2" / "encoder.onnx",
         """

@@ -1,4 +1,4 @@
-"""A thing's descriptor is most like that of the same thing in other pictures: the demo's photos, real features."""
+"""An object's descriptor is most like that of the same object in other pictures: the demo's photos, real features."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from fastsplat_contract.errors import ModelUnavailableError
 from tests.perception.conftest import write_network
 
 _SAMPLE = Path(__file__).parents[2] / "demo" / "sample"
-_THINGS = ("banana", "bottle", "bowl", "clock", "cup", "plate", "potted plant", "teddy bear", "vase")
+_OBJECTS = ("banana", "bottle", "bowl", "clock", "cup", "plate", "potted plant", "teddy bear", "vase")
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +34,10 @@ def encoder(models_dir: Path) -> AppearanceEncoder:
 
 
 def _seen(encoder: AppearanceEncoder, views: tuple[int, ...]) -> np.ndarray:
-    """float32 [things, SIZE] from these views of the sample."""
+    """float32 [objects, SIZE] from these views of the sample."""
     names = json.loads((_SAMPLE / "transforms.json").read_text())["instances"]
     rows = []
-    for name in _THINGS:
+    for name in _OBJECTS:
         features = []
         for view in views:
             ids = cv2.imread(str(_SAMPLE / f"instances/{view:03d}.png"), cv2.IMREAD_UNCHANGED)
@@ -48,11 +48,11 @@ def _seen(encoder: AppearanceEncoder, views: tuple[int, ...]) -> np.ndarray:
     return np.stack(rows)
 
 
-def test_things_are_most_like_themselves_from_elsewhere(encoder: AppearanceEncoder) -> None:
+def test_objects_are_most_like_themselves_from_elsewhere(encoder: AppearanceEncoder) -> None:
     low, high = _seen(encoder, (1, 5, 9)), _seen(encoder, (13, 17, 22))
     likeness = low @ high.T
-    assert likeness.argmax(axis=1).tolist() == likeness.argmax(axis=0).tolist() == list(range(len(_THINGS)))
-    others = likeness[~np.eye(len(_THINGS), dtype=bool)]
+    assert likeness.argmax(axis=1).tolist() == likeness.argmax(axis=0).tolist() == list(range(len(_OBJECTS)))
+    others = likeness[~np.eye(len(_OBJECTS), dtype=bool)]
     assert np.diag(likeness).min() > others.max()
     assert np.allclose(np.linalg.norm(low, axis=1), 1, atol=1e-2) and low.shape[1] == SIZE
 

@@ -40,7 +40,7 @@ _views = st.lists(
 )
 
 
-def test_spellings_of_one_thing_get_one_name() -> None:
+def test_spellings_of_one_object_get_one_name() -> None:
     views = [_view(("Cups", 0.9, _BOX)), _view(("cup", 0.9, _BOX), ("TEDDY_BEAR", 0.5, _ASIDE))]
     assert [view.labels for view in merge_spellings(views)] == [("Cups",), ("Cups", "TEDDY_BEAR")]
     named = merge_spellings(views, ["teddy bears", "CUP"])
@@ -80,7 +80,7 @@ def test_rivals_for_a_box_are_settled_by_all_views() -> None:
     assert all(view.labels == ("bed",) for view in resolved)
 
 
-def test_things_apart_are_no_rivals() -> None:
+def test_objects_apart_are_no_rivals() -> None:
     views = [_view(("bed", 0.8, _BOX), ("cake", 0.7, _ASIDE), ("bed", 0.6, (11, 10, 50, 50)))] * 3
     resolved, support = resolve_detections(views, _SETTINGS, named=False)
     assert all(sorted(view.labels) == ["bed", "cake"] for view in resolved)
@@ -100,7 +100,7 @@ def test_what_is_resolved_was_detected_and_stays(views: list[Detections], named:
 
 
 @given(_views)
-def test_no_two_boxes_for_one_thing_are_left(views: list[Detections]) -> None:
+def test_no_two_boxes_for_one_object_are_left(views: list[Detections]) -> None:
     for view in resolve_detections(views, _SETTINGS, named=True)[0]:
         overlap = box_iou(view.boxes, view.boxes)
         for i in range(len(view)):
@@ -126,7 +126,7 @@ def test_suppression_keeps_the_best_and_covers_the_rest(view: Detections, iou: f
     assert list(view.scores[kept]) == sorted(view.scores[kept], reverse=True)
 
 
-def test_what_a_thing_was_also_called_in_its_place_is_a_vote() -> None:
+def test_what_an_object_was_also_called_in_its_place_is_a_vote() -> None:
     ids = {"cup": 1, "mug": 2, "bed": 3}
     near = (11, 10, 50, 50)
     likely = _view(

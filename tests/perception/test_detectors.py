@@ -64,7 +64,7 @@ def test_picodet_boxes_are_in_pixels_of_the_image(test_data: Path, models_dir: P
     assert overlap[0, 0] > 0.8
 
 
-def test_yolo_world_finds_named_things(test_data: Path, models_dir: Path) -> None:
+def test_yolo_world_finds_named_objects(test_data: Path, models_dir: Path) -> None:
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
     settings = PerceptionSettings(

@@ -18,7 +18,7 @@ def _view(x: float, width: int) -> View:
 
 
 def test_each_view_adds_as_many_points_as_it_can() -> None:
-    """Every point counts twice, as a thing is what two views show; views that add nothing keep their order behind."""
+    """Every point counts twice, as an object is what two views show; views that add nothing keep their order behind."""
     row = np.linspace(-4, 4, 81)
     points = np.stack([row, np.zeros(81), np.full(81, 4.0)], axis=1).astype(np.float32)
     views = (_view(-3.0, 20), _view(0.0, 70), _view(0.0, 70), _view(0.0, 70), _view(3.0, 20))

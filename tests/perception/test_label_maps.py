@@ -56,7 +56,7 @@ def test_two_names_for_the_same_pixels_leave_one() -> None:
     assert resolve_overlaps(stack, ["doll", "doll", "bed"], weights, 0.7) == [0, 1, 2]
 
 
-def test_specks_and_pinholes_go_and_the_thing_stays() -> None:
+def test_specks_and_pinholes_go_and_the_object_stays() -> None:
     mask = np.zeros((60, 60), np.bool_)
     mask[10:50, 10:50] = True
     expected = mask.copy()

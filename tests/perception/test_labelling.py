@@ -56,7 +56,7 @@ def _table_views(test_data: Path, names: list[str]) -> list[Path]:
     return [test_data / "tabletop" / "images" / f"{name}.jpg" for name in names]
 
 
-def test_named_things_are_found_and_cut_out(test_data: Path, models_dir: Path) -> None:
+def test_named_objects_are_found_and_cut_out(test_data: Path, models_dir: Path) -> None:
     capture = make_capture(_table_views(test_data, ["018", "024"]))
     events: list[ProgressEvent] = []
     labelling = label_capture(capture, _SETTINGS, models_dir, ["Bananas", "orange"], events.append)
@@ -82,7 +82,7 @@ def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Pat
 
 
 def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, models_dir: Path) -> None:
-    """Every region of a label is one of its view's masks, and things without a name are among the masks as well."""
+    """Every region of a label is one of its view's masks, and objects without a name are among the masks as well."""
     capture = make_capture(_table_views(test_data, ["018", "024"]))
     settings = _SETTINGS.model_copy(update={"proposal_views": 1, "proposal_points": 8})
     plain = label_capture(capture, settings, models_dir, ["banana", "orange"], silent)
@@ -264,6 +264,6 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(test_data: Pat
     assert "banana" in closed_finds[0].labels and "headset" not in closed_finds[0].labels
 
 
-def test_tags_are_different_things() -> None:
+def test_tags_are_different_objects() -> None:
     assert len(TAGS) == len({tag.strip() for tag in TAGS}) == len(dictionary_of(TAGS))
     assert {"pillow", "window", "teddy bear"} <= set(TAGS)

@@ -12,15 +12,15 @@ from fastsplat_contract.errors import ModelUnavailableError
 _NOTICE = "  1 This file was made for a test.  \n  2 Its first lines are indented, as the license is.  \n"
 # id, lexicographer file, words, the names of what it is a kind of and of its parts, gloss
 _SYNSETS = (
-    ("thing", 3, ("thing",), (), (), "what there is"),
-    ("fruit", 13, ("fruit",), ("thing",), (), 'what a plant bears; "ripe fruit"'),
+    ("object", 3, ("object",), (), (), "what there is"),
+    ("fruit", 13, ("fruit",), ("object",), (), 'what a plant bears; "ripe fruit"'),
     ("banana", 13, ("banana",), ("fruit",), ("peel",), 'a long yellow fruit; sweet; "he ate a banana"'),
-    ("peel", 13, ("peel", "skin"), ("thing",), (), "the rind of a fruit"),
-    ("tool", 6, ("tool",), ("thing",), (), "what work is done with"),
+    ("peel", 13, ("peel", "skin"), ("object",), (), "the rind of a fruit"),
+    ("tool", 6, ("tool",), ("object",), (), "what work is done with"),
     ("axe", 6, ("axe", "ax"), ("tool",), (), "an edge on a handle"),
     ("ice_axe", 6, ("ice_axe",), ("axe", "fruit"), (), "an axe for climbers"),
-    ("box", 6, ("box",), ("thing",), (), "a container with a lid"),
-    ("box2", 4, ("box",), ("thing",), (), "a blow with the hand"),
+    ("box", 6, ("box",), ("object",), (), "a container with a lid"),
+    ("box2", 4, ("box",), ("object",), (), "a blow with the hand"),
 )
 
 
@@ -84,7 +84,7 @@ def test_plurals_and_capitals_mean_the_same(lexicon: Lexicon, noun: str, singula
 def test_wider_counts_the_steps(lexicon: Lexicon) -> None:
     (ice_axe,) = lexicon.senses("ice axe")
     steps = {lexicon.sense(place).words[0]: count for place, count in lexicon.wider(ice_axe.id).items()}
-    assert steps == {"ice axe": 0, "axe": 1, "fruit": 1, "tool": 2, "thing": 2}
+    assert steps == {"ice axe": 0, "axe": 1, "fruit": 1, "tool": 2, "object": 2}
 
 
 def test_verbs_are_known(lexicon: Lexicon) -> None:

@@ -80,7 +80,7 @@ class _DollOnBed:
         return MaskLogits(logits, np.full((len(rows), 1), 0.95, np.float32), (1.0, 1.0))
 
 
-def test_a_box_that_has_two_things_hides_neither() -> None:
+def test_a_box_that_has_two_objects_hides_neither() -> None:
     room = _DollOnBed()
     together = np.where(room.bed | room.doll, 8.0, -8.0).astype(np.float32)[None, None]
     answer = MaskLogits(together, np.array([[0.95]], np.float32), (1.0, 1.0))

@@ -1,4 +1,4 @@
-"""Segmenters turn a box into the mask of the thing inside it."""
+"""Segmenters turn a box into the mask of the object inside it."""
 
 from __future__ import annotations
 
@@ -59,17 +59,17 @@ def test_two_encoders_are_one_too_many(sam2_folder: Path) -> None:
         open_segmenter(PerceptionSettings(segmenter="sam2:sam2"), sam2_folder.parent)
 
 
-def test_choice_prefers_the_thing_then_the_sure_then_the_clean() -> None:
+def test_choice_prefers_the_object_then_the_sure_then_the_clean() -> None:
     def square(margin: int, height: float) -> np.ndarray:
         logits = np.full((40, 40), -height, np.float32)
         logits[margin : 40 - margin, margin : 40 - margin] = height
         return logits
 
     box = np.array([10, 10, 30, 30], np.float32)
-    part, thing, spill = square(15, 5), square(10, 5), square(2, 5)
+    part, obj, spill = square(15, 5), square(10, 5), square(2, 5)
     equal = np.array([0.9, 0.9, 0.9], np.float32)
-    assert select_mask(np.stack([part, thing, spill]), equal, box) == 1
-    assert select_mask(np.stack([thing, thing]), np.array([0.5, 0.9], np.float32), box) == 1
-    assert select_mask(np.stack([square(10, 0.5), thing]), equal[:2], box) == 1
+    assert select_mask(np.stack([part, obj, spill]), equal, box) == 1
+    assert select_mask(np.stack([obj, obj]), np.array([0.5, 0.9], np.float32), box) == 1
+    assert select_mask(np.stack([square(10, 0.5), obj]), equal[:2], box) == 1
     empty = np.full((40, 40), -1, np.float32)
     assert select_mask(np.stack([empty, part]), equal[:2], box) == 1

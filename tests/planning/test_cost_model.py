@@ -159,7 +159,7 @@ def test_the_measured_speed_of_this_machine_is_plausible() -> None:
 
 
 @given(st.integers(0, 500), st.integers(1, 500), speeds)
-def test_things_take_longer_the_more_views_tell_of_them(views: int, proposed: int, speed: Speed) -> None:
+def test_objects_take_longer_the_more_views_tell_of_them(views: int, proposed: int, speed: Speed) -> None:
     def seconds(views: int, proposed: int) -> float:
         return export_seconds(TrainingSettings(), TABLE, 10, views, proposed, speed)
 

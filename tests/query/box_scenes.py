@@ -24,13 +24,13 @@ class BoxShell:
     count: int = 300
 
 
-def scene_of(things: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
+def scene_of(objects: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
     """Gaussians on the surfaces, as wide as they are apart, codes one-hot; meters."""
-    labels = list(dict.fromkeys(thing.label for thing in things))
+    labels = list(dict.fromkeys(obj.label for obj in objects))
     rng = np.random.default_rng(0)
-    means = np.concatenate([_surface(thing, rng) for thing in things])
-    ids = np.concatenate([np.full(thing.count, labels.index(thing.label) + 1) for thing in things])
-    area = np.concatenate([np.full(thing.count, _area(thing) / thing.count) for thing in things])
+    means = np.concatenate([_surface(obj, rng) for obj in objects])
+    ids = np.concatenate([np.full(obj.count, labels.index(obj.label) + 1) for obj in objects])
+    area = np.concatenate([np.full(obj.count, _area(obj) / obj.count) for obj in objects])
     count = len(means)
     sh = rng.normal(0, 0.15, (count, (degree + 1) ** 2, 3))
     sh[:, 0] += 0.5
@@ -68,17 +68,17 @@ def with_cameras_moved(scene: Scene, pose: np.ndarray) -> Scene:
     )
 
 
-def _surface(thing: BoxShell, rng: np.random.Generator) -> np.ndarray:
-    size = np.array(thing.size)
+def _surface(obj: BoxShell, rng: np.random.Generator) -> np.ndarray:
+    size = np.array(obj.size)
     faces = np.repeat([size[1] * size[2], size[0] * size[2], size[0] * size[1]], 2)
-    face = rng.choice(6, thing.count, p=faces / faces.sum())
-    points = rng.uniform(-0.5, 0.5, (thing.count, 3))
-    points[np.arange(thing.count), face // 2] = face % 2 - 0.5
+    face = rng.choice(6, obj.count, p=faces / faces.sum())
+    points = rng.uniform(-0.5, 0.5, (obj.count, 3))
+    points[np.arange(obj.count), face // 2] = face % 2 - 0.5
     points *= size
-    c, s = np.cos(thing.yaw), np.sin(thing.yaw)
-    return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + thing.centre
+    c, s = np.cos(obj.yaw), np.sin(obj.yaw)
+    return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + obj.centre
 
 
-def _area(thing: BoxShell) -> float:
-    x, y, z = thing.size
+def _area(obj: BoxShell) -> float:
+    x, y, z = obj.size
     return 2 * (x * y + y * z + z * x)

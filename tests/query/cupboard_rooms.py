@@ -1,4 +1,4 @@
-"""Rooms with something closed in which a thing may be, and rooms without; of their surfaces, what the photos show."""
+"""Rooms with something closed in which an object may be, and rooms without; of their surfaces, what the photos show."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.things.visibility import SightLines
+from fastsplat.service.query.objects.visibility import SightLines
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.box_scenes import BoxShell, look, scene_of
-from tests.query.walled_room import THINGS, WALLS
+from tests.query.walled_room import OBJECTS, WALLS
 
 Random = np.random.Generator
 
@@ -22,7 +22,7 @@ _THICK = 0.06
 
 
 def with_something_shut(seed: int) -> Scene:
-    """A room with a closed thing of 0.06 to 1 m³."""
+    """A room with a closed object of 0.06 to 1 m³."""
     rng = np.random.default_rng([seed, 0])
     volume = float(np.exp(rng.uniform(np.log(0.06), 0.0)))
     edges = rng.uniform(0.75, 1.35, 3)
@@ -31,7 +31,7 @@ def with_something_shut(seed: int) -> Scene:
 
 
 def without(seed: int) -> Scene:
-    """A room in which nothing as large as a mug is out of sight: hollow things are open or small."""
+    """A room in which nothing as large as a mug is out of sight: hollow objects are open or small."""
     rng = np.random.default_rng([seed, 1])
     large = _standing(rng, _SOLID[seed % len(_SOLID)], rng.uniform(0.4, 0.9, 3))
     small = BoxShell("box", (0.0, -0.1, 0.07), (0.16, 0.14, 0.14))
@@ -42,10 +42,10 @@ def without(seed: int) -> Scene:
 
 def _room(rng: Random, others: Sequence[BoxShell]) -> list[BoxShell]:
     shift = rng.uniform(-0.15, 0.15, 2)
-    things = [
-        replace(each, centre=(each.centre[0] + shift[0], each.centre[1] + shift[1], each.centre[2])) for each in THINGS
+    objects = [
+        replace(each, centre=(each.centre[0] + shift[0], each.centre[1] + shift[1], each.centre[2])) for each in OBJECTS
     ]
-    return [*WALLS, *things, *others]
+    return [*WALLS, *objects, *others]
 
 
 def _standing(rng: Random, label: str, edges: NDArray[np.float64]) -> BoxShell:

@@ -31,4 +31,4 @@ def alike(ask: Callable[[Sequence[str]], Sequence[Answer]]) -> Iterator[tuple[An
 
 def decided(index: SceneIndex, *texts: str, **choices: Any) -> Sequence[Ranked]:
     """What comes before the answers of `index.ask`."""
-    return RankedQuery(index.ranked, check_query(texts, index.settings, **choices)).decided(lambda: index.things)
+    return RankedQuery(index.ranked, check_query(texts, index.settings, **choices)).decided(lambda: index.objects)

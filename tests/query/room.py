@@ -16,16 +16,16 @@ CAMERA = Camera(120, 90, 70.0, 70.0, 60.0, 45.0)
 
 @dataclass(frozen=True)
 class Solid:
-    """A cuboid with its sides along the axes, from `low` to `high`, of the thing `thing`."""
+    """A cuboid with its sides along the axes, from `low` to `high`, of the object `obj`."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
-    thing_id: int
+    object_id: int
 
 
-def floor(half: float = 3.0, thing: int = 9) -> Solid:
+def floor(half: float = 3.0, obj: int = 9) -> Solid:
     """A slab whose upper side is z = 0."""
-    return Solid((-half, -half, -0.5), (half, half, 0.0), thing)
+    return Solid((-half, -half, -0.5), (half, half, 0.0), obj)
 
 
 def turned(angle: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
@@ -57,14 +57,14 @@ def _view(solids: Sequence[Solid], pose: np.ndarray, motion: np.ndarray) -> Surf
     rays = CAMERA.rays(columns.ravel(), rows.ravel()) @ pose[:3, :3].T
     eye = pose[:3, 3]
     depth = np.full(len(rays), np.inf)
-    things, normals = np.zeros(len(rays), np.uint16), np.zeros((len(rays), 3))
+    objects, normals = np.zeros(len(rays), np.uint16), np.zeros((len(rays), 3))
     for solid in solids:
         with np.errstate(divide="ignore"):
             ends = (np.stack([solid.low, solid.high])[:, None, :] - eye) / rays
         enter, leave = ends.min(axis=0), ends.max(axis=0)
         first = enter.max(axis=1)
         nearer = (first < leave.min(axis=1)) & (first > 0) & (first < depth)
-        depth[nearer], things[nearer] = first[nearer], solid.thing_id
+        depth[nearer], objects[nearer] = first[nearer], solid.object_id
         side = enter.argmax(axis=1)[nearer]
         normals[nearer] = -np.eye(3)[side] * np.sign(rays[nearer, side])[:, None]
     shape = (CAMERA.height, CAMERA.width)
@@ -74,6 +74,6 @@ def _view(solids: Sequence[Solid], pose: np.ndarray, motion: np.ndarray) -> Surf
         normals=(normals @ motion[:3, :3].T).astype(np.float16).reshape(*shape, 3),
         confidence=np.isfinite(depth).astype(np.float16).reshape(shape),
         colors=np.zeros((*shape, 3), np.uint8),
-        things=things.reshape(shape),
+        objects=objects.reshape(shape),
         labels=np.zeros(shape, np.uint16),
     )

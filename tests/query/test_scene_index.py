@@ -12,7 +12,7 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import SemanticHead
-from fastsplat.service.scene.objects.thing_codes import classes_of_codes
+from fastsplat.service.scene.objects.object_codes import classes_of_codes
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
@@ -103,9 +103,9 @@ def test_no_labels(front: PosedCamera) -> None:
 
 
 def test_ten_thousand_labels() -> None:
-    labels = [f"thing {i}x" for i in range(9_998)] + ["🧸", "чайник"]
+    labels = [f"object {i}x" for i in range(9_998)] + ["🧸", "чайник"]
     index = SceneIndex(make_scene(labels, code=4), DrawnEncoder(), PLAIN)
-    answers = index.ask(["thing 77x", "🧸", "Чайник"])
+    answers = index.ask(["object 77x", "🧸", "Чайник"])
     assert [answer.matches[0].label_id for answer in answers] == [78, 9_999, 10_000]
     assert all(answer.outcome == "here" and len(answer.matches) == 10_000 for answer in answers)
     assert sum(match.gaussian_count for match in answers[0].matches) <= len(index.scene.gaussians)

@@ -15,8 +15,8 @@ from fastsplat.service.query.edits.aligning import align_scene
 from fastsplat.service.query.edits.scale_edits import scale_scene
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.next_viewpoints import next_photos
-from fastsplat.service.query.measures.thing_detections import detections_of
-from fastsplat.service.query.measures.thing_extents import thing_extents
+from fastsplat.service.query.measures.object_detections import detections_of
+from fastsplat.service.query.measures.object_extents import object_extents
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
@@ -79,19 +79,19 @@ def test_all_that_ask_get_the_recorded_vertical(cameras: str, edit: str) -> None
         assert box is not None
         np.testing.assert_allclose(rigid(box.center.orientation, box.center.position)[:3, 2], up, atol=1e-6)
 
-    np.testing.assert_allclose(index.things.measures.up, up, atol=1e-12)
+    np.testing.assert_allclose(index.objects.measures.up, up, atol=1e-12)
     np.testing.assert_allclose(about(index, "", ()).up, up, atol=1e-12)
     recording = SceneRecording("a", "1", "", 0, b"", {})
     assert described(scene, recording, ())["up"] == str(list(up.tolist()))
-    listed = index.things.listed
+    listed = index.objects.listed
     detections = detections_of(index, listed, "1")
     np.testing.assert_allclose(detections.up, up, atol=1e-12)
     assert detections.detections[0].support is not None and detections.detections[0].support.relation == "on"
     (on,) = index.ask(["mug on the tray"])
     assert on.phrase is not None and on.phrase.refusal is None
-    for thing in listed:
-        upright(thing.box)
-    extents = thing_extents(index, 1)
+    for obj in listed:
+        upright(obj.box)
+    extents = object_extents(index, 1)
     assert extents is not None
     upright(extents.box)
     for photo in next_photos(index):  # their pictures are upright
@@ -119,7 +119,7 @@ def test_a_guess_of_the_vertical_is_shown_and_not_used() -> None:
     figures = {"vertical_source": "cameras", "vertical_deviation_deg": 15.0}
     assert vertical_of(split_quality(figures)[0], None, orbit(2)) == guess
     assert up_of(guess) is None and up_of(None) is None
-    assert index_of(_scene(orbit(2), **figures)).things.measures.up is None
+    assert index_of(_scene(orbit(2), **figures)).objects.measures.up is None
 
 
 @pytest.mark.parametrize(

@@ -55,6 +55,6 @@ def picture_of(depth: np.ndarray) -> SurfaceView:
         normals=np.broadcast_to(np.array([0, 0, -1], np.float16), (*shape, 3)),
         confidence=np.ones(shape, np.float16),
         colors=np.zeros((*shape, 3), np.uint8),
-        things=np.zeros(shape, np.uint16),
+        objects=np.zeros(shape, np.uint16),
         labels=np.zeros(shape, np.uint16),
     )

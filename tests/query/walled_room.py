@@ -1,4 +1,4 @@
-"""A room with walls, some things, and a screen behind which things could be."""
+"""A room with walls, some objects, and a screen behind which objects could be."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WALLS = [
     BoxShell("wall", (0, -_DEEP / 2, HEIGHT / 2), (_WIDE, 0.02, HEIGHT), count=4000),
     BoxShell("wall", (0, _DEEP / 2, HEIGHT / 2), (_WIDE, 0.02, HEIGHT), count=4000),
 ]
-THINGS = [
+OBJECTS = [
     BoxShell("mug", (0.3, 0.2, 0.06), (0.12, 0.12, 0.12)),
     BoxShell("book", (-0.4, 0.3, 0.03), (0.25, 0.18, 0.06)),
     BoxShell("lamp", (0.6, -0.5, 0.2), (0.2, 0.2, 0.4)),

@@ -9,9 +9,9 @@ import pytest
 
 from fastsplat.service.query.coarse_view import CoarseView
 from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.query.objects.labeled_objects import labeled_objects
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.query.things.gaussian_labels import label_gaussians
-from fastsplat.service.query.things.labeled_things import labeled_things
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.scene.gaussians.coarse import coarse_scene
 from fastsplat.service.scene.gaussians.scene_rows import scene_of_rows
@@ -24,7 +24,7 @@ _VIEW = PosedCamera(Camera(96, 96, 100.0, 100.0, 48.0, 48.0), np.eye(4), "front"
 
 
 def _floor(opacity: float = 3.0) -> Scene:
-    """A wall of two colors and two things before the camera, its rows from left to right."""
+    """A wall of two colors and two objects before the camera, its rows from left to right."""
     rng = np.random.default_rng(1)
     means = np.column_stack([
         np.sort(rng.uniform(-1, 1, _GAUSSIANS)), rng.uniform(-1, 1, _GAUSSIANS), np.full(_GAUSSIANS, 3.0),
@@ -70,12 +70,12 @@ def test_what_covers_most_stays_as_it_is() -> None:
     assert np.array_equal(coarse.gaussians.logit_opacities[kept], scene.gaussians.logit_opacities[large])
 
 
-def test_things_are_where_they_are_in_full() -> None:
+def test_objects_are_where_they_are_in_full() -> None:
     plain = _floor()
-    scene = replace(plain, things=labeled_things(plain, label_gaussians(plain)))
-    assert scene.things is not None
+    scene = replace(plain, objects=labeled_objects(plain, label_gaussians(plain)))
+    assert scene.objects is not None
     coarse = coarse_scene(scene, _MOST)
     assert coarse is not None
-    drawn = CoarseView(coarse, QuerySettings()).things.map(_VIEW)
-    full = Renderer(scene, QuerySettings()).thing_map(_VIEW, scene.things)
+    drawn = CoarseView(coarse, QuerySettings()).objects.map(_VIEW)
+    full = Renderer(scene, QuerySettings()).object_map(_VIEW, scene.objects)
     assert set(np.unique(full)) >= {1, 2} and (drawn == full).mean() > 0.97

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Object, Objects, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.artefact.scene_manifest import SCHEMA
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
@@ -62,7 +62,7 @@ def test_round_trip_is_exact(
 
 
 def test_many_labels_round_trip(tmp_path: Path) -> None:
-    scene = make_scene(5, tuple(f"thing {i}x" for i in range(10_000)), evidence=True)
+    scene = make_scene(5, tuple(f"object {i}x" for i in range(10_000)), evidence=True)
     write_scene(scene, tmp_path / "v1")
     assert_same(scene, read_scene(tmp_path / "v1"))
 
@@ -265,18 +265,18 @@ def test_hostile_manifests_are_typed_errors(tmp_path: Path, text: str) -> None:
     assert caught.value.hint
 
 
-def test_codes_of_things_are_kept(tmp_path: Path) -> None:
+def test_codes_of_objects_are_kept(tmp_path: Path) -> None:
     scene = make_scene()
     count, code = scene.gaussians.codes.shape
     rows = np.arange(count)
     members = evidence_of(rows, 1 + rows % 2, np.full(count, UNIT), count)
-    things = Things((Thing(1), Thing(2)), members)
+    objects = Objects((Object(1), Object(2)), members)
     head = SemanticHead(np.full((3, code), 0.5, np.float32), np.arange(3, dtype=np.float32))
-    write_scene(replace(scene, things=replace(things, head=head)), tmp_path / "coded")
-    read = read_scene(tmp_path / "coded").things
+    write_scene(replace(scene, objects=replace(objects, head=head)), tmp_path / "coded")
+    read = read_scene(tmp_path / "coded").objects
     assert read is not None and read.head is not None
     np.testing.assert_array_equal(read.head.weight, head.weight)
     np.testing.assert_array_equal(read.head.bias, head.bias)
 
-    write_scene(replace(scene, things=things), tmp_path / "counted")
-    assert (same := read_scene(tmp_path / "counted").things) is not None and same.head is None
+    write_scene(replace(scene, objects=objects), tmp_path / "counted")
+    assert (same := read_scene(tmp_path / "counted").objects) is not None and same.head is None

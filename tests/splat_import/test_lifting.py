@@ -65,10 +65,10 @@ def test_only_labels_are_added_and_they_are_the_true_ones(room: Room, tmp_path: 
         np.testing.assert_array_equal(getattr(trained.gaussians, name), getattr(room.gaussians, name))
     assert (trained.evidence is None) == (mode == "auto") and trained.held_out == ()
     classes = classes_of(trained)
-    for thing in range(1, len(NAMES)):
-        own = room.owner == thing
-        assert (classes[own] == thing + 1).sum() > 0.9 * (classes[own] > 0).sum() > 0
-        assert (room.owner[classes == thing + 1] == thing).mean() > 0.95
+    for obj in range(1, len(NAMES)):
+        own = room.owner == obj
+        assert (classes[own] == obj + 1).sum() > 0.9 * (classes[own] > 0).sum() > 0
+        assert (room.owner[classes == obj + 1] == obj).mean() > 0.95
     assert trained.quality["psnr"] > 25 and trained.quality["gaussians"] == len(room.gaussians)
     fractions = [event.fraction for event in heard]
     assert fractions == sorted(fractions) and fractions[-1] == 1

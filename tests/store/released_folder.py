@@ -46,7 +46,7 @@ def make(archive: Path) -> None:
             service.admin.projects.create(_OTHER)
             service.admin.keys.create("robot", "reader", project=_OTHER)
             scene = add_scene(service, service._context.settings, "edited")
-            for edits in ([Edit("name", thing_ids=(2,), name="beaker")], [Edit("remove", thing_ids=(3,))]):
+            for edits in ([Edit("name", object_ids=(2,), name="beaker")], [Edit("remove", object_ids=(3,))]):
                 service.versions.edit(scene, edits)
             service.versions.undo(scene)
             add_known_name(service, scene)
@@ -66,7 +66,7 @@ def make(archive: Path) -> None:
 
 
 def told_by(service: SceneService) -> dict[str, Any]:
-    """What a service tells of its scenes, their things and versions, jobs and keys: what no later release may lose."""
+    """What a service tells of its scenes, their objects and versions, jobs and keys: what no later release may lose."""
     return {
         "scenes": {
             scene.name: _scene(each, scene.id)
@@ -87,7 +87,7 @@ def _scene(service: SceneService, scene_id: str) -> dict[str, Any]:
         "gaussians": scene.gaussians,
         "scale": scene.scale,
         "labels": sorted(label.label for label in service.list_labels(scene_id).labels),
-        "things": sorted([thing.id, thing.name] for thing in service.answers.list_things(scene_id).things),
+        "objects": sorted([obj.id, obj.name] for obj in service.answers.list_objects(scene_id).objects),
         "versions": [version.version for version in versions],
         "photos": [
             hashlib.sha256(service.photos.path(scene_id, photo.view)[0].read_bytes()).hexdigest()

@@ -41,7 +41,7 @@ def test_everything_is_there_nothing_is_wrong_and_it_goes_on(
         redone = service.versions.redo(scene["id"])  # by what an earlier release recorded
         assert [version.version for version in service.versions.all(scene["id"])] == scene["versions"]
         assert redone.version == scene["versions"][-1]
-        named = service.versions.edit(scene["id"], [Edit("name", thing_ids=(1,), name="cup")])
+        named = service.versions.edit(scene["id"], [Edit("name", object_ids=(1,), name="cup")])
         assert service.versions.all(scene["id"])[-1].version == named.version
         assert service.get_scene(scene["id"]).gaussians < scene["gaussians"]  # the removal that was undone there
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(folder))

@@ -93,12 +93,13 @@ class Visit:
         return list(self._requests)
 
     def scene_shown(self) -> Locator:
-        """The 3D view, once it shows the scene, drawn by the browser if it can, and the list of its things is there."""
+        """The 3D view, once it shows the scene, drawn by the browser if it can, and the list of its objects is
+        there."""
         canvas = self.page.locator("canvas[role=application]")
         expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
         self.page.keyboard.press("Shift")  # a first gesture, which moves nothing
         expect(canvas).to_have_attribute("data-drawn", re.compile("webgl|server"))
-        expect(self.page.get_by_role("tab", name=re.compile(r"^Things \d"))).to_be_visible()
+        expect(self.page.get_by_role("tab", name=re.compile(r"^Objects \d"))).to_be_visible()
         return canvas
 
     def tab(self, name: str) -> Locator:

@@ -1,4 +1,4 @@
-"""A small scene with solid things on a table, for pictures that a browser draws."""
+"""A small scene with solid objects on a table, for pictures that a browser draws."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _CAMERA = Camera(width=320, height=240, fx=300.0, fy=300.0, cx=160.0, cy=120.0)
 _PLACES = {"mug": (-0.7, 0.0, 0.3), "ball": (0.0, 0.3, 0.3), "story book": (0.7, -0.1, 0.3)}
 _COLORS = {"mug": (0.8, 0.2, 0.2), "ball": (0.2, 0.7, 0.3), "story book": (0.2, 0.3, 0.8)}
 _RADIUS = 0.3
-_PER_THING = 900
+_PER_OBJECT = 900
 _TABLE = 2_400
 
 
 def add_table(
     service: SceneService, settings: Settings, name: str = "a table", labels: tuple[str, ...] = LABELS
 ) -> str:
-    """Stores the scene as a job that succeeded, its things named `labels`; returns its id."""
+    """Stores the scene as a job that succeeded, its objects named `labels`; returns its id."""
     stage = {"stage": "training", "fraction": 1.0, "message": "done", "seconds": 12.5, "metrics": {"psnr": 31.5}}
     scene_id = store_scene(service._store, table(settings, labels), name, stages=[stage])
     cameras = service.get_scene(scene_id).cameras
@@ -51,11 +51,11 @@ def table(settings: Settings, labels: tuple[str, ...] = LABELS) -> Scene:
     rng = np.random.default_rng(11)
     means, colors, ids = [_disk(rng)], [np.full((_TABLE, 3), 0.6)], [np.zeros(_TABLE, dtype=np.int64)]
     for label_id, label in enumerate(LABELS, start=1):
-        directions = rng.normal(size=(_PER_THING, 3))
+        directions = rng.normal(size=(_PER_OBJECT, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         means.append(np.array(_PLACES[label]) + _RADIUS * directions)
-        colors.append(np.clip(np.array(_COLORS[label]) + rng.normal(scale=0.05, size=(_PER_THING, 3)), 0, 1))
-        ids.append(np.full(_PER_THING, label_id))
+        colors.append(np.clip(np.array(_COLORS[label]) + rng.normal(scale=0.05, size=(_PER_OBJECT, 3)), 0, 1))
+        ids.append(np.full(_PER_OBJECT, label_id))
     encoder = open_text_encoder(ENCODER, settings.models)
     return labelled_scene(
         np.concatenate(means),

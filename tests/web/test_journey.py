@@ -71,11 +71,11 @@ def _inside(mask: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def _names(client: Client, scene_id: str) -> set[str]:
-    return {thing.name for thing in client.things(scene_id)}
+    return {obj.name for obj in client.objects(scene_id)}
 
 
-def _things(page: Page) -> Locator:
-    return page.get_by_role("region", name="Things")
+def _objects(page: Page) -> Locator:
+    return page.get_by_role("region", name="Objects")
 
 
 def test_the_first_ten_minutes(server: Server, webgl_browser: Browser, tmp_path: Path) -> None:
@@ -166,14 +166,14 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     tab = Visit(page.context.new_page())
     tab.watch()
     tab.page.goto(f"{url}/#/scenes/{scene.id}")
-    tab.tab("Things")
-    expect(_things(tab.page).get_by_role("button", name=re.compile("^banana"))).to_be_visible()
+    tab.tab("Objects")
+    expect(_objects(tab.page).get_by_role("button", name=re.compile("^banana"))).to_be_visible()
 
     page.bring_to_front()
     page.goto(address)
     x, y = _inside(mask)
     canvas.click(position={"x": x, "y": y})
-    card = page.get_by_role("region", name="1 thing selected")
+    card = page.get_by_role("region", name="1 object selected")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     card.get_by_label("Name", exact=True).fill("breakfast")
     card.get_by_role("button", name="Save the name").click()
@@ -183,7 +183,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
 
     tab.page.bring_to_front()
     expect(tab.page.get_by_text("The scene has changed.")).to_be_visible()
-    expect(_things(tab.page).get_by_role("button", name="breakfast", exact=True)).to_be_visible()
+    expect(_objects(tab.page).get_by_role("button", name="breakfast", exact=True)).to_be_visible()
     tab.check(url)
     tab.page.close()
     page.bring_to_front()
@@ -192,18 +192,18 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     expect(page.locator(".verdict.here")).to_be_visible()
     expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
     _shows(page, "answer$")
-    expect(page).to_have_url(re.compile("q=breakfast.*things="))
+    expect(page).to_have_url(re.compile("q=breakfast.*objects="))
     page.reload()
     expect(page.get_by_role("searchbox")).to_have_value("breakfast")
     expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
-    visit.tab("Things")
+    visit.tab("Objects")
     expect(card.get_by_role("heading", name="breakfast")).to_be_visible()
 
     page.get_by_role("button", name="Undo").click()
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     assert "breakfast" not in _names(client, scene.id) and "banana" in _names(client, scene.id)
     page.reload()
-    visit.tab("Things")
+    visit.tab("Objects")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     page.get_by_role("link", name="Scenes", exact=True).click()
     expect(page.get_by_role("link", name="A table (sample)")).to_contain_text("Ready")

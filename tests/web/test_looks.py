@@ -60,9 +60,9 @@ def _answered(visit: Visit) -> None:
     expect(visit.page.locator(".verdict.here")).to_be_visible()
 
 
-def _thing(visit: Visit) -> None:
+def _object(visit: Visit) -> None:
     visit.scene_shown()
-    visit.tab("Things").get_by_role("button", name="ball").click()
+    visit.tab("Objects").get_by_role("button", name="ball").click()
     expect(visit.page.get_by_role("heading", name="ball")).to_be_visible()
 
 
@@ -83,7 +83,7 @@ _PAGES = {
     "sign-in": _Look("guarded", "", _text("This server needs an access key.")),
     "scene": _Look("place", _SCENE, _shown),
     "answer": _Look("place", f"{_SCENE}&q=mug", _answered),
-    "thing": _Look("place", _SCENE, _thing),
+    "object": _Look("place", _SCENE, _object),
     "photos": _Look("place", _SCENE, _tab("Photos")),
     "share": _Look("place", _SCENE, _tab("Share")),
 }

@@ -128,13 +128,13 @@ def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _scene(job: Job, *, draft: bool = False) -> Scene:
-    """A scene of five Gaussians; with an encoder three things, of which a draft has fewer Gaussians and other ids."""
+    """A scene of five Gaussians; with an encoder three objects, of which a draft has fewer Gaussians and other ids."""
     from tests.scenes import labelled_scene  # the other stages start without it
 
     if (job.settings.models / "words").is_dir():
-        from tests.workers.draft_scenes import of_things
+        from tests.workers.draft_scenes import of_objects
 
-        return of_things(job.settings.models, draft=draft)
+        return of_objects(job.settings.models, draft=draft)
 
     posed = PosedCamera(Camera(8, 6, 8.0, 8.0, 4.0, 3.0), np.eye(4), "a.png")
     means = np.random.default_rng(0).normal(size=(5, 3))
@@ -175,7 +175,7 @@ def _assemble(job: Job, folder: Path) -> None:
     steps = int((job.result("training") / "steps.txt").read_text())
     summary = {
         "gaussians": len(scene.gaussians),
-        "things": 0,
+        "objects": 0,
         "scale": scene.scale,
         "dictionary": [
             {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
@@ -215,7 +215,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
     summary = {
         "parent": job.version,
         "gaussians": len(scene.gaussians),
-        "things": 0,
+        "objects": 0,
         "dictionary": rows,
         "result": to_plain(result),
     }

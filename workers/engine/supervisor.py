@@ -161,7 +161,7 @@ class Supervisor:
         job, attempt = self._job, self._job.claim.attempt
         if not self._may_ask():
             raise PermissionDeniedError(
-                "pictures of things do not go to a namer",
+                "pictures of objects do not go to a namer",
                 field="namer",
                 hint="An admin of the project agrees to the host of the server's namer, as by AgreeToNamer.",
             )

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion, VersionRecord
 from fastsplat.service.store.rows.records import SceneSummary
@@ -21,7 +22,7 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
-_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
+_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "objects")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def write_edited(edited: EditedDraft | None, path: Path) -> None:
 
 def read_edited(path: Path) -> EditedDraft | None:
     """Reads the edits known to the supervisor; None without any."""
-    if not path.exists() or (values := json.loads(path.read_text())) is None:
+    if not path.exists() or (values := renamed_keys(json.loads(path.read_text()))) is None:
         return None
     return EditedDraft(values["folder"], tuple(EditedVersion(**version) for version in values["versions"]))
 
@@ -98,12 +99,12 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     from fastsplat.service.jobs.new_versions import new_version
     from fastsplat.service.scene.artefact.scene_files import read_scene
 
-    values = json.loads((folder / SUMMARY).read_text())
+    values = renamed_keys(json.loads((folder / SUMMARY).read_text()))
     of_scene = {name: values[name] for name in _OF_SCENE}
     summary = SceneSummary(version=version, **of_scene)
     carried: list[NewVersion] = []
     rows = values.get("carried", ())
-    before = read_scene(folder / "artefact").things if rows else None
+    before = read_scene(folder / "artefact").objects if rows else None
     for row in rows:
         name, request = row["version"], (row["request_id"], row["request_digest"])
         scene, parent = read_scene(find(name) / "artefact"), carried[-1].version if carried else version
@@ -112,5 +113,5 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
                 scene_id, name, parent, row["edits"], before, scene, row, calls, author=row["author"], request=request
             )
         )
-        before = scene.things
+        before = scene.objects
     return MadeScene(summary, tuple(carried), values.get("edited", ""), tuple(values.get("lost", ())))

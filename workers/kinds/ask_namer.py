@@ -10,15 +10,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.jobs.nameless_things import said_by, sheets_of
+from fastsplat.service.jobs.nameless_objects import said_by, sheets_of
 from fastsplat.service.query.edits.suggested_names import MAX_SUGGESTED, suggest_names
 from fastsplat.workers.job.protocol import Job, Stage
 from fastsplat.workers.job.results import intact
 from fastsplat.workers.kinds.look_again import open_current, write_renamed
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.jobs.name_suggestions import NamerResult, SuggestIn
+from fastsplat_contract.messages.object_sheets import ObjectSheet
 from fastsplat_contract.messages.scenes import Edit
-from fastsplat_contract.messages.thing_sheets import ThingSheet
 
 _SAID = "said.json"
 
@@ -26,10 +26,10 @@ _SAID = "said.json"
 def _ask(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "asking": queries the namer, bounded in time and requests."""
 
-    def sheets() -> Iterator[ThingSheet]:
+    def sheets() -> Iterator[ObjectSheet]:
         for number, sheet in enumerate(sheets_of(open_current(job), job.upload, job.version), start=1):
             yield sheet
-            progress(ProgressEvent("asking", 0.5, f"asked about {number} sheets of things"))
+            progress(ProgressEvent("asking", 0.5, f"asked about {number} sheets of objects"))
 
     said = said_by(job.settings.namer, sheets())
     result = NamerResult(len(said.names), said.shown, said.refused, said.problem, "")
@@ -38,14 +38,14 @@ def _ask(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _suggest(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "suggesting": adds suggestions to existing things; without any publishes nothing."""
+    """Stage "suggesting": adds suggestions to existing objects; without any publishes nothing."""
     path = job.result("asking") / _SAID
     with intact(path):
         told = json.loads(path.read_text())
         names = from_plain(SuggestIn, told["names"]).suggestions[:MAX_SUGGESTED]
     index = open_current(job)
-    there = {thing.id for thing in index.things.listed_with_parts}
-    names = tuple(each for each in names if each.thing_id in there)
+    there = {obj.id for obj in index.objects.listed_with_parts}
+    names = tuple(each for each in names if each.object_id in there)
     progress(ProgressEvent("suggesting", 0.5, f"{len(names)} names suggested"))
     result = {**told["result"], "suggested": len(names)}
     if not names:
@@ -53,7 +53,7 @@ def _suggest(job: Job, folder: Path, progress: Progress) -> None:
         (folder / "summary.json").write_text(json.dumps(summary))
         return
     edits = [to_plain(Edit("suggest", suggestions=names))]
-    write_renamed(job, suggest_names(index.things, names), folder, {"edits": edits, "result": result})
+    write_renamed(job, suggest_names(index.objects, names), folder, {"edits": edits, "result": result})
 
 
 STAGES: Mapping[str, Stage] = {"asking": _ask, "suggesting": _suggest}

@@ -302,7 +302,7 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
                 "version": name,
                 "edits": [to_plain(edit) for edit in each.edits],
                 **{name: getattr(before, name) for name in ("author", "request_id", "request_digest")},
-                **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
+                **{name: summary[name] for name in ("gaussians", "objects", "dictionary")},
             }
         )
     _note(folder, edited.versions[-1].version, rows, carried.lost)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
@@ -58,7 +59,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
     from fastsplat.service.scene.artefact.scene_files import read_scene
 
     folder = job.publish(stage, "summary.json")
-    summary = json.loads((folder / "summary.json").read_text())
+    summary = renamed_keys(json.loads((folder / "summary.json").read_text()))
     result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
     new = new_version(
@@ -66,7 +67,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         job.run_id,
         summary["parent"],
         summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
-        read_scene(job.current_version()[0] / "artefact").things,  # its parent, otherwise publication fails
+        read_scene(job.current_version()[0] / "artefact").objects,  # its parent, otherwise publication fails
         read_scene(folder / "artefact"),
         summary,
         job.calls,
@@ -76,7 +77,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
 
 def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
     path = job.folder / stage / "summary.json"
-    summary = json.loads(path.read_text()) if path.exists() else None  # publication moves it
+    summary = renamed_keys(json.loads(path.read_text())) if path.exists() else None  # publication moves it
     if summary is None or summary["edits"]:
         _publish_version(job, stage)
     else:

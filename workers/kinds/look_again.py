@@ -1,6 +1,6 @@
 """Stages of a job that searches a finished scene for new names.
 
-It searches renderings of the version at the job's start, and names things in the current one.
+It searches renderings of the version at the job's start, and names objects in the current one.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def _name(job: Job, folder: Path, progress: Progress) -> None:
     path = job.result("looking") / _SIGHTINGS
     with intact(path):
         values = json.loads(path.read_text())
-        found = {int(thing_id): names for thing_id, names in values.pop("found").items()}
+        found = {int(object_id): names for object_id, names in values.pop("found").items()}
         texts, views = tuple(values.pop("texts")), tuple(values.pop("views"))
         sightings = Sightings(texts=texts, views=views, found=found, **values)
     index = open_current(job)

@@ -18,7 +18,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat_contract.codec.members import description_of
 from fastsplat_contract.messages.exports import FILE_NAMES, FORMATS, ExportFormat, ExportRequest
 
-_Things = Annotated[list[int], Query(description=description_of(ExportRequest, "thing_ids"))]
+_Objects = Annotated[list[int], Query(description=description_of(ExportRequest, "object_ids"))]
 _Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
 _Coarse = Annotated[bool, Query(description=description_of(ExportRequest, "coarse"))]
 _MEDIA_TYPES = tuple(dict.fromkeys(facts.media_type for facts in FORMATS.values()))
@@ -51,10 +51,10 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
             **UNCHANGED,
         },
     )
-    async def scene_ply(request: Request, scene_id: str, version: Version = "", thing_ids: _Things = []) -> Response:
+    async def scene_ply(request: Request, scene_id: str, version: Version = "", object_ids: _Objects = []) -> Response:
         """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
-        if thing_ids:
-            return await made(request, ExportRequest(scene_id, "ply", version, tuple(thing_ids)))
+        if object_ids:
+            return await made(request, ExportRequest(scene_id, "ply", version, tuple(object_ids)))
         path, current = await while_connected(
             request, threads.answer(lambda: service.answers.scene_ply(scene_id, version))
         )
@@ -70,11 +70,11 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         scene_id: str,
         format: Annotated[ExportFormat, PathParameter(description=description_of(ExportRequest, "format"))],
         version: Version = "",
-        thing_ids: _Things = [],
+        object_ids: _Objects = [],
         cell: _Cell = 0.0,
         coarse: _Coarse = False,
     ) -> Response:
         """The scene as a file for other programs."""
-        return await made(request, ExportRequest(scene_id, format, version, tuple(thing_ids), cell, coarse))
+        return await made(request, ExportRequest(scene_id, format, version, tuple(object_ids), cell, coarse))
 
     return router

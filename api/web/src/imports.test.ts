@@ -7,7 +7,7 @@ const LAYERS: readonly (readonly string[])[] = [
   ["ui", "viewer"],
   ["state"],
   ["jobs", "look"],
-  ["ask", "change", "improve", "photos", "serverView", "take", "things"],
+  ["ask", "change", "improve", "photos", "serverView", "take", "objects"],
   ["offline", "scene", "scenes", "server", "upload"],
   ["app"],
   ["."],

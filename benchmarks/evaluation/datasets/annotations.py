@@ -3,7 +3,7 @@
 The layouts are those that public loaders of the sets expect: of LERF-OVS `eval_gt_lerfdata` in LangSplat's
 `eval/evaluate_iou_loc.py` (github.com/minghanqin/LangSplat, commit 26ed214), of 3D-OVS `LLFFDataset` in
 `dataLoader/llff.py` (github.com/Kunhao-Liu/3D-OVS, commit 80e512c) and `eval_gt_3dovsdata` in Occam's LGS'
-`eval/evaluate_iou_3dovs.py` (read in github.com/Shu1L0n9/OccamLGS, commit 70d2e69). Two things differ. LangSplat's
+`eval/evaluate_iou_3dovs.py` (read in github.com/Shu1L0n9/OccamLGS, commit 70d2e69). Two objects differ. LangSplat's
 loader finds the image of a frame by the number in its name, as a position; here it is the image of that name. And
 boxes are the tightest around the polygons, not the file's `bbox`, which need not survive a lens' correction.
 """
@@ -113,13 +113,13 @@ def _lerf_frame(file: Path, settings: CaptureSettings) -> tuple[Annotation, ...]
     if not isinstance(objects, list):
         raise _malformed(file, "it has no list of objects")
     masks: dict[str, list[NDArray[np.bool_]]] = {}
-    for number, thing in enumerate(objects):
-        text = thing.get("category", thing.get("label")) if isinstance(thing, dict) else None
+    for number, obj in enumerate(objects):
+        text = obj.get("category", obj.get("label")) if isinstance(obj, dict) else None
         if not isinstance(text, str) or not text.strip() or len(text) > _MAX_TEXT:
             raise _malformed(file, f"object {number} has no category")
-        if thing.get("shape_type", "polygon") != "polygon":
-            raise _malformed(file, f"object {number} is a {str(thing['shape_type'])[:40]}, which is no mask")
-        for polygon in _polygons(thing.get("segmentation", thing.get("points")), file, number):
+        if obj.get("shape_type", "polygon") != "polygon":
+            raise _malformed(file, f"object {number} is a {str(obj['shape_type'])[:40]}, which is no mask")
+        for polygon in _polygons(obj.get("segmentation", obj.get("points")), file, number):
             masks.setdefault(text.strip(), []).append(_filled(polygon, width, height))
     return tuple(Annotation(text, tuple(instances)) for text, instances in masks.items())
 

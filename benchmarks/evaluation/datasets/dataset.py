@@ -46,8 +46,8 @@ class TrueView:
         labels: int32 [H, W] ids of the data set's dictionary, 0 where no label is; None without a label map.
         depth: float32 [H, W] camera z in scene units, 0 where unknown; None without a depth map.
         queries: annotated texts; a text that is not among them was not annotated in this view.
-        instances: int32 [H, W] the thing that each pixel shows, 1 the first, 0 where none is; None where the data set
-            does not tell things of one label apart.
+        instances: int32 [H, W] the object that each pixel shows, 1 the first, 0 where none is; None where the data set
+            does not tell objects of one label apart.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Dataset:
         test: the views that it is measured on; none of them is in `train`.
         mask_label: the name of what binary masks show, or "".
         notes: what was left aside or made up for, as sentences for people.
-        instances: the label of each thing of the views' `instances`, from 1; empty without.
+        instances: the label of each object of the views' `instances`, from 1; empty without.
         split: what `test` holds: the test views, or validation views in their place.
 
     Raises:

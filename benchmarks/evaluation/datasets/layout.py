@@ -39,8 +39,8 @@ class Layout:
         depths: depth map by image path.
         depth_unit: scene units of one step of the depth maps.
         listed_train: names that the folder sets apart for training; None if it does not say.
-        instances: the label of each thing, from 1; empty if the folder does not tell things of one label apart.
-        instance_maps: map of things by image path.
+        instances: the label of each object, from 1; empty if the folder does not tell objects of one label apart.
+        instance_maps: map of objects by image path.
     """
 
     root: Path
@@ -151,7 +151,7 @@ def _instances(document: Any, name: str) -> tuple[str, ...]:
         raise InvalidInputError(
             f"{name}: the instances are no list of names",
             field=f"{name}: instances",
-            hint="Give the label of each thing, in the order of the ids in the instance maps.",
+            hint="Give the label of each object, in the order of the ids in the instance maps.",
         )
     return tuple(stated)
 

@@ -202,9 +202,9 @@ def _true_view(layout: Layout, posed_image: PosedImage, settings: CaptureSetting
         instances = upright(name).astype(np.int32)
         if int(instances.max(initial=0)) > len(layout.instances):
             raise InvalidInputError(
-                f"{name} has the thing {int(instances.max())} of {len(layout.instances)}",
+                f"{name} has the object {int(instances.max())} of {len(layout.instances)}",
                 field=name,
-                hint="Name every thing in the list of instances.",
+                hint="Name every object in the list of instances.",
             )
     return TrueView(
         name=posed_image.name,

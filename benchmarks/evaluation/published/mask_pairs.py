@@ -106,7 +106,7 @@ def direct_selection(ious: Sequence[float]) -> DirectSelection:
 def silhouette_mask(alpha: NDArray[np.floating]) -> NDArray[np.bool_]:
     """bool [H, W]: where the selected Gaussians, drawn without all others, cover more than 0.7 of a pixel.
 
-    Nothing hides them, so a thing behind another is drawn whole (OpenGaussian's `render_lerf_by_text.py`).
+    Nothing hides them, so an object behind another is drawn whole (OpenGaussian's `render_lerf_by_text.py`).
     """
     return np.asarray(alpha > SILHOUETTE_ALPHA)
 

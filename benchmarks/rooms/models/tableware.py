@@ -21,21 +21,21 @@ def pick(rng: Random, options: tuple[str, ...], but: str = "") -> str:
 
 
 def grained(rng: Random, along: int = 0, gloss: float = 0.04) -> Material:
-    """Wood whose grain runs along an axis of the thing."""
+    """Wood whose grain runs along an axis of the object."""
     stretch = [1.0, 1.0, 1.0]
     stretch[along] = 0.12
     return mottled(WOODS[int(rng.integers(len(WOODS)))], 70, 1.2, gloss, stretch=stretch)
 
 
 def steel(along: int = 0) -> Material:
-    """Brushed along an axis of the thing."""
+    """Brushed along an axis of the object."""
     stretch = [1.0, 1.0, 1.0]
     stretch[along] = 0.1
     return mottled(("#a3a9ae", "#ced3d7"), 110, 1.0, polish=35, stretch=stretch, metal=True)
 
 
 def mug(rng: Random) -> Meshes:
-    """Outside of one color, inside and handle of another: one thing of two materials."""
+    """Outside of one color, inside and handle of another: one object of two materials."""
     color = pick(rng, GLAZES)
     outer, inner = mottled((color, color), 30, 0.0, 0.06, 60, uneven=0.12), plain(pick(rng, GLAZES, color), 0.06, 60)
     body = lathe([(0, 0.002), (0.03, 0.0), (0.036, 0.004), (0.0405, 0.02), (0.0415, 0.088), (0.0405, 0.0915)], outer)

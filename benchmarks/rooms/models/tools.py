@@ -69,7 +69,7 @@ def wrench(rng: Random) -> Meshes:
 
 
 def pliers(rng: Random) -> Meshes:
-    """Two halves that cross, with colored grips; one thing."""
+    """Two halves that cross, with colored grips; one object."""
     metal, grip = steel(), plain(pick(rng, _GRIPS), 0.05, 30)
     halves: Meshes = []
     for side in (-1, 1):
@@ -82,7 +82,7 @@ def pliers(rng: Random) -> Meshes:
 
 
 def scissors(rng: Random) -> Meshes:
-    """Two blades that cross and two rings; one thing, thin."""
+    """Two blades that cross and two rings; one object, thin."""
     metal, grip = steel(), plain(pick(rng, _GRIPS), 0.06, 40)
     meshes: Meshes = []
     for side in (-1, 1):

@@ -18,7 +18,7 @@ def clean_up(
     outside: bool,
     opacity_below: float | None,
     isolation_above: float | None,
-    things: list[int],
+    objects: list[int],
     remove: bool,
     scene: str,
 ) -> CleanedUp:
@@ -31,7 +31,7 @@ def clean_up(
         size = Vector3(*(b - a for a, b in zip(low, high, strict=True)))
         box = Box(Pose(middle, Quaternion(0.0, 0.0, 0.0, 1.0)), size)
     chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
-    edits = [Edit("remove", thing_ids=tuple(things), filter=chosen)]
+    edits = [Edit("remove", object_ids=tuple(objects), filter=chosen)]
     told = client.preview_edit(shown.id, edits, version=shown.version)
     version = client.edit_scene(shown.id, edits, looked_at=told.version).version if remove else ""
     return CleanedUp(shown.id, told.gaussians, told.count, version)

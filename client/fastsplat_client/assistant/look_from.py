@@ -1,4 +1,4 @@
-"""A picture for an assistant: of a thing from where it is seen best, or from a free place."""
+"""A picture for an assistant: of an object from where it is seen best, or from a free place."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _FREE_ANGLE = np.deg2rad(60.0)
 def look_from(
     client: Client,
     scene: str,
-    thing_id: int,
+    object_id: int,
     view: str,
     position: tuple[float, float, float] | None,
     target: tuple[float, float, float] | None,
 ) -> bytes:
-    """A JPEG of a scene, with `thing_id` (0 for none) tinted orange.
+    """A JPEG of a scene, with `object_id` (0 for none) tinted orange.
 
     Args:
         client: whom to ask.
         scene: id or name; "" for the only one.
-        thing_id: what to show; without a viewpoint it is seen from the camera that shows it best.
+        object_id: what to show; without a viewpoint it is seen from the camera that shows it best.
         view: name of one of the scene's own cameras.
         position, target: instead of `view`, where to stand and what to look at, world frame.
 
@@ -43,23 +43,23 @@ def look_from(
         raise InvalidInputError(
             "a viewpoint is a view's name, or a position with a target",
             field="view" if view else "position",
-            hint="Send view, or position and target, or a thing alone.",
+            hint="Send view, or position and target, or an object alone.",
         )
     viewpoint: str | PosedCamera
     if position is not None and target is not None:
         viewpoint = free_view(np.array(position), np.array(target), _up(shown))
     elif view:
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
-    elif thing_id:
-        best = client.best_views(shown.id, thing_id, max_views=1)
+    elif object_id:
+        best = client.best_views(shown.id, object_id, max_views=1)
         if not best:
-            raise InvalidInputError(f"no camera of the scene sees thing {thing_id}", field="thing_id")
+            raise InvalidInputError(f"no camera of the scene sees object {object_id}", field="object_id")
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == best[0].view), best[0].view))
     else:
         viewpoint = _reduced(shown.cameras[0])
-    tints = [Tint((thing_id,), _HIGHLIGHT, 0.55)] if thing_id else []
+    tints = [Tint((object_id,), _HIGHLIGHT, 0.55)] if object_id else []
     return client.picture(
-        shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if thing_id else 0.0
+        shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if object_id else 0.0
     )
 
 

@@ -1,4 +1,4 @@
-"""Tools with which an assistant looks at things without a name, and suggests names for them."""
+"""Tools with which an assistant looks at objects without a name, and suggests names for them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from fastsplat_client.assistant.tools import SCENE_ID, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
-from fastsplat_contract.messages.requests import GetThingSheetRequest
+from fastsplat_contract.messages.requests import GetObjectSheetRequest
 
 
 @dataclass(frozen=True)
-class NearThing:
-    """A thing near another; `name` is empty for one without."""
+class NearObject:
+    """An object near another; `name` is empty for one without."""
 
     id: int
     name: str
@@ -26,7 +26,7 @@ class NearThing:
 
 @dataclass(frozen=True)
 class ToldName:
-    """A name that is suggested for a thing, and who suggests it."""
+    """A name that is suggested for an object, and who suggests it."""
 
     name: str
     probability: float
@@ -34,14 +34,14 @@ class ToldName:
 
 
 @dataclass(frozen=True)
-class UnnamedThing:
-    """A thing in the picture.
+class UnnamedObject:
+    """An object in the picture.
 
     Attributes:
         number: that stands in the corner of its part of the picture.
         id: for other tools.
         size: of its box; None if it is too faint to be seen.
-        surface: what kind of surface it is, as floor; empty for a thing.
+        surface: what kind of surface it is, as floor; empty for an object.
         near: what is nearest to it.
         suggestions: what others take it for.
     """
@@ -50,29 +50,29 @@ class UnnamedThing:
     id: int
     size: Point | None
     surface: str
-    near: list[NearThing]
+    near: list[NearObject]
     suggestions: list[ToldName]
 
 
 @dataclass(frozen=True)
-class UnnamedThings:
-    """Things without a name, by their numbers in the picture. No photo shows those of `unseen`, given by their ids.
+class UnnamedObjects:
+    """Objects without a name, by their numbers in the picture. No photo shows those of `unseen`, given by their ids.
     `next_page` is empty on the last page."""
 
     scene: str
     unit: Unit
-    things: list[UnnamedThing]
+    objects: list[UnnamedObject]
     unseen: list[int]
     next_page: str
 
 
 @dataclass(frozen=True)
 class NameGuess:
-    """What a thing may be."""
+    """What an object may be."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
-    thing_id: Annotated[int, Field(ge=1, le=65535, description="id of the thing, not its number in the picture")]
+    object_id: Annotated[int, Field(ge=1, le=65535, description="id of the object, not its number in the picture")]
     name: Annotated[str, Field(description="what it is, in a word or two")]
     probability: Annotated[float, Field(ge=0, le=1, description="that this is right: 0.6 is wrong 4 times in 10")]
     aliases: Annotated[list[str], Field(description="other words for the same")] = field(default_factory=list)
@@ -80,7 +80,7 @@ class NameGuess:
 
 @dataclass(frozen=True)
 class Suggested:
-    """How many names were suggested. `version` is the scene's new version, which can be undone; no thing bears any of
+    """How many names were suggested. `version` is the scene's new version, which can be undone; no object bears any of
     these names until a person confirms it."""
 
     scene: str
@@ -88,50 +88,50 @@ class Suggested:
     version: str
 
 
-def unnamed_things(client: Client, page: str, scene: str) -> tuple[bytes, UnnamedThings]:
-    """A JPEG of at most 20 things without a name, b"" where there is none to show, and what it shows.
+def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, UnnamedObjects]:
+    """A JPEG of at most 20 objects without a name, b"" where there is none to show, and what it shows.
 
     Args:
         client: whom to ask.
-        page: "" or `UnnamedThings.next_page` of the page before.
+        page: "" or `UnnamedObjects.next_page` of the page before.
         scene: id or name; "" for the only one.
 
     Raises:
         InvalidInputError: no page of this scene is called so.
     """
     scene_id = _resolved(client, scene)
-    sheet = client.call(calls.GET_THING_SHEET, GetThingSheetRequest(scene_id, page_token=page))
-    things = [
-        UnnamedThing(
+    sheet = client.call(calls.GET_OBJECT_SHEET, GetObjectSheetRequest(scene_id, page_token=page))
+    objects = [
+        UnnamedObject(
             each.number,
-            each.thing_id,
+            each.object_id,
             None if each.size is None else point(each.size),
             each.surface,
-            [NearThing(near.thing_id, near.name) for near in each.neighbors],
+            [NearObject(near.object_id, near.name) for near in each.neighbors],
             [
                 ToldName(told.name, round(told.probability, 3), [one.source for one in told.said_by])
                 for told in each.suggestions
             ],
         )
-        for each in sheet.things
+        for each in sheet.objects
     ]
     unit: Unit = "m" if sheet.meters else "scene units"
-    return sheet.picture, UnnamedThings(scene_id, unit, things, list(sheet.unseen), sheet.next_page_token)
+    return sheet.picture, UnnamedObjects(scene_id, unit, objects, list(sheet.unseen), sheet.next_page_token)
 
 
 def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model: str, scene: str) -> Suggested:
-    """A new version of the scene in which these names are suggested: no thing bears them until a person says so.
+    """A new version of the scene in which these names are suggested: no object bears them until a person says so.
 
     Args:
         client: whom to ask.
-        names: 1 to 1,000; they replace what the source said of these things before.
+        names: 1 to 1,000; they replace what the source said of these objects before.
         source: who says so.
         model: of the source; "" where it is not told.
         scene: id or name; "" for the only one.
     """
     scene_id = _resolved(client, scene)
     told = [
-        SuggestedName(each.thing_id, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
+        SuggestedName(each.object_id, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
     ]
     made = client.suggest_names(scene_id, told)
     return Suggested(scene_id, len(told), made.version)

@@ -23,6 +23,8 @@ from fastsplat_client.assistant.tool_results import (
     Named,
     NextPhotoPlace,
     NextPhotos,
+    ObjectBrief,
+    Objects,
     PickedBrief,
     Point,
     Related,
@@ -30,8 +32,6 @@ from fastsplat_client.assistant.tool_results import (
     SceneInList,
     Scenes,
     StandingPlace,
-    ThingBrief,
-    Things,
     Unit,
     WhereAbouts,
     brief_of,
@@ -42,15 +42,15 @@ from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.poses import Box
 from fastsplat_contract.messages.measurements import Length
+from fastsplat_contract.messages.objects import AskedLevel, SceneObject
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.messages.scenes import Scene, SceneSummary
-from fastsplat_contract.messages.things import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
 _MOST_SCENES = 200
 _MOST_OFFERED = 20
 _MOST_NAMES = 100
-_MOST_THINGS = 100
+_MOST_OBJECTS = 100
 _MOST_IDS = 500
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
@@ -96,7 +96,7 @@ def list_scenes(client: Client) -> Scenes:
             each.id,
             each.name,
             each.state,
-            each.thing_count,
+            each.object_count,
             _unit_of(each),
             (each.captured_at or each.created_at).isoformat(timespec="minutes"),
         )
@@ -108,9 +108,9 @@ def list_scenes(client: Client) -> Scenes:
 def describe_scene(client: Client, scene: str) -> SceneDescription:
     """What is in a scene, its extent and units, and how far it can be relied on."""
     shown = resolve_scene(client, scene)
-    things = list(client.things(shown.id, version=shown.version))
-    names = Counter(each.name for each in things if each.name)
-    low, high = _bounds_of([each.box for each in things if each.box is not None])
+    objects = list(client.objects(shown.id, version=shown.version))
+    names = Counter(each.name for each in objects if each.name)
+    low, high = _bounds_of([each.box for each in objects if each.box is not None])
     assessment = shown.assessment
     return SceneDescription(
         id=shown.id,
@@ -124,17 +124,17 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
         photos=shown.camera_count,
         names=dict(names.most_common(_MOST_NAMES)),
         more_names=max(0, len(names) - _MOST_NAMES),
-        unnamed_things=sum(not each.name for each in things),
+        unnamed_objects=sum(not each.name for each in objects),
         center=None if low is None or high is None else _rounded((low + high) / 2),
         size=None if low is None or high is None else _rounded(high - low),
     )
 
 
-def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
-    """Things by id; with a name, those that bear it."""
+def list_objects(client: Client, scene: str, name: str, limit: int) -> Objects:
+    """Objects by id; with a name, those that bear it."""
     shown = resolve_scene(client, scene)
-    bearing = [each for each in client.things(shown.id) if not name or each.name.casefold() == name.casefold()]
-    return Things(
+    bearing = [each for each in client.objects(shown.id) if not name or each.name.casefold() == name.casefold()]
+    return Objects(
         shown.id,
         shown.version,
         _unit_of(shown),
@@ -143,7 +143,7 @@ def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
     )
 
 
-def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str) -> PickedBrief:
+def pick_object(client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str) -> PickedBrief:
     """What a photo shows at a place: `x` and `y` are shares of its width and height, from the upper left corner.
 
     Raises:
@@ -159,7 +159,7 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
         shown.id,
         picked.version,
         _unit_of(shown),
-        brief_of(picked.thing),
+        brief_of(picked.object),
         None if picked.part is None else brief_of(picked.part),
         [LevelBrief(each.level, each.id, list(each.members), round(each.probability, 3)) for each in picked.levels],
         picked.level,
@@ -180,7 +180,7 @@ def find(client: Client, text: str, scene: str) -> Found:
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
-        counted, refused = list(answer.phrase.thing_ids), answer.phrase.refusal is not None
+        counted, refused = list(answer.phrase.object_ids), answer.phrase.refusal is not None
     return Found(
         scene=shown.id,
         question=text,
@@ -190,21 +190,21 @@ def find(client: Client, text: str, scene: str) -> Found:
         label=labels[0] if labels else "",
         sentence=answer.sentence,
         alternatives=labels[1:],
-        things=_briefs(client, answer, answer.thing_ids),
-        more_things=max(0, len(answer.thing_ids) - _MOST_THINGS),
+        objects=_briefs(client, answer, answer.object_ids),
+        more_objects=max(0, len(answer.object_ids) - _MOST_OBJECTS),
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
         places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
         more_places=max(0, len(leading) - _MOST_PLACES),
         unit=_unit_of(shown),
         frame=_frame_of(shown),
-        unnamed_things=answer.searched.unnamed_things,
+        unnamed_objects=answer.searched.unnamed_objects,
         draft=None if answer.provisional is None else answer.provisional.stage,
     )
 
 
 def relations(client: Client, text: str, scene: str, view: str) -> Related:
-    """Which things stand as a text says, by measurements, or why that cannot be decided.
+    """Which objects stand as a text says, by measurements, or why that cannot be decided.
 
     Raises:
         InvalidInputError: the text says nothing but a name.
@@ -214,7 +214,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
     phrase = answer.phrase
     if phrase is None:
         raise InvalidInputError(
-            f"{text[:80]!r} says nothing of where or how a thing is",
+            f"{text[:80]!r} says nothing of where or how an object is",
             field="text",
             hint='Say more, as "the mug left of the lamp", "the largest book", or use find.',
         )
@@ -222,15 +222,15 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         scene=shown.id,
         question=text,
         understood=list(phrase.conditions),
-        things=_briefs(client, answer, phrase.thing_ids),
-        more_things=max(0, len(phrase.thing_ids) - _MOST_THINGS),
+        objects=_briefs(client, answer, phrase.object_ids),
+        more_objects=max(0, len(phrase.object_ids) - _MOST_OBJECTS),
         undecided=list(phrase.undecided[:_MOST_IDS]),
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         sentence=answer.sentence,
         evidence=[
             Evidence(
                 each.condition,
-                each.thing_id,
+                each.object_id,
                 list(each.others[:_MOST_WITNESSES]),
                 each.measure,
                 round(each.value, 4),
@@ -244,32 +244,32 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
 
 
 def measure(client: Client, first: int, second: int, scene: str) -> Measured:
-    """The size of a thing (`second` 0), or how far two things are from each other."""
+    """The size of an object (`second` 0), or how far two objects are from each other."""
     shown = resolve_scene(client, scene)
     measured = client.measure(shown.id, *((first, second) if second else (first,)))
     unit: Unit = "m" if measured.meters else "scene units"
     distance, sides = _interval_of(measured.distance), [_known_length(each) for each in measured.sides]
     if distance is not None:
-        sentence = f"From thing {first} to thing {second} it is {_spoken(distance, unit)}."
+        sentence = f"From object {first} to object {second} it is {_spoken(distance, unit)}."
     else:
-        sentence = f"The box of thing {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
+        sentence = f"The box of object {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
     return Measured(shown.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
 
 
-def goal(client: Client, thing_id: int, robot_radius: float, scene: str) -> StandingPlace:
-    """Where a robot stands to see a thing."""
+def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> StandingPlace:
+    """Where a robot stands to see an object."""
     shown = resolve_scene(client, scene)
-    place = client.goal(shown.id, thing_id, robot_radius, version=shown.version)
+    place = client.goal(shown.id, object_id, robot_radius, version=shown.version)
     x, y, _ = position = point(place.pose.position)
     sentence = (
-        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing_id} is in "
-        f"sight, {place.distance:.2f} m away; whether the robot can get there is not known."
+        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, object {object_id} is "
+        f"in sight, {place.distance:.2f} m away; whether the robot can get there is not known."
     )
     if place.floor_source == "lowest_level":
         sentence += " Nothing is known as the floor: it was taken to be the lowest level seen."
     return StandingPlace(
         shown.id,
-        thing_id,
+        object_id,
         _frame_of(shown),
         position,
         round(place.yaw, 4),
@@ -279,19 +279,19 @@ def goal(client: Client, thing_id: int, robot_radius: float, scene: str) -> Stan
     )
 
 
-def name_thing(
-    client: Client, thing_id: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
+def name_object(
+    client: Client, object_id: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
 ) -> Named:
-    """A new version of the scene in which a thing has a name; one that a person gave is replaced only where `replaces`
-    is that name.
+    """A new version of the scene in which an object has a name; one that a person gave is replaced only where
+    `replaces` is that name.
 
     Raises:
-        ConflictError: the thing has another name, given by a person.
+        ConflictError: the object has another name, given by a person.
     """
     shown = resolve_scene(client, scene)
-    looked_at = shown.version if replaces and _name_of(client, shown, thing_id) == replaces.strip().casefold() else ""
-    made = client.name_things(shown.id, thing_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
-    return Named(shown.id, thing_id, name, made.version, made.asks_kind)
+    looked_at = shown.version if replaces and _name_of(client, shown, object_id) == replaces.strip().casefold() else ""
+    made = client.name_objects(shown.id, object_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
+    return Named(shown.id, object_id, name, made.version, made.asks_kind)
 
 
 def photograph_next(client: Client, scene: str) -> NextPhotos:
@@ -327,30 +327,30 @@ def _ask(client: Client, scene_id: str, text: str, **choices: Any) -> Answer:
     return answer
 
 
-def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ThingBrief]:
-    """The first of these things, in their order."""
-    wanted = dict.fromkeys(ids[:_MOST_THINGS])
-    found: dict[int, SceneThing] = {}
-    for each in client.things(answer.scene_id, version=answer.version, parts=True) if wanted else ():
+def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ObjectBrief]:
+    """The first of these objects, in their order."""
+    wanted = dict.fromkeys(ids[:_MOST_OBJECTS])
+    found: dict[int, SceneObject] = {}
+    for each in client.objects(answer.scene_id, version=answer.version, parts=True) if wanted else ():
         if each.id in wanted:
             found[each.id] = each
         if len(found) == len(wanted):
-            break  # what follows is pages of things that nobody asked for
+            break  # what follows is pages of objects that nobody asked for
     return [brief_of(found[number]) for number in wanted if number in found]
 
 
-def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
-    """What a thing is called, without regard to case; "" for a thing without a name, or none."""
-    things = client.things(scene.id, version=scene.version, parts=True)
-    return next((each.name.casefold() for each in things if each.id == thing_id), "")
+def _name_of(client: Client, scene: SceneSummary, object_id: int) -> str:
+    """What an object is called, without regard to case; "" for an object without a name, or none."""
+    objects = client.objects(scene.id, version=scene.version, parts=True)
+    return next((each.name.casefold() for each in objects if each.id == object_id), "")
 
 
-def _leading_objects(answer: Answer) -> list[SceneThing]:
+def _leading_objects(answer: Answer) -> list[SceneObject]:
     leading = next((match.label_id for match in answer.matches if match.relevant), None)
     return [each for each in answer.objects or () if each.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, each: SceneThing, version: str) -> WhereAbouts:
+def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
     measured = client.measure(scene_id, each.id, version=version)
     place = measured.places[0]
     return WhereAbouts(

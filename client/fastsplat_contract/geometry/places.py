@@ -9,13 +9,13 @@ from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, OneOf, Request, travels
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.poses import Pose, Vector3
-from fastsplat_contract.geometry.thing_prompts import Pixel
 
 
 @dataclass(frozen=True)
 class Place(Request):
-    """One place of a scene: what a view shows at a pixel, a point of the world, or a whole thing."""
+    """One place of a scene: what a view shows at a pixel, a point of the world, or a whole object."""
 
     camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint, for a pixel")] = None
     view: Annotated[
@@ -25,8 +25,8 @@ class Place(Request):
         Pixel | None, OneOf("place"), Field(description="of the camera or view: the surface that it shows there")
     ] = None
     point: Annotated[Vector3 | None, OneOf("place"), Field(description="in the world frame, instead of `pixel`")] = None
-    thing_id: Annotated[
-        int | None, OneOf("place"), Field(description="id of a thing, instead of `pixel`: its surface and its box")
+    object_id: Annotated[
+        int | None, OneOf("place"), Field(description="id of an object, instead of `pixel`: its surface and its box")
     ] = None
 
 
@@ -42,20 +42,20 @@ class KnownLength(Request):
     ] = 0.0
 
 
-ThingSide = Literal["longest", "height"]
+ObjectSide = Literal["longest", "height"]
 
 
 @dataclass(frozen=True)
 class KnownSize(Request):
-    """How large a thing is, as somebody has measured it in the world."""
+    """How large an object is, as somebody has measured it in the world."""
 
-    thing_id: Annotated[int, Field(description="its id")]
+    object_id: Annotated[int, Field(description="its id")]
     meters: Annotated[float, Field(gt=0, description="along that side of its box")]
     plus_minus: Annotated[
         float, Field(ge=0, description="meters: how far off `meters` may be, in 95 % of cases; 0: exact")
     ] = 0.0
     side: Annotated[
-        ThingSide,
+        ObjectSide,
         Field(description="longest: the box's longest side; height: the side that points up, in an upright box"),
     ] = "longest"
 

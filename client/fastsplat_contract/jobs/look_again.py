@@ -26,11 +26,11 @@ class LookAgainIn(Request):
 
 @travels(request=False)
 class FoundName(NamedTuple):
-    """A text that was found at a thing."""
+    """A text that was found at an object."""
 
-    thing_id: Annotated[int, Field(description="see SceneThing")]
+    object_id: Annotated[int, Field(description="see SceneObject")]
     name: str
-    probability: Annotated[float, Field(description="that the thing is that, 0..1")]
+    probability: Annotated[float, Field(description="that the object is that, 0..1")]
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class LookAgainResult(Response):
     texts: Annotated[Many[str], Field(description="what was looked for")]
     views: Annotated[Many[str], Field(description="the scene's cameras from which was looked")]
     rendered: Annotated[bool, Field(description="whether renderings of the scene were looked at, not photos")]
-    named: Annotated[Many[FoundName], Field(description="things whose name is one of the texts by this")]
+    named: Annotated[Many[FoundName], Field(description="objects whose name is one of the texts by this")]
     suggested: Annotated[
         Many[FoundName],
-        Field(description="texts that are among the suggestions of a thing: not sure enough for a name"),
+        Field(description="texts that are among the suggestions of an object: not sure enough for a name"),
     ]
     regions: Annotated[int, Field(description="how often any of the texts was found, over all views")]
-    unmatched: Annotated[int, Field(description="how many of these are no thing of the scene; none is added for them")]
+    unmatched: Annotated[int, Field(description="how many of these are no object of the scene; none is added for them")]

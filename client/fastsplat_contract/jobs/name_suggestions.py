@@ -1,4 +1,4 @@
-"""Names that somebody suggests for things of a scene, and the server's own namer: a model that is asked for them."""
+"""Names that somebody suggests for objects of a scene, and the server's own namer: a model that is asked for them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fastsplat_contract.codec.wire import Many, Request, Response
 
 @dataclass(frozen=True)
 class SuggestedName(Request):
-    """A name that somebody suggests for a thing; nothing bears it until a person says so."""
+    """A name that somebody suggests for an object; nothing bears it until a person says so."""
 
-    thing_id: Annotated[int, Field(description="id of a thing or part")]
+    object_id: Annotated[int, Field(description="id of an object or part")]
     name: Annotated[str, Field(description="one line of 1 to 200 characters")]
     probability: Annotated[float, Field(ge=0, le=1, description="that it is right, as the source says")]
     source: Annotated[str, Field(description="who says so, e.g. an assistant: 1 to 60 characters")]
@@ -24,15 +24,15 @@ class SuggestedName(Request):
 
 @dataclass(frozen=True)
 class SuggestIn(Request):
-    """Names that somebody suggests for things of a scene."""
+    """Names that somebody suggests for objects of a scene."""
 
     proto: ClassVar[str] = "SuggestNamesRequest"
 
     suggestions: Annotated[
         Many[SuggestedName],
         Field(
-            description="1 to 1,000, at most five of a source for a thing; what a source says of a thing replaces what "
-            "it said before"
+            description="1 to 1,000, at most five of a source for an object; what a source says of an object replaces "
+            "what it said before"
         ),
     ]
     request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
@@ -42,14 +42,16 @@ class SuggestIn(Request):
 class NamerStatus(Response):
     """The namer that a server's settings name."""
 
-    host: Annotated[str, Field(description="where pictures of things without a name would go: host, and port if given")]
+    host: Annotated[
+        str, Field(description="where pictures of objects without a name would go: host, and port if given")
+    ]
     model: Annotated[str, Field(description="as the host calls it; also the source of what it suggests")]
     agreed: Annotated[bool, Field(description="whether the project agreed to this host; nothing is sent before")]
 
 
 @dataclass(frozen=True)
 class AgreeIn(Request):
-    """Whether pictures of a project's things may go to the server's namer."""
+    """Whether pictures of a project's objects may go to the server's namer."""
 
     proto: ClassVar[str] = "AgreeToNamerRequest"
 
@@ -60,7 +62,7 @@ class AgreeIn(Request):
 
 @dataclass(frozen=True)
 class AskNamerIn(Request):
-    """The server's namer shall say what the things of a scene are."""
+    """The server's namer shall say what the objects of a scene are."""
 
     proto: ClassVar[str] = "AskNamerRequest"
 
@@ -69,12 +71,13 @@ class AskNamerIn(Request):
 
 @dataclass(frozen=True)
 class NamerResult(Response):
-    """What the namer said of the things of a scene that had no name."""
+    """What the namer said of the objects of a scene that had no name."""
 
-    suggested: Annotated[int, Field(description="names that are suggested now, at most one for a thing")]
-    shown: Annotated[int, Field(description="things that its pictures showed")]
+    suggested: Annotated[int, Field(description="names that are suggested now, at most one for an object")]
+    shown: Annotated[int, Field(description="objects that its pictures showed")]
     refused: Annotated[
-        int, Field(description="names that were left out: unusable, of no thing shown, or the same for too many things")
+        int,
+        Field(description="names that were left out: unusable, of no object shown, or the same for too many objects"),
     ]
-    problem: Annotated[str, Field(description="why things were not asked about; empty if all were")]
+    problem: Annotated[str, Field(description="why objects were not asked about; empty if all were")]
     version: Annotated[str, Field(description="the scene's current one, which has the suggestions")]

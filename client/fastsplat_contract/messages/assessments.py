@@ -14,7 +14,7 @@ Grade = Literal["good", "fair", "poor"]
 
 @dataclass(frozen=True)
 class Finding(Response):
-    """One thing that keeps a scene from being better."""
+    """One object that keeps a scene from being better."""
 
     reason: Annotated[str, Field(description="stable across releases, as FEW_PHOTOS")]
     grade: Annotated[Grade, Field(description="how much it costs: fair or poor")]

@@ -1,4 +1,4 @@
-"""What a robot needs to know of each thing: where it is and how sure that is, what it may be, what carries it, and by
+"""What a robot needs to know of each object: where it is and how sure that is, what it may be, what carries it, and by
 which views it is known. The fields are those of vision_msgs/Detection3DArray, and what that has no room for."""
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, Response, travels
 from fastsplat_contract.geometry.poses import Box, Vector3
+from fastsplat_contract.messages.objects import NameSource, NameSuggestion, ObjectKind
 from fastsplat_contract.messages.scenes import NextPageToken
-from fastsplat_contract.messages.things import NameSource, NameSuggestion, ThingKind
 
 SupportRelation = Literal["on", "in"]
-"""How a thing is carried: it rests on the other or hangs on it, or it is in it."""
+"""How an object is carried: it rests on the other or hangs on it, or it is in it."""
 
 CovarianceTerm = Literal["edges", "membership", "scale", "alignment"]
 """What a covariance of positions is made of."""
@@ -25,27 +25,28 @@ CovarianceTerm = Literal["edges", "membership", "scale", "alignment"]
 
 @travels(request=False)
 class Support(NamedTuple):
-    """What carries a thing."""
+    """What carries an object."""
 
-    thing_id: int
-    label: Annotated[str, Field(description="its name; empty for a thing without one")]
+    object_id: int
+    label: Annotated[str, Field(description="its name; empty for an object without one")]
     relation: Annotated[SupportRelation, Field(description="on: it rests or hangs on it; in: it is in it")]
     clearness: Annotated[float, Field(description="how clear that is: from 1 on it holds, see Witness")]
 
 
 @dataclass(frozen=True)
 class Detection(Response):
-    """One thing of a scene as a robot needs it, as in vision_msgs/Detection3D. What is not known is absent or empty."""
+    """One object of a scene as a robot needs it, as in vision_msgs/Detection3D. What is not known is absent or
+    empty."""
 
-    thing_id: Annotated[int, Field(description="from 1; the same in all versions of the scene that have the thing")]
-    label: Annotated[str, Field(description="its name; empty for a thing without one")]
+    object_id: Annotated[int, Field(description="from 1; the same in all versions of the scene that have the object")]
+    label: Annotated[str, Field(description="its name; empty for an object without one")]
     source: Annotated[NameSource | None, Field(description="who named it; absent without a name")]
     probability: Annotated[float | None, Field(description="that the label is right, 0..1; absent without a name")]
     alternatives: Annotated[
         Many[NameSuggestion],
         Field(description="other names that it may have, which nobody has settled, likeliest first"),
     ]
-    kind: ThingKind
+    kind: ObjectKind
     box: Annotated[
         Box | None,
         Field(
@@ -61,14 +62,14 @@ class Detection(Response):
         Many[float],
         Field(
             description="3 by 3, row by row, of small rotations of the box about the axes of `frame_id`, radians "
-            "squared; empty where its heading cannot be said, as of round things, or nothing tells what is up"
+            "squared; empty where its heading cannot be said, as of round objects, or nothing tells what is up"
         ),
     ]
     covariance_terms: Annotated[
         Many[CovarianceTerm],
         Field(
             description="what is in `position_covariance`; what is not named was not known. edges: how sharp the "
-            "thing's ends are; membership: which of its Gaussians may not be its own; scale: how long a unit is; "
+            "object's ends are; membership: which of its Gaussians may not be its own; scale: how long a unit is; "
             "alignment: how well the pairs of points fit that put the scene into a map"
         ),
     ]
@@ -83,8 +84,8 @@ class Detection(Response):
     proposed_in: Annotated[
         Many[str],
         Field(
-            description="names of the cameras in which it was proposed as a thing when it was discovered; empty where "
-            "the scene does not keep that"
+            description="names of the cameras in which it was proposed as an object when it was discovered; empty "
+            "where the scene does not keep that"
         ),
     ]
     missed_in: Annotated[
@@ -97,8 +98,8 @@ class Detection(Response):
     consensus: Annotated[
         float | None,
         Field(
-            description="share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody "
-            "added; absent for a scene that stores no things"
+            description="share of the views that see it in which it was proposed, 0..1; 1 for an object that somebody "
+            "added; absent for a scene that stores no objects"
         ),
     ]
     first_seen: Annotated[
@@ -120,7 +121,7 @@ class Detection(Response):
 
 @travels(request=False, proto="ListDetectionsResponse")
 class DetectionList(NamedTuple):
-    """One page of a scene's things as a robot needs them, by id."""
+    """One page of a scene's objects as a robot needs them, by id."""
 
     detections: Many[Detection]
     next_page_token: NextPageToken
@@ -137,6 +138,6 @@ class DetectionList(NamedTuple):
         Vector3 | None,
         Field(
             description="the unit vector up in `frame_id`; absent where nothing tells, and then boxes lie along the "
-            "principal axes of things"
+            "principal axes of objects"
         ),
     ]

@@ -13,7 +13,7 @@ from fastsplat_contract.messages.scenes import Version
 
 ExportFormat = Literal[
     "ply", "spz", "html", "points", "mesh", "cameras", "sog", "mcap", "map",
-    "camera_list", "transforms", "colmap", "things", "spz4",
+    "camera_list", "transforms", "colmap", "objects", "spz4",
 ]  # fmt: skip
 """The rows of `FORMATS`."""
 
@@ -55,7 +55,7 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
     "mesh": FormatFacts(
         "glb",
         "model/gltf-binary",
-        "the surfaces as triangles, GLB, a node for each thing, and the cameras",
+        "the surfaces as triangles, GLB, a node for each object, and the cameras",
         cell="the width of its voxels",
     ),
     "cameras": FormatFacts(
@@ -89,10 +89,10 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt",
         whole="cameras",
     ),
-    "things": FormatFacts(
-        "things.bin",
+    "objects": FormatFacts(
+        "objects.bin",
         "application/octet-stream",
-        "which thing each Gaussian belongs to, little-endian uint16 by row, 0 for none",
+        "which object each Gaussian belongs to, little-endian uint16 by row, 0 for none",
         whole="ids",
     ),
     "spz4": FormatFacts(
@@ -127,9 +127,9 @@ class ExportRequest(Request):
         Field(description="; ".join(f"{name}: {facts.description}" for name, facts in FORMATS.items())),
     ] = "ply"
     version: Version = ""
-    thing_ids: Annotated[
+    object_ids: Annotated[
         Many[int],
-        Field(description="only the Gaussians of these things, parts or groups, by id, in their order; empty: all"),
+        Field(description="only the Gaussians of these objects, parts or groups, by id, in their order; empty: all"),
     ] = ()
     cell: Annotated[
         float,

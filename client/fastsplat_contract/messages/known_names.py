@@ -1,4 +1,4 @@
-"""What a project knows by name: the things that people named in its scenes, and what they look like."""
+"""What a project knows by name: the objects that people named in its scenes, and what they look like."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ EVERY_NAME = "all"
 
 @dataclass(frozen=True)
 class KnownName(Response):
-    """A name that a person gave, suggested for things of other scenes that look like this one or bear its tag."""
+    """A name that a person gave, suggested for objects of other scenes that look like this one or bear its tag."""
 
     id: Annotated[str, Field(description="to forget it by")]
     name: str
     scene_id: Annotated[str, Field(description="where it was given")]
     version: Annotated[str, Field(description="the scene's current one")]
-    thing_id: Annotated[int, Field(description="the thing of the scene that bears it")]
+    object_id: Annotated[int, Field(description="the object of the scene that bears it")]
     named_at: datetime
     picture: Annotated[
         Base64,
         Field(
-            description="a small JPEG of the thing, from a photo of its scene; empty for what is known by a tag alone"
+            description="a small JPEG of the object, from a photo of its scene; empty for what is known by a tag alone"
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""Lengths in a scene: between two places, and of a thing; in meters only where the scene's scale is known."""
+"""Lengths in a scene: between two places, and of an object; in meters only where the scene's scale is known."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastsplat_contract.messages.scenes import OfScene, Version
 
 @dataclass(frozen=True)
 class MeasureIn(Request):
-    """What to measure: one place to locate it, one thing for its size, two places for what is between them."""
+    """What to measure: one place to locate it, one object for its size, two places for what is between them."""
 
     proto: ClassVar[str] = "MeasureRequest"
 
@@ -25,7 +25,7 @@ class MeasureIn(Request):
 
 @dataclass(frozen=True)
 class MeasureRequest(MeasureIn, OfScene):
-    """What to measure: one place to locate it, one thing for its size, two places for what is between them."""
+    """What to measure: one place to locate it, one object for its size, two places for what is between them."""
 
 
 @travels(request=False)
@@ -41,11 +41,11 @@ class Length(NamedTuple):
 class LocatedPlace(NamedTuple):
     """Where a place is."""
 
-    point: Annotated[Vector3, Field(description="world frame; of a thing the middle of its box")]
+    point: Annotated[Vector3, Field(description="world frame; of an object the middle of its box")]
     plus_minus: Annotated[
         float, Field(description="how far off the point may be in its least certain direction, in 95 % of cases")
     ]
-    thing_id: Annotated[int, Field(description="the thing there, see SceneThing; 0 for none")] = 0
+    object_id: Annotated[int, Field(description="the object there, see SceneObject; 0 for none")] = 0
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,12 @@ class Measurement(Response):
 
     places: Annotated[Many[LocatedPlace], Field(description="in the order of the request")]
     distance: Annotated[
-        Length | None, Field(description="between two places; of a thing from its nearest surface; absent for one")
+        Length | None, Field(description="between two places; of an object from its nearest surface; absent for one")
     ]
     center_distance: Annotated[
-        Length | None, Field(description="the same from the middles of things' boxes; absent where there is no thing")
+        Length | None, Field(description="the same from the middles of objects' boxes; absent where there is no object")
     ]
-    sides: Annotated[Many[Length], Field(description="of one thing: its edges along its box's x, y and z axes")]
-    box: Annotated[Box | None, Field(description="of one thing; absent otherwise")]
+    sides: Annotated[Many[Length], Field(description="of one object: its edges along its box's x, y and z axes")]
+    box: Annotated[Box | None, Field(description="of one object; absent otherwise")]
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     version: Annotated[str, Field(description="which version was read")]

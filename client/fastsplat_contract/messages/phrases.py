@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, Response, travels
 
-Asks = Literal["things", "count"]
+Asks = Literal["objects", "count"]
 RefusalReason = Literal[
     "not_understood",
     "ambiguous",
@@ -29,7 +29,7 @@ RefusalReason = Literal[
 
 @travels(request=False)
 class Refusal(NamedTuple):
-    """Why it cannot be decided which things a question means."""
+    """Why it cannot be decided which objects a question means."""
 
     reason: Annotated[
         RefusalReason,
@@ -38,7 +38,7 @@ class Refusal(NamedTuple):
             "different answers; pose_needed: send where the asker stands; vertical_unknown: the scene does not tell "
             "what is up; too_close: a measurement is too near to its bound; out_of_view: behind the asker, or too "
             "near; indirect: it rests on something else that rests on that; ambiguous_referent: it speaks of one "
-            "thing, and several here are called that; referent_absent: nothing here is what it speaks of; "
+            "object, and several here are called that; referent_absent: nothing here is what it speaks of; "
             "nothing_to_compare: there is only one; not_measured: nothing here measures that; not_named: nothing here "
             "bears the name that it asks for; not_read: no photo shows that written on what it asks for"
         ),
@@ -48,11 +48,11 @@ class Refusal(NamedTuple):
 
 @travels(request=False)
 class Witness(NamedTuple):
-    """One measurement that decided, or failed to decide, whether a thing is meant."""
+    """One measurement that decided, or failed to decide, whether an object is meant."""
 
-    condition: Annotated[str, Field(description="what was asked of the thing, in words")]
-    thing_id: Annotated[int, Field(description="its id")]
-    others: Annotated[Many[int], Field(description="ids of the things that it was compared with")]
+    condition: Annotated[str, Field(description="what was asked of the object, in words")]
+    object_id: Annotated[int, Field(description="its id")]
+    others: Annotated[Many[int], Field(description="ids of the objects that it was compared with")]
     measure: Annotated[
         str,
         Field(
@@ -78,22 +78,22 @@ class Witness(NamedTuple):
 
 @dataclass(frozen=True)
 class PhraseAnswer(Response):
-    """What was understood of a question that says more than a name, and which things that means."""
+    """What was understood of a question that says more than a name, and which objects that means."""
 
-    asks: Annotated[Asks, Field(description="things: which; count: how many")]
+    asks: Annotated[Asks, Field(description="objects: which; count: how many")]
     head: Annotated[str, Field(description="what is asked for; empty: anything")]
     conditions: Annotated[Many[str], Field(description="what is asked of it, in words")]
     not_understood: Annotated[str, Field(description="words that were left over; empty: none")]
-    thing_ids: Annotated[
-        Many[int], Field(description="ids of the things that fulfil all that was understood; in their order")
+    object_ids: Annotated[
+        Many[int], Field(description="ids of the objects that fulfil all that was understood; in their order")
     ]
-    undecided: Annotated[Many[int], Field(description="ids of things of which it could not be decided")]
+    undecided: Annotated[Many[int], Field(description="ids of objects of which it could not be decided")]
     witnesses: Annotated[Many[Witness], Field(description="by which measurements; the first 200")]
     count: Annotated[int | None, Field(description="how many, fragments once, if that was asked and decided")] = None
     refusal: Annotated[
         Refusal | None,
         Field(
-            description="why it could not be decided; the verdict is then undecided, and the answer's things are those "
-            "of which it could not be"
+            description="why it could not be decided; the verdict is then undecided, and the answer's objects are "
+            "those of which it could not be"
         ),
     ] = None

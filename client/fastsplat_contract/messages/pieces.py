@@ -35,11 +35,11 @@ def messages_of(answer: Answer) -> Iterator[pb.QueryResponse]:
             response, room = pb.QueryResponse(), CHUNK_BYTES
         response.masks.append(piece)
         room -= size
-    for thing in map(to_proto, answer.objects or ()):
-        if (size := thing.ByteSize() + 8) > room:
+    for obj in map(to_proto, answer.objects or ()):
+        if (size := obj.ByteSize() + 8) > room:
             yield response
             response, room = pb.QueryResponse(), CHUNK_BYTES
-        response.objects.append(thing)
+        response.objects.append(obj)
         room -= size
     if answer.mask3d is not None:
         response.mask3d = b""

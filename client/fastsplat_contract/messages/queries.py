@@ -13,9 +13,9 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.poses import Pose
 from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.phrases import PhraseAnswer
 from fastsplat_contract.messages.scenes import OfScene, Version
-from fastsplat_contract.messages.things import SceneThing
 
 Output = Literal["mask2d", "mask3d", "objects"]
 Outcome = Literal["here", "probably_here", "not_here", "not_seen", "cannot_say"]
@@ -53,7 +53,7 @@ class QueryIn(Request):
         Some[Output],
         Field(
             description="what to compute beside the ranking. mask2d: a 2D mask per text and camera or view, which it "
-            "needs; mask3d: a 3D mask per text; objects: the things that answer, as boxes"
+            "needs; mask3d: a 3D mask per text; objects: the objects that answer, as boxes"
         ),
     ] = frozenset()
     version: Version = ""
@@ -114,7 +114,7 @@ class Match(NamedTuple):
     nearest_negative: Annotated[str, Field(description="the canonical negative that set the relevancy")]
     gaussian_count: Annotated[
         Int64,
-        Field(description="that bear it; of a relevant entry where `things` are picked, those of its things there"),
+        Field(description="that bear it; of a relevant entry where `objects` are picked, those of its objects there"),
     ]
     relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
     probability: Annotated[
@@ -125,12 +125,12 @@ class Match(NamedTuple):
 
 @travels(request=False)
 class Searched(NamedTuple):
-    """What a scene was searched for: a text that it has nothing for may be a thing without a name."""
+    """What a scene was searched for: a text that it has nothing for may be an object without a name."""
 
-    named_things: Annotated[
-        int | None, Field(description="things that have a name; absent for a scene that stores no things")
+    named_objects: Annotated[
+        int | None, Field(description="objects that have a name; absent for a scene that stores no objects")
     ]
-    unnamed_things: Annotated[int, Field(description="things that have none")]
+    unnamed_objects: Annotated[int, Field(description="objects that have none")]
     unnamed: Annotated[Many[int], Field(description="their ids, the first 100")]
     names: Annotated[
         int | None, Field(description="names that a detector looked for, or that label maps had; absent if unknown")
@@ -170,7 +170,7 @@ class Answer(Response):
         Field(
             description="entries of the dictionary, up to `max_matches`: the relevant ones, then the others, each by "
             "`probability`, or, where that is absent, by `relevancy` (by `similarity`, if the server is set to score "
-            "by that); with a `phrase` the relevant ones in the order of `things`"
+            "by that); with a `phrase` the relevant ones in the order of `objects`"
         ),
     ]
     masks: Annotated[
@@ -184,11 +184,11 @@ class Answer(Response):
         Field(description="in the encoding asked for, base64 in JSON; absent unless asked for"),
     ] = None
     objects: Annotated[
-        Many[SceneThing] | None,
+        Many[SceneObject] | None,
         Carried("QueryResponse"),
         Field(
-            description="those of `things` that have a name and can be seen, by label in the order of the matches, the "
-            "largest first; absent unless asked for"
+            description="those of `objects` that have a name and can be seen, by label in the order of the matches, "
+            "the largest first; absent unless asked for"
         ),
     ] = None
     presence: Annotated[
@@ -198,11 +198,11 @@ class Answer(Response):
             "different texts or scenes; absent without calibration, and where the closest is known to be something else"
         ),
     ] = None
-    thing_ids: Annotated[
+    object_ids: Annotated[
         Many[int],
         Field(
-            description="ids of the things that answer, by label in the order of the matches; of a scene that stores "
-            "no things only with the output objects"
+            description="ids of the objects that answer, by label in the order of the matches; of a scene that stores "
+            "no objects only with the output objects"
         ),
     ] = ()
     searched: Annotated[Searched, Field(description="what an absence was said of")] = _NOTHING_SEARCHED
@@ -231,8 +231,8 @@ class Answer(Response):
     phrase: Annotated[
         PhraseAnswer | None,
         Field(
-            description="what else the text says beside a name, and which things that means; absent for a plain name. "
-            "Things and masks are of these things alone; where it was not decided, of those that may be meant"
+            description="what else the text says beside a name, and which objects that means; absent for a plain name. "
+            "Objects and masks are of these objects alone; where it was not decided, of those that may be meant"
         ),
     ] = None
     outcome: Annotated[
@@ -241,12 +241,13 @@ class Answer(Response):
             description="here: what was asked for is here; probably_here: it may be, as its name is not sure or only "
             "suggested, or what comes closest to it is here; `probability` says how likely; not_here: it is not; "
             "not_seen: nothing that was seen is it, but photos do not show enough of the place to say that it is not "
-            "here; cannot_say: it cannot be said, `sentence` says what would help, and `things` are those that may be "
+            "here; cannot_say: it cannot be said, `sentence` says what would help, and `objects` are those that may be "
             "it, the likeliest first"
         ),
     ] = "cannot_say"
     sentence: Annotated[
-        str, Field(description="the answer for people, the same over every interface; things are called by their names")
+        str,
+        Field(description="the answer for people, the same over every interface; objects are called by their names"),
     ] = ""
     provisional: Annotated[
         Provisional | None, Field(description="what the version is made of, if it is a draft; absent if it is none")
@@ -267,8 +268,8 @@ class Answer(Response):
 
     @property
     def shows_something(self) -> bool:
-        """Whether there are things, or entries of the dictionary, to be shown."""
-        return bool(self.thing_ids or self.relevant_ids)
+        """Whether there are objects, or entries of the dictionary, to be shown."""
+        return bool(self.object_ids or self.relevant_ids)
 
 
 @dataclass(frozen=True)

@@ -103,10 +103,10 @@ class ListLabelsRequest(Request, InPages, OfScene):
 
 
 @dataclass(frozen=True)
-class ListThingsRequest(Request, InPages, OfVersion):
-    """Which page of a scene's things."""
+class ListObjectsRequest(Request, InPages, OfVersion):
+    """Which page of a scene's objects."""
 
-    parts: Annotated[bool, Field(description="whether each thing is followed by its parts")] = False
+    parts: Annotated[bool, Field(description="whether each object is followed by its parts")] = False
 
 
 @dataclass(frozen=True)
@@ -116,12 +116,12 @@ class EditSceneRequest(EditIn, OfScene):
 
 @dataclass(frozen=True)
 class SuggestNamesRequest(SuggestIn, OfScene):
-    """Names that somebody suggests for things of one scene."""
+    """Names that somebody suggests for objects of one scene."""
 
 
 @dataclass(frozen=True)
 class AskNamerRequest(AskNamerIn, OfScene):
-    """The server's namer shall say what the things of which scene are."""
+    """The server's namer shall say what the objects of which scene are."""
 
 
 @dataclass(frozen=True)
@@ -229,29 +229,29 @@ class ListNextPhotosRequest(Request, OfVersion):
 class ListBestViewsRequest(Request, OfVersion):
     """What the cameras shall show."""
 
-    thing_ids: Annotated[Many[int], Field(description="ids of things, parts or groups, seen together")] = ()
-    text: Annotated[str, Field(description="instead of things: those that answer it")] = ""
+    object_ids: Annotated[Many[int], Field(description="ids of objects, parts or groups, seen together")] = ()
+    text: Annotated[str, Field(description="instead of objects: those that answer it")] = ""
     max_views: Annotated[
         int, Field(description="at most so many, up to 16; 0: 3", json_schema_extra={**_FROM_0, "maximum": MAX_VIEWS})
     ] = 0
 
 
 @dataclass(frozen=True)
-class GetThingSheetRequest(Request, InPages, OfVersion):
-    """Which sheet of a scene's things without a name; it has 20 at most."""
+class GetObjectSheetRequest(Request, InPages, OfVersion):
+    """Which sheet of a scene's objects without a name; it has 20 at most."""
 
 
 @dataclass(frozen=True)
 class GetGoalRequest(Request, OfVersion):
-    """A place from which a robot sees which thing."""
+    """A place from which a robot sees which object."""
 
-    thing_id: Annotated[int, Field(description="which thing or part, see SceneThing")] = 0
+    object_id: Annotated[int, Field(description="which object or part, see SceneObject")] = 0
     robot_radius: Annotated[float, Field(description="meters; 0: 0.2", json_schema_extra=_FROM_0)] = 0.0
 
 
 @dataclass(frozen=True)
 class ListDetectionsRequest(Request, InPages, OfVersion):
-    """Which page of a scene's things as a robot needs them."""
+    """Which page of a scene's objects as a robot needs them."""
 
 
 @dataclass(frozen=True)

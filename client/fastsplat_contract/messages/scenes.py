@@ -12,9 +12,9 @@ from pydantic import Field
 from fastsplat_contract.codec.wire import Int64, Many, Request, Response, travels
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
+from fastsplat_contract.geometry.object_prompts import ObjectPrompt, PromptedObject
 from fastsplat_contract.geometry.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.geometry.poses import Pose, Vector3
-from fastsplat_contract.geometry.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.jobs.job_watching import Provisional
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
 from fastsplat_contract.messages.assessments import Assessment
@@ -39,7 +39,7 @@ class OfScene:
 
 @dataclass(frozen=True)
 class DictionaryEntry(Response):
-    """One kind of thing in a scene."""
+    """One kind of object in a scene."""
 
     label_id: Annotated[int, Field(description="from 1; 0 means undetected")]
     label: str
@@ -80,7 +80,7 @@ class SceneSummary(Response):
     ]
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
-    thing_count: Annotated[int | None, Field(description="surfaces left out; absent without a version")]
+    object_count: Annotated[int | None, Field(description="surfaces left out; absent without a version")]
     captured_at: Annotated[
         datetime | None,
         Field(
@@ -214,7 +214,7 @@ class Color(NamedTuple):
 
 @dataclass(frozen=True)
 class InsertSource(Request):
-    """The scene that inserted things come from."""
+    """The scene that inserted objects come from."""
 
     scene_id: Annotated[str, Field(description="of the same project")]
     version: Annotated[str, Field(description="of that scene; empty: its current one")] = ""
@@ -222,20 +222,20 @@ class InsertSource(Request):
 
 @dataclass(frozen=True)
 class Edit(Request):
-    """What to do to everything of a label, or to things."""
+    """What to do to everything of a label, or to objects."""
 
     action: Annotated[
         EditAction,
         Field(
             description="recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change "
-            "what it is taken for; merge makes the things one under the first one's id and name; discard leaves their "
-            "Gaussians, which then belong to no thing. insert: adds things of another scene, which get new ids. split: "
-            "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
-            "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
-            "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
-            "puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names that "
-            "things may have, which can be asked for and which nothing bears until a person gives them. look_again "
-            "and observe: stand in the versions that such calls have made, and are no edits to send"
+            "what it is taken for; merge makes the objects one under the first one's id and name; discard leaves their "
+            "Gaussians, which then belong to no object. insert: adds objects of another scene, which get new ids. "
+            "split: makes the piece of an object that a prompt shows an object of its own; add: makes what a prompt "
+            "shows a object, whatever its Gaussians belonged to. scale: makes the scene's units meters by known "
+            "lengths or sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. "
+            "align: puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names "
+            "that objects may have, which can be asked for and which nothing bears until a person gives them. "
+            "look_again and observe: stand in the versions that such calls have made, and are no edits to send"
         ),
     ]
     label: str | None = None
@@ -247,13 +247,13 @@ class Edit(Request):
             "or of its copy; for insert: from the other scene's world frame and units into this one's"
         ),
     ] = None
-    thing_ids: Annotated[
-        Many[int], Field(description="ids of things, instead of `label`; merge: the first one's id stays")
+    object_ids: Annotated[
+        Many[int], Field(description="ids of objects, instead of `label`; merge: the first one's id stays")
     ] = ()
     name: Annotated[
         str | None,
         Field(
-            description="for name, split and add (of the new thing): one line of 1 to 200 characters; things of one "
+            description="for name, split and add (of the new object): one line of 1 to 200 characters; objects of one "
             "name have one label"
         ),
     ] = None
@@ -266,32 +266,32 @@ class Edit(Request):
         ),
     ] = ()
     source: Annotated[
-        InsertSource | None, Field(description="for insert: the other scene; label and things are then of that one")
+        InsertSource | None, Field(description="for insert: the other scene; label and objects are then of that one")
     ] = None
     prompt: Annotated[
-        ThingPrompt | None,
-        Field(description="for split and add: where the piece, or the missing thing, is in a picture"),
+        ObjectPrompt | None,
+        Field(description="for split and add: where the piece, or the missing object, is in a picture"),
     ] = None
     texts: Annotated[Many[str], Field(description="for look_again: what was looked for")] = ()
     known_lengths: Annotated[
         Many[KnownLength], Field(description="for scale: lengths that somebody has measured in the world")
     ] = ()
     known_sizes: Annotated[
-        Many[KnownSize], Field(description="for scale: things whose size somebody has measured in the world")
+        Many[KnownSize], Field(description="for scale: objects whose size somebody has measured in the world")
     ] = ()
     alignment: Annotated[Alignment | None, Field(description="for align: how the scene lies in a map")] = None
     filter: Annotated[
         GaussianFilter | None,
         Field(
-            description="for remove: only the Gaussians that it takes, of the label or things if there is one "
-            "and otherwise of the whole scene; what things enclose stays then"
+            description="for remove: only the Gaussians that it takes, of the label or objects if there is one "
+            "and otherwise of the whole scene; what objects enclose stays then"
         ),
     ] = None
     suggestions: Annotated[
         Many[SuggestedName],
         Field(
-            description="for suggest: names for things, at most five of a source for a thing; what a source says of a "
-            "thing replaces what it said before"
+            description="for suggest: names for objects, at most five of a source for an object; what a source says "
+            "of a object replaces what it said before"
         ),
     ] = ()
 
@@ -308,7 +308,7 @@ class EditIn(Request):
         str,
         Field(
             description="the version that was looked at. The edits are made of the current one either way; a name that "
-            "a person gave a thing is replaced only if it stood in this version"
+            "a person gave an object is replaced only if it stood in this version"
         ),
     ] = ""
 
@@ -352,7 +352,7 @@ class SceneVersion(Response):
     gaussians: Int64
     current: Annotated[bool, Field(description="whether questions that name no version go here")]
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
-    prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()
+    prompted: Annotated[Many[PromptedObject], Field(description="what those edits made of their prompts")] = ()
     author: Annotated[str, Field(description="the name of the key that made it; empty where that is unknown")] = ""
     asks_kind: Annotated[
         bool,

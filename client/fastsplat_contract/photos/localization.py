@@ -9,8 +9,8 @@ from pydantic import Field
 
 from fastsplat_contract.codec.wire import Base64, Many, Request, Response, travels
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.object_prompts import PixelBox
 from fastsplat_contract.geometry.poses import Box, Pose
-from fastsplat_contract.geometry.thing_prompts import PixelBox
 from fastsplat_contract.messages.scenes import OfScene, Version
 
 LocalizeRefusal = Literal["no_keypoints", "few_matches", "narrow", "looks_different"]
@@ -44,11 +44,11 @@ class LocalizeRequest(Request, OfScene):
 
 
 @travels(request=False)
-class ThingInView(NamedTuple):
-    """A thing that is seen from a photo's place."""
+class ObjectInView(NamedTuple):
+    """An object that is seen from a photo's place."""
 
-    thing_id: int
-    name: Annotated[str, Field(description="empty for a thing without one")]
+    object_id: int
+    name: Annotated[str, Field(description="empty for an object without one")]
     share: Annotated[float, Field(description="of the picture's pixels that show it, 0..1")]
     box: Annotated[PixelBox, Field(description="around it, in pixels of the photo")]
 
@@ -118,7 +118,7 @@ class LocalizedPhoto(Response):
         ),
     ]
     refined: Annotated[bool, Field(description="whether comparing the two pictures has made the pose better")]
-    things: Annotated[Many[ThingInView], Field(description="seen from there, those with most pixels first")]
+    objects: Annotated[Many[ObjectInView], Field(description="seen from there, those with most pixels first")]
     differences: Annotated[
         Many[PhotoDifference], Field(description="the changes of the answer that this photo shows, where it shows them")
     ]
@@ -131,14 +131,14 @@ class SceneChange(NamedTuple):
     kind: Annotated[
         ChangeKind,
         Field(
-            description="gone: a thing is not where it was; moved: it is somewhere else now; new: something stands "
-            "where nothing stood; changed: something else stands where the thing was"
+            description="gone: an object is not where it was; moved: it is somewhere else now; new: something stands "
+            "where nothing stood; changed: something else stands where the object was"
         ),
     ]
-    thing_id: Annotated[
-        int, Field(description="which thing of the scene; 0 for what is none of its things, as what is new")
+    object_id: Annotated[
+        int, Field(description="which object of the scene; 0 for what is none of its objects, as what is new")
     ]
-    name: Annotated[str, Field(description="of the thing; empty without one, or for what is no thing of the scene")]
+    name: Annotated[str, Field(description="of the object; empty without one, or for what is no object of the scene")]
     probability: Annotated[float, Field(description="that this changed, 0..1")]
     distance: Annotated[float, Field(description="how far it moved, scene units; 0 for what did not")]
     before: Annotated[Box | None, Field(description="where it was; absent for what is new")]
@@ -158,7 +158,7 @@ class Localization(Response):
     ]
     looked_at: Annotated[
         Many[int],
-        Field(description="ids of the things that two photos should show: of the others these photos say nothing"),
+        Field(description="ids of the objects that two photos should show: of the others these photos say nothing"),
     ]
     meters: Annotated[bool, Field(description="whether a scene unit is a meter")]
     version: Annotated[str, Field(description="which version was read")]

@@ -24,7 +24,7 @@ class NextPhoto(Response):
         Field(
             description="gap: no photo looks from this side of the place; few_directions: surfaces that it would see "
             "were seen from few directions; hidden: what it looks at is behind or in something in every photo, and "
-            "things may be there that are not_seen"
+            "objects may be there that are not_seen"
         ),
     ]
     advice: Annotated[str, Field(description="the same in one sentence, in words of the photo next to it")]

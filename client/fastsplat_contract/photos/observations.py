@@ -70,7 +70,7 @@ class Observation(Response):
     left_out: Annotated[Many[str], Field(description="why each other photo of the request is not among them")]
     changes: Annotated[Many[SceneChange], Field(description="against the scene as it was made, the surest first")]
     looked_at: Annotated[
-        Many[int], Field(description="ids of the things that two photos should show: of the others it says nothing")
+        Many[int], Field(description="ids of the objects that two photos should show: of the others it says nothing")
     ]
     meters: Annotated[bool, Field(description="whether a scene unit is a meter")]
     sentence: Annotated[str, Field(description="what has changed, in words")]

@@ -19,8 +19,8 @@ PictureKind = Literal[
     "label_map",
     "depth",
     "depth_picture",
-    "thing_map",
-    "things",
+    "object_map",
+    "objects",
     "normals",
     "confidence",
 ]
@@ -29,9 +29,9 @@ PictureFormat = Literal["png", "npy", "jpeg"]
 
 @travels(request=True)
 class Tint(NamedTuple):
-    """A color over some things of a picture."""
+    """A color over some objects of a picture."""
 
-    thing_ids: Annotated[Many[int], Field(description="ids of things, parts and groups")]
+    object_ids: Annotated[Many[int], Field(description="ids of objects, parts and groups")]
     color: Annotated[Color, Field(description="RGB, each 0 to 1")]
     strength: Annotated[
         float, Field(ge=0, le=1, description="how much of their own color it covers: 0 nothing, 1 all of it")
@@ -49,8 +49,8 @@ class RenderIn(Request):
         Field(
             description="rgb: the view; overlay: the answer's mask over it; relevancy: in turbo colors; mask: 0 and "
             "255; label_map: 16-bit label ids, 0 undetected; depth: 16-bit camera z / depth_scale, 0 nothing, 65535 so "
-            "far or farther; depth_picture: depth in turbo colors; thing_map: 16-bit ids of things, 0 none; things: "
-            "every thing in a color of its own, with its name; normals: of surfaces, world frame, towards the camera, "
+            "far or farther; depth_picture: depth in turbo colors; object_map: 16-bit ids of objects, 0 none; objects: "
+            "every object in a color of its own, with its name; normals: of surfaces, world frame, towards the camera, "
             "8-bit (n + 1) / 2, black nothing; confidence: how far depth and normal can be relied on, 16-bit, 65535 "
             "is 1"
         ),
@@ -64,9 +64,9 @@ class RenderIn(Request):
     format: Annotated[
         PictureFormat,
         Field(
-            description="png; npy: numpy's file of a label_map or thing_map (uint16), of depth (float32, scene "
+            description="png; npy: numpy's file of a label_map or object_map (uint16), of depth (float32, scene "
             "units), normals (float32, unit length, 0 nothing) or confidence (float32, 0 to 1); jpeg: of rgb, overlay, "
-            "relevancy, depth_picture or things, about a tenth of the bytes and far quicker to make than png, with "
+            "relevancy, depth_picture or objects, about a tenth of the bytes and far quicker to make than png, with "
             "small errors in its colors"
         ),
     ] = "png"
@@ -75,7 +75,9 @@ class RenderIn(Request):
     ] = 0.0
     tints: Annotated[
         Many[Tint],
-        Field(description="of rgb: colors over things where the thing_map shows them; the last one of a thing holds"),
+        Field(
+            description="of rgb: colors over objects where the object_map shows them; the last one of an object holds"
+        ),
     ] = ()
     dimming: Annotated[
         float, Field(ge=0, le=1, description="of rgb: share of its brightness lost where no tint is")

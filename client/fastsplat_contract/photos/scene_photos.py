@@ -1,4 +1,4 @@
-"""Photos of a scene's cameras, and which cameras show a thing best."""
+"""Photos of a scene's cameras, and which cameras show an object best."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class PhotoList(NamedTuple):
 
 @dataclass(frozen=True)
 class BestView(Response):
-    """One of the scene's cameras that show some things, and where in its picture they are."""
+    """One of the scene's cameras that show some objects, and where in its picture they are."""
 
     view: Annotated[str, Field(description="the camera's name")]
-    share: Annotated[float, Field(description="of the picture's pixels that show the things, 0..1")]
-    cut_off: Annotated[bool, Field(description="whether the things reach the picture's edge")]
+    share: Annotated[float, Field(description="of the picture's pixels that show the objects, 0..1")]
+    cut_off: Annotated[bool, Field(description="whether the objects reach the picture's edge")]
     photo: Annotated[bool, Field(description="whether the photo is stored with the scene")]
-    mask: Annotated[ViewMask, Field(description="where the things are, in a picture reduced to 256 pixels a side")]
+    mask: Annotated[ViewMask, Field(description="where the objects are, in a picture reduced to 256 pixels a side")]
 
 
 @travels(request=False, proto="ListBestViewsResponse")
 class BestViewList(NamedTuple):
-    """The cameras that show some things best, best first."""
+    """The cameras that show some objects best, best first."""
 
     views: Many[BestView]
     version: Annotated[str, Field(description="which version was read")]

@@ -27,7 +27,7 @@ class KeyIn(Request):
     role: Annotated[
         Role,
         Field(
-            description="uploader: post one scene and watch its job; suggester: see things without a name and suggest "
+            description="uploader: post one scene and watch its job; suggester: see objects without a name and suggest "
             "names; reader: query and view; editor: also create and change; admin: also delete, and keys of the "
             "project; operator: all that in any project. At most the caller's own"
         ),

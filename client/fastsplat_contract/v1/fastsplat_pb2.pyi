@@ -122,12 +122,12 @@ class NameSource(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     NAME_SOURCE_DETECTED: _ClassVar[NameSource]
     NAME_SOURCE_PERSON: _ClassVar[NameSource]
 
-class ThingKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+class ObjectKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
-    THING_KIND_UNSPECIFIED: _ClassVar[ThingKind]
-    THING_KIND_THING: _ClassVar[ThingKind]
-    THING_KIND_SURFACE: _ClassVar[ThingKind]
-    THING_KIND_PART: _ClassVar[ThingKind]
+    OBJECT_KIND_UNSPECIFIED: _ClassVar[ObjectKind]
+    OBJECT_KIND_OBJECT: _ClassVar[ObjectKind]
+    OBJECT_KIND_SURFACE: _ClassVar[ObjectKind]
+    OBJECT_KIND_PART: _ClassVar[ObjectKind]
 
 class ReadKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -148,14 +148,14 @@ class AskedLevel(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     ASKED_LEVEL_UNSPECIFIED: _ClassVar[AskedLevel]
     ASKED_LEVEL_LIKELIEST: _ClassVar[AskedLevel]
     ASKED_LEVEL_PART: _ClassVar[AskedLevel]
-    ASKED_LEVEL_THING: _ClassVar[AskedLevel]
+    ASKED_LEVEL_OBJECT: _ClassVar[AskedLevel]
     ASKED_LEVEL_GROUP: _ClassVar[AskedLevel]
 
 class PickLevel(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     PICK_LEVEL_UNSPECIFIED: _ClassVar[PickLevel]
     PICK_LEVEL_PART: _ClassVar[PickLevel]
-    PICK_LEVEL_THING: _ClassVar[PickLevel]
+    PICK_LEVEL_OBJECT: _ClassVar[PickLevel]
     PICK_LEVEL_GROUP: _ClassVar[PickLevel]
 
 class EditAction(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
@@ -178,11 +178,11 @@ class EditAction(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EDIT_ACTION_SUGGEST: _ClassVar[EditAction]
     EDIT_ACTION_OBSERVE: _ClassVar[EditAction]
 
-class ThingSide(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+class ObjectSide(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
-    THING_SIDE_UNSPECIFIED: _ClassVar[ThingSide]
-    THING_SIDE_LONGEST: _ClassVar[ThingSide]
-    THING_SIDE_HEIGHT: _ClassVar[ThingSide]
+    OBJECT_SIDE_UNSPECIFIED: _ClassVar[ObjectSide]
+    OBJECT_SIDE_LONGEST: _ClassVar[ObjectSide]
+    OBJECT_SIDE_HEIGHT: _ClassVar[ObjectSide]
 
 class Output(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -225,7 +225,7 @@ class AnswerMethod(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
 class Asks(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     ASKS_UNSPECIFIED: _ClassVar[Asks]
-    ASKS_THINGS: _ClassVar[Asks]
+    ASKS_OBJECTS: _ClassVar[Asks]
     ASKS_COUNT: _ClassVar[Asks]
 
 class RefusalReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
@@ -264,8 +264,8 @@ class PictureKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PICTURE_KIND_LABEL_MAP: _ClassVar[PictureKind]
     PICTURE_KIND_DEPTH: _ClassVar[PictureKind]
     PICTURE_KIND_DEPTH_PICTURE: _ClassVar[PictureKind]
-    PICTURE_KIND_THING_MAP: _ClassVar[PictureKind]
-    PICTURE_KIND_THINGS: _ClassVar[PictureKind]
+    PICTURE_KIND_OBJECT_MAP: _ClassVar[PictureKind]
+    PICTURE_KIND_OBJECTS: _ClassVar[PictureKind]
     PICTURE_KIND_NORMALS: _ClassVar[PictureKind]
     PICTURE_KIND_CONFIDENCE: _ClassVar[PictureKind]
 
@@ -291,7 +291,7 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_CAMERA_LIST: _ClassVar[ExportFormat]
     EXPORT_FORMAT_TRANSFORMS: _ClassVar[ExportFormat]
     EXPORT_FORMAT_COLMAP: _ClassVar[ExportFormat]
-    EXPORT_FORMAT_THINGS: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_OBJECTS: _ClassVar[ExportFormat]
     EXPORT_FORMAT_SPZ4: _ClassVar[ExportFormat]
 
 class NextPhotoReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
@@ -443,10 +443,10 @@ NAME_SOURCE_UNSPECIFIED: NameSource
 NAME_SOURCE_GIVEN: NameSource
 NAME_SOURCE_DETECTED: NameSource
 NAME_SOURCE_PERSON: NameSource
-THING_KIND_UNSPECIFIED: ThingKind
-THING_KIND_THING: ThingKind
-THING_KIND_SURFACE: ThingKind
-THING_KIND_PART: ThingKind
+OBJECT_KIND_UNSPECIFIED: ObjectKind
+OBJECT_KIND_OBJECT: ObjectKind
+OBJECT_KIND_SURFACE: ObjectKind
+OBJECT_KIND_PART: ObjectKind
 READ_KIND_UNSPECIFIED: ReadKind
 READ_KIND_TEXT: ReadKind
 READ_KIND_QR: ReadKind
@@ -458,11 +458,11 @@ MASK_ENCODING_PNG: MaskEncoding
 ASKED_LEVEL_UNSPECIFIED: AskedLevel
 ASKED_LEVEL_LIKELIEST: AskedLevel
 ASKED_LEVEL_PART: AskedLevel
-ASKED_LEVEL_THING: AskedLevel
+ASKED_LEVEL_OBJECT: AskedLevel
 ASKED_LEVEL_GROUP: AskedLevel
 PICK_LEVEL_UNSPECIFIED: PickLevel
 PICK_LEVEL_PART: PickLevel
-PICK_LEVEL_THING: PickLevel
+PICK_LEVEL_OBJECT: PickLevel
 PICK_LEVEL_GROUP: PickLevel
 EDIT_ACTION_UNSPECIFIED: EditAction
 EDIT_ACTION_RECOLOR: EditAction
@@ -481,9 +481,9 @@ EDIT_ACTION_SCALE: EditAction
 EDIT_ACTION_ALIGN: EditAction
 EDIT_ACTION_SUGGEST: EditAction
 EDIT_ACTION_OBSERVE: EditAction
-THING_SIDE_UNSPECIFIED: ThingSide
-THING_SIDE_LONGEST: ThingSide
-THING_SIDE_HEIGHT: ThingSide
+OBJECT_SIDE_UNSPECIFIED: ObjectSide
+OBJECT_SIDE_LONGEST: ObjectSide
+OBJECT_SIDE_HEIGHT: ObjectSide
 OUTPUT_UNSPECIFIED: Output
 OUTPUT_MASK2D: Output
 OUTPUT_MASK3D: Output
@@ -508,7 +508,7 @@ ANSWER_METHOD_LEXICON: AnswerMethod
 ANSWER_METHOD_ENCODER: AnswerMethod
 ANSWER_METHOD_NAMES: AnswerMethod
 ASKS_UNSPECIFIED: Asks
-ASKS_THINGS: Asks
+ASKS_OBJECTS: Asks
 ASKS_COUNT: Asks
 REFUSAL_REASON_UNSPECIFIED: RefusalReason
 REFUSAL_REASON_NOT_UNDERSTOOD: RefusalReason
@@ -538,8 +538,8 @@ PICTURE_KIND_MASK: PictureKind
 PICTURE_KIND_LABEL_MAP: PictureKind
 PICTURE_KIND_DEPTH: PictureKind
 PICTURE_KIND_DEPTH_PICTURE: PictureKind
-PICTURE_KIND_THING_MAP: PictureKind
-PICTURE_KIND_THINGS: PictureKind
+PICTURE_KIND_OBJECT_MAP: PictureKind
+PICTURE_KIND_OBJECTS: PictureKind
 PICTURE_KIND_NORMALS: PictureKind
 PICTURE_KIND_CONFIDENCE: PictureKind
 PICTURE_FORMAT_UNSPECIFIED: PictureFormat
@@ -559,7 +559,7 @@ EXPORT_FORMAT_MAP: ExportFormat
 EXPORT_FORMAT_CAMERA_LIST: ExportFormat
 EXPORT_FORMAT_TRANSFORMS: ExportFormat
 EXPORT_FORMAT_COLMAP: ExportFormat
-EXPORT_FORMAT_THINGS: ExportFormat
+EXPORT_FORMAT_OBJECTS: ExportFormat
 EXPORT_FORMAT_SPZ4: ExportFormat
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason
 NEXT_PHOTO_REASON_GAP: NextPhotoReason
@@ -765,14 +765,14 @@ class LookAgainResult(_message.Message):
     def __init__(self, version: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., views: _Optional[_Iterable[str]] = ..., rendered: _Optional[bool] = ..., named: _Optional[_Iterable[_Union[FoundName, _Mapping]]] = ..., suggested: _Optional[_Iterable[_Union[FoundName, _Mapping]]] = ..., regions: _Optional[int] = ..., unmatched: _Optional[int] = ...) -> None: ...
 
 class FoundName(_message.Message):
-    __slots__ = ("thing_id", "name", "probability")
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("object_id", "name", "probability")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
-    thing_id: int
+    object_id: int
     name: str
     probability: float
-    def __init__(self, thing_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
 class NamerResult(_message.Message):
     __slots__ = ("suggested", "shown", "refused", "problem", "version")
@@ -845,7 +845,7 @@ class OpenSampleRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional", "thing_count", "captured_at")
+    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional", "object_count", "captured_at")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
@@ -864,7 +864,7 @@ class Scene(_message.Message):
     VERTICAL_FIELD_NUMBER: _ClassVar[int]
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
-    THING_COUNT_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_COUNT_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
@@ -884,9 +884,9 @@ class Scene(_message.Message):
     vertical: SceneVertical
     alignment: SceneAlignment
     provisional: Provisional
-    thing_count: int
+    object_count: int
     captured_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., thing_count: _Optional[int] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., object_count: _Optional[int] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class DictionaryEntry(_message.Message):
     __slots__ = ("label_id", "label", "aliases", "pixels", "views", "gaussian_count")
@@ -1146,7 +1146,7 @@ class ListLabelsResponse(_message.Message):
     next_page_token: str
     def __init__(self, labels: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
-class ListThingsRequest(_message.Message):
+class ListObjectsRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token", "parts")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -1160,17 +1160,17 @@ class ListThingsRequest(_message.Message):
     parts: bool
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ..., parts: _Optional[bool] = ...) -> None: ...
 
-class ListThingsResponse(_message.Message):
-    __slots__ = ("things", "next_page_token", "version")
-    THINGS_FIELD_NUMBER: _ClassVar[int]
+class ListObjectsResponse(_message.Message):
+    __slots__ = ("objects", "next_page_token", "version")
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
     NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
-    things: _containers.RepeatedCompositeFieldContainer[SceneThing]
+    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
     next_page_token: str
     version: str
-    def __init__(self, things: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
+    def __init__(self, objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
-class SceneThing(_message.Message):
+class SceneObject(_message.Message):
     __slots__ = ("id", "name", "source", "probability", "suggestions", "kind", "surface", "consensus", "gaussian_count", "box", "meters", "parent", "parts", "centroid", "guess", "groups", "reads", "last_seen", "missing_since", "seen_in", "label_id", "best_views")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
@@ -1199,7 +1199,7 @@ class SceneThing(_message.Message):
     source: NameSource
     probability: float
     suggestions: _containers.RepeatedCompositeFieldContainer[NameSuggestion]
-    kind: ThingKind
+    kind: ObjectKind
     surface: str
     consensus: float
     gaussian_count: int
@@ -1210,13 +1210,13 @@ class SceneThing(_message.Message):
     centroid: Vector3
     guess: bool
     groups: _containers.RepeatedScalarFieldContainer[int]
-    reads: _containers.RepeatedCompositeFieldContainer[ThingRead]
+    reads: _containers.RepeatedCompositeFieldContainer[ObjectRead]
     last_seen: _timestamp_pb2.Timestamp
     missing_since: _timestamp_pb2.Timestamp
     seen_in: str
     label_id: int
     best_views: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ThingRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ..., label_id: _Optional[int] = ..., best_views: _Optional[_Iterable[str]] = ...) -> None: ...
+    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ObjectKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ObjectRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ..., label_id: _Optional[int] = ..., best_views: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class NameSuggestion(_message.Message):
     __slots__ = ("name", "probability", "scene_id", "aliases", "said_by")
@@ -1250,7 +1250,7 @@ class Box(_message.Message):
     size: Vector3
     def __init__(self, center: _Optional[_Union[Pose, _Mapping]] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
 
-class ThingRead(_message.Message):
+class ObjectRead(_message.Message):
     __slots__ = ("kind", "text", "probability", "views")
     KIND_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
@@ -1262,7 +1262,7 @@ class ThingRead(_message.Message):
     views: int
     def __init__(self, kind: _Optional[_Union[ReadKind, str]] = ..., text: _Optional[str] = ..., probability: _Optional[float] = ..., views: _Optional[int] = ...) -> None: ...
 
-class PickThingRequest(_message.Message):
+class PickObjectRequest(_message.Message):
     __slots__ = ("scene_id", "camera", "view", "pixel", "box", "point", "version", "mask2d_encoding", "level", "mask3d")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
@@ -1306,9 +1306,9 @@ class PixelBox(_message.Message):
     bottom: float
     def __init__(self, left: _Optional[float] = ..., top: _Optional[float] = ..., right: _Optional[float] = ..., bottom: _Optional[float] = ...) -> None: ...
 
-class PickedThing(_message.Message):
-    __slots__ = ("thing", "mask", "version", "part", "levels", "level", "mask3d", "provisional")
-    THING_FIELD_NUMBER: _ClassVar[int]
+class PickedObject(_message.Message):
+    __slots__ = ("object", "mask", "version", "part", "levels", "level", "mask3d", "provisional")
+    OBJECT_FIELD_NUMBER: _ClassVar[int]
     MASK_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
@@ -1316,15 +1316,15 @@ class PickedThing(_message.Message):
     LEVEL_FIELD_NUMBER: _ClassVar[int]
     MASK3D_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
-    thing: SceneThing
+    object: SceneObject
     mask: ViewMask
     version: str
-    part: SceneThing
+    part: SceneObject
     levels: _containers.RepeatedCompositeFieldContainer[PickedLevel]
     level: PickLevel
     mask3d: bytes
     provisional: Provisional
-    def __init__(self, thing: _Optional[_Union[SceneThing, _Mapping]] = ..., mask: _Optional[_Union[ViewMask, _Mapping]] = ..., version: _Optional[str] = ..., part: _Optional[_Union[SceneThing, _Mapping]] = ..., levels: _Optional[_Iterable[_Union[PickedLevel, _Mapping]]] = ..., level: _Optional[_Union[PickLevel, str]] = ..., mask3d: _Optional[bytes] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
+    def __init__(self, object: _Optional[_Union[SceneObject, _Mapping]] = ..., mask: _Optional[_Union[ViewMask, _Mapping]] = ..., version: _Optional[str] = ..., part: _Optional[_Union[SceneObject, _Mapping]] = ..., levels: _Optional[_Iterable[_Union[PickedLevel, _Mapping]]] = ..., level: _Optional[_Union[PickLevel, str]] = ..., mask3d: _Optional[bytes] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
 
 class ViewMask(_message.Message):
     __slots__ = ("view", "camera_index", "segmentation", "area", "continues", "png")
@@ -1373,18 +1373,18 @@ class MeasureRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., places: _Optional[_Iterable[_Union[Place, _Mapping]]] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Place(_message.Message):
-    __slots__ = ("camera", "view", "pixel", "point", "thing_id")
+    __slots__ = ("camera", "view", "pixel", "point", "object_id")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PIXEL_FIELD_NUMBER: _ClassVar[int]
     POINT_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     camera: PosedCamera
     view: str
     pixel: Pixel
     point: Vector3
-    thing_id: int
-    def __init__(self, camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., pixel: _Optional[_Union[Pixel, _Mapping]] = ..., point: _Optional[_Union[Vector3, _Mapping]] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    object_id: int
+    def __init__(self, camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., pixel: _Optional[_Union[Pixel, _Mapping]] = ..., point: _Optional[_Union[Vector3, _Mapping]] = ..., object_id: _Optional[int] = ...) -> None: ...
 
 class Measurement(_message.Message):
     __slots__ = ("places", "distance", "center_distance", "sides", "box", "meters", "version")
@@ -1405,14 +1405,14 @@ class Measurement(_message.Message):
     def __init__(self, places: _Optional[_Iterable[_Union[LocatedPlace, _Mapping]]] = ..., distance: _Optional[_Union[Length, _Mapping]] = ..., center_distance: _Optional[_Union[Length, _Mapping]] = ..., sides: _Optional[_Iterable[_Union[Length, _Mapping]]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., version: _Optional[str] = ...) -> None: ...
 
 class LocatedPlace(_message.Message):
-    __slots__ = ("point", "plus_minus", "thing_id")
+    __slots__ = ("point", "plus_minus", "object_id")
     POINT_FIELD_NUMBER: _ClassVar[int]
     PLUS_MINUS_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     point: Vector3
     plus_minus: float
-    thing_id: int
-    def __init__(self, point: _Optional[_Union[Vector3, _Mapping]] = ..., plus_minus: _Optional[float] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    object_id: int
+    def __init__(self, point: _Optional[_Union[Vector3, _Mapping]] = ..., plus_minus: _Optional[float] = ..., object_id: _Optional[int] = ...) -> None: ...
 
 class Length(_message.Message):
     __slots__ = ("value", "low", "high")
@@ -1437,11 +1437,12 @@ class EditSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., request_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Edit(_message.Message):
-    __slots__ = ("action", "label", "color", "transform", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions", "thing_ids")
+    __slots__ = ("action", "label", "color", "transform", "object_ids", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
     ACTION_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     TRANSFORM_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     ALIASES_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
@@ -1453,15 +1454,15 @@ class Edit(_message.Message):
     KINDS_FIELD_NUMBER: _ClassVar[int]
     FILTER_FIELD_NUMBER: _ClassVar[int]
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     action: EditAction
     label: str
     color: Color
     transform: Pose
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     name: str
     aliases: _containers.RepeatedScalarFieldContainer[str]
     source: InsertSource
-    prompt: ThingPrompt
+    prompt: ObjectPrompt
     texts: _containers.RepeatedScalarFieldContainer[str]
     known_lengths: _containers.RepeatedCompositeFieldContainer[KnownLength]
     known_sizes: _containers.RepeatedCompositeFieldContainer[KnownSize]
@@ -1469,8 +1470,7 @@ class Edit(_message.Message):
     kinds: _containers.RepeatedScalarFieldContainer[str]
     filter: GaussianFilter
     suggestions: _containers.RepeatedCompositeFieldContainer[SuggestedName]
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., object_ids: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ObjectPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
 
 class Color(_message.Message):
     __slots__ = ("r", "g", "b")
@@ -1490,7 +1490,7 @@ class InsertSource(_message.Message):
     version: str
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
-class ThingPrompt(_message.Message):
+class ObjectPrompt(_message.Message):
     __slots__ = ("camera", "view", "pixels", "background", "box")
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
@@ -1517,16 +1517,16 @@ class KnownLength(_message.Message):
     def __init__(self, first: _Optional[_Union[Place, _Mapping]] = ..., second: _Optional[_Union[Place, _Mapping]] = ..., meters: _Optional[float] = ..., plus_minus: _Optional[float] = ...) -> None: ...
 
 class KnownSize(_message.Message):
-    __slots__ = ("meters", "plus_minus", "side", "thing_id")
+    __slots__ = ("object_id", "meters", "plus_minus", "side")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     METERS_FIELD_NUMBER: _ClassVar[int]
     PLUS_MINUS_FIELD_NUMBER: _ClassVar[int]
     SIDE_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    object_id: int
     meters: float
     plus_minus: float
-    side: ThingSide
-    thing_id: int
-    def __init__(self, meters: _Optional[float] = ..., plus_minus: _Optional[float] = ..., side: _Optional[_Union[ThingSide, str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    side: ObjectSide
+    def __init__(self, object_id: _Optional[int] = ..., meters: _Optional[float] = ..., plus_minus: _Optional[float] = ..., side: _Optional[_Union[ObjectSide, str]] = ...) -> None: ...
 
 class Alignment(_message.Message):
     __slots__ = ("frame", "transform", "pairs")
@@ -1559,20 +1559,20 @@ class GaussianFilter(_message.Message):
     def __init__(self, box: _Optional[_Union[Box, _Mapping]] = ..., outside: _Optional[bool] = ..., opacity_below: _Optional[float] = ..., isolation_above: _Optional[float] = ...) -> None: ...
 
 class SuggestedName(_message.Message):
-    __slots__ = ("name", "probability", "source", "model", "aliases", "thing_id")
+    __slots__ = ("object_id", "name", "probability", "source", "model", "aliases")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     MODEL_FIELD_NUMBER: _ClassVar[int]
     ALIASES_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    object_id: int
     name: str
     probability: float
     source: str
     model: str
     aliases: _containers.RepeatedScalarFieldContainer[str]
-    thing_id: int
-    def __init__(self, name: _Optional[str] = ..., probability: _Optional[float] = ..., source: _Optional[str] = ..., model: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ..., source: _Optional[str] = ..., model: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class SceneVersion(_message.Message):
     __slots__ = ("scene_id", "version", "parent", "created_at", "gaussians", "current", "edits", "prompted", "author", "asks_kind")
@@ -1593,22 +1593,22 @@ class SceneVersion(_message.Message):
     gaussians: int
     current: bool
     edits: _containers.RepeatedCompositeFieldContainer[Edit]
-    prompted: _containers.RepeatedCompositeFieldContainer[PromptedThing]
+    prompted: _containers.RepeatedCompositeFieldContainer[PromptedObject]
     author: str
     asks_kind: bool
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., parent: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., current: _Optional[bool] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., prompted: _Optional[_Iterable[_Union[PromptedThing, _Mapping]]] = ..., author: _Optional[str] = ..., asks_kind: _Optional[bool] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., parent: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., current: _Optional[bool] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., prompted: _Optional[_Iterable[_Union[PromptedObject, _Mapping]]] = ..., author: _Optional[str] = ..., asks_kind: _Optional[bool] = ...) -> None: ...
 
-class PromptedThing(_message.Message):
-    __slots__ = ("edit", "thing_id", "gaussian_count", "views")
+class PromptedObject(_message.Message):
+    __slots__ = ("edit", "object_id", "gaussian_count", "views")
     EDIT_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     GAUSSIAN_COUNT_FIELD_NUMBER: _ClassVar[int]
     VIEWS_FIELD_NUMBER: _ClassVar[int]
     edit: int
-    thing_id: int
+    object_id: int
     gaussian_count: int
     views: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, edit: _Optional[int] = ..., thing_id: _Optional[int] = ..., gaussian_count: _Optional[int] = ..., views: _Optional[_Iterable[str]] = ...) -> None: ...
+    def __init__(self, edit: _Optional[int] = ..., object_id: _Optional[int] = ..., gaussian_count: _Optional[int] = ..., views: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class PreviewEditRequest(_message.Message):
     __slots__ = ("scene_id", "edits", "version")
@@ -1835,7 +1835,7 @@ class QueryRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
-    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "asked", "thing_ids")
+    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "object_ids", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "asked")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     MATCHES_FIELD_NUMBER: _ClassVar[int]
@@ -1846,6 +1846,7 @@ class Answer(_message.Message):
     MATCH_COUNT_FIELD_NUMBER: _ClassVar[int]
     GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
     PRESENCE_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     SEARCHED_FIELD_NUMBER: _ClassVar[int]
     RELATION_FIELD_NUMBER: _ClassVar[int]
     RELATION_SUBJECT_FIELD_NUMBER: _ClassVar[int]
@@ -1855,7 +1856,6 @@ class Answer(_message.Message):
     SENTENCE_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
     ASKED_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     text: str
     matches: _containers.RepeatedCompositeFieldContainer[Match]
@@ -1866,6 +1866,7 @@ class Answer(_message.Message):
     match_count: int
     gaussians: int
     presence: float
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     searched: Searched
     relation: Relation
     relation_subject: RelationSubject
@@ -1875,8 +1876,7 @@ class Answer(_message.Message):
     sentence: str
     provisional: Provisional
     asked: str
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., asked: _Optional[str] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., object_ids: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., asked: _Optional[str] = ...) -> None: ...
 
 class Match(_message.Message):
     __slots__ = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
@@ -1899,56 +1899,56 @@ class Match(_message.Message):
     def __init__(self, label_id: _Optional[int] = ..., label: _Optional[str] = ..., relevancy: _Optional[float] = ..., similarity: _Optional[float] = ..., nearest_negative: _Optional[str] = ..., gaussian_count: _Optional[int] = ..., relevant: _Optional[bool] = ..., probability: _Optional[float] = ...) -> None: ...
 
 class Searched(_message.Message):
-    __slots__ = ("named_things", "unnamed_things", "unnamed", "names")
-    NAMED_THINGS_FIELD_NUMBER: _ClassVar[int]
-    UNNAMED_THINGS_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("named_objects", "unnamed_objects", "unnamed", "names")
+    NAMED_OBJECTS_FIELD_NUMBER: _ClassVar[int]
+    UNNAMED_OBJECTS_FIELD_NUMBER: _ClassVar[int]
     UNNAMED_FIELD_NUMBER: _ClassVar[int]
     NAMES_FIELD_NUMBER: _ClassVar[int]
-    named_things: int
-    unnamed_things: int
+    named_objects: int
+    unnamed_objects: int
     unnamed: _containers.RepeatedScalarFieldContainer[int]
     names: int
-    def __init__(self, named_things: _Optional[int] = ..., unnamed_things: _Optional[int] = ..., unnamed: _Optional[_Iterable[int]] = ..., names: _Optional[int] = ...) -> None: ...
+    def __init__(self, named_objects: _Optional[int] = ..., unnamed_objects: _Optional[int] = ..., unnamed: _Optional[_Iterable[int]] = ..., names: _Optional[int] = ...) -> None: ...
 
 class PhraseAnswer(_message.Message):
-    __slots__ = ("asks", "head", "conditions", "not_understood", "undecided", "witnesses", "count", "refusal", "thing_ids")
+    __slots__ = ("asks", "head", "conditions", "not_understood", "object_ids", "undecided", "witnesses", "count", "refusal")
     ASKS_FIELD_NUMBER: _ClassVar[int]
     HEAD_FIELD_NUMBER: _ClassVar[int]
     CONDITIONS_FIELD_NUMBER: _ClassVar[int]
     NOT_UNDERSTOOD_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     UNDECIDED_FIELD_NUMBER: _ClassVar[int]
     WITNESSES_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
     REFUSAL_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     asks: Asks
     head: str
     conditions: _containers.RepeatedScalarFieldContainer[str]
     not_understood: str
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     undecided: _containers.RepeatedScalarFieldContainer[int]
     witnesses: _containers.RepeatedCompositeFieldContainer[Witness]
     count: int
     refusal: Refusal
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, asks: _Optional[_Union[Asks, str]] = ..., head: _Optional[str] = ..., conditions: _Optional[_Iterable[str]] = ..., not_understood: _Optional[str] = ..., undecided: _Optional[_Iterable[int]] = ..., witnesses: _Optional[_Iterable[_Union[Witness, _Mapping]]] = ..., count: _Optional[int] = ..., refusal: _Optional[_Union[Refusal, _Mapping]] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, asks: _Optional[_Union[Asks, str]] = ..., head: _Optional[str] = ..., conditions: _Optional[_Iterable[str]] = ..., not_understood: _Optional[str] = ..., object_ids: _Optional[_Iterable[int]] = ..., undecided: _Optional[_Iterable[int]] = ..., witnesses: _Optional[_Iterable[_Union[Witness, _Mapping]]] = ..., count: _Optional[int] = ..., refusal: _Optional[_Union[Refusal, _Mapping]] = ...) -> None: ...
 
 class Witness(_message.Message):
-    __slots__ = ("condition", "others", "measure", "value", "unit", "clearness", "thing_id")
+    __slots__ = ("condition", "object_id", "others", "measure", "value", "unit", "clearness")
     CONDITION_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     OTHERS_FIELD_NUMBER: _ClassVar[int]
     MEASURE_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
     UNIT_FIELD_NUMBER: _ClassVar[int]
     CLEARNESS_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
     condition: str
+    object_id: int
     others: _containers.RepeatedScalarFieldContainer[int]
     measure: str
     value: float
     unit: str
     clearness: float
-    thing_id: int
-    def __init__(self, condition: _Optional[str] = ..., others: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    def __init__(self, condition: _Optional[str] = ..., object_id: _Optional[int] = ..., others: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ...) -> None: ...
 
 class Refusal(_message.Message):
     __slots__ = ("reason", "part")
@@ -1995,30 +1995,30 @@ class RenderViewRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., kind: _Optional[_Union[PictureKind, str]] = ..., text: _Optional[str] = ..., camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., view: _Optional[str] = ..., version: _Optional[str] = ..., format: _Optional[_Union[PictureFormat, str]] = ..., depth_scale: _Optional[float] = ..., tints: _Optional[_Iterable[_Union[Tint, _Mapping]]] = ..., dimming: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
 
 class Tint(_message.Message):
-    __slots__ = ("color", "strength", "thing_ids")
+    __slots__ = ("object_ids", "color", "strength")
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     STRENGTH_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     color: Color
     strength: float
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, object_ids: _Optional[_Iterable[int]] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ...) -> None: ...
 
 class ExportSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "format", "version", "cell", "coarse", "thing_ids")
+    __slots__ = ("scene_id", "format", "version", "object_ids", "cell", "coarse")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     CELL_FIELD_NUMBER: _ClassVar[int]
     COARSE_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     format: ExportFormat
     version: str
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     cell: float
     coarse: bool
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., object_ids: _Optional[_Iterable[int]] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
 
 class ListPhotosRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
@@ -2089,34 +2089,34 @@ class NextPhoto(_message.Message):
     def __init__(self, camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., near: _Optional[str] = ..., reason: _Optional[_Union[NextPhotoReason, str]] = ..., advice: _Optional[str] = ...) -> None: ...
 
 class GetGoalRequest(_message.Message):
-    __slots__ = ("scene_id", "thing_id", "robot_radius", "version")
+    __slots__ = ("scene_id", "object_id", "robot_radius", "version")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     ROBOT_RADIUS_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    thing_id: int
+    object_id: int
     robot_radius: float
     version: str
-    def __init__(self, scene_id: _Optional[str] = ..., thing_id: _Optional[int] = ..., robot_radius: _Optional[float] = ..., version: _Optional[str] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., object_id: _Optional[int] = ..., robot_radius: _Optional[float] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Goal(_message.Message):
-    __slots__ = ("pose", "yaw", "distance", "clearance", "thing_id", "version", "floor_source")
+    __slots__ = ("pose", "yaw", "distance", "clearance", "object_id", "version", "floor_source")
     POSE_FIELD_NUMBER: _ClassVar[int]
     YAW_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_FIELD_NUMBER: _ClassVar[int]
     CLEARANCE_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     FLOOR_SOURCE_FIELD_NUMBER: _ClassVar[int]
     pose: Pose
     yaw: float
     distance: float
     clearance: float
-    thing_id: int
+    object_id: int
     version: str
     floor_source: FloorSource
-    def __init__(self, pose: _Optional[_Union[Pose, _Mapping]] = ..., yaw: _Optional[float] = ..., distance: _Optional[float] = ..., clearance: _Optional[float] = ..., thing_id: _Optional[int] = ..., version: _Optional[str] = ..., floor_source: _Optional[_Union[FloorSource, str]] = ...) -> None: ...
+    def __init__(self, pose: _Optional[_Union[Pose, _Mapping]] = ..., yaw: _Optional[float] = ..., distance: _Optional[float] = ..., clearance: _Optional[float] = ..., object_id: _Optional[int] = ..., version: _Optional[str] = ..., floor_source: _Optional[_Union[FloorSource, str]] = ...) -> None: ...
 
 class ListDetectionsRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
@@ -2147,8 +2147,8 @@ class ListDetectionsResponse(_message.Message):
     def __init__(self, detections: _Optional[_Iterable[_Union[Detection, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ..., frame_id: _Optional[str] = ..., meters: _Optional[bool] = ..., up: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
 
 class Detection(_message.Message):
-    __slots__ = ("thing_id", "label", "source", "probability", "alternatives", "kind", "box", "position_covariance", "rotation_covariance", "covariance_terms", "support", "views", "proposed_in", "missed_in", "consensus", "first_seen", "last_seen")
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("object_id", "label", "source", "probability", "alternatives", "kind", "box", "position_covariance", "rotation_covariance", "covariance_terms", "support", "views", "proposed_in", "missed_in", "consensus", "first_seen", "last_seen")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
@@ -2165,12 +2165,12 @@ class Detection(_message.Message):
     CONSENSUS_FIELD_NUMBER: _ClassVar[int]
     FIRST_SEEN_FIELD_NUMBER: _ClassVar[int]
     LAST_SEEN_FIELD_NUMBER: _ClassVar[int]
-    thing_id: int
+    object_id: int
     label: str
     source: NameSource
     probability: float
     alternatives: _containers.RepeatedCompositeFieldContainer[NameSuggestion]
-    kind: ThingKind
+    kind: ObjectKind
     box: Box
     position_covariance: _containers.RepeatedScalarFieldContainer[float]
     rotation_covariance: _containers.RepeatedScalarFieldContainer[float]
@@ -2182,19 +2182,19 @@ class Detection(_message.Message):
     consensus: float
     first_seen: _timestamp_pb2.Timestamp
     last_seen: _timestamp_pb2.Timestamp
-    def __init__(self, thing_id: _Optional[int] = ..., label: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., alternatives: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., position_covariance: _Optional[_Iterable[float]] = ..., rotation_covariance: _Optional[_Iterable[float]] = ..., covariance_terms: _Optional[_Iterable[_Union[CovarianceTerm, str]]] = ..., support: _Optional[_Union[Support, _Mapping]] = ..., views: _Optional[_Iterable[str]] = ..., proposed_in: _Optional[_Iterable[str]] = ..., missed_in: _Optional[_Iterable[str]] = ..., consensus: _Optional[float] = ..., first_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., label: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., alternatives: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ObjectKind, str]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., position_covariance: _Optional[_Iterable[float]] = ..., rotation_covariance: _Optional[_Iterable[float]] = ..., covariance_terms: _Optional[_Iterable[_Union[CovarianceTerm, str]]] = ..., support: _Optional[_Union[Support, _Mapping]] = ..., views: _Optional[_Iterable[str]] = ..., proposed_in: _Optional[_Iterable[str]] = ..., missed_in: _Optional[_Iterable[str]] = ..., consensus: _Optional[float] = ..., first_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class Support(_message.Message):
-    __slots__ = ("thing_id", "label", "relation", "clearness")
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("object_id", "label", "relation", "clearness")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
     RELATION_FIELD_NUMBER: _ClassVar[int]
     CLEARNESS_FIELD_NUMBER: _ClassVar[int]
-    thing_id: int
+    object_id: int
     label: str
     relation: SupportRelation
     clearness: float
-    def __init__(self, thing_id: _Optional[int] = ..., label: _Optional[str] = ..., relation: _Optional[_Union[SupportRelation, str]] = ..., clearness: _Optional[float] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., label: _Optional[str] = ..., relation: _Optional[_Union[SupportRelation, str]] = ..., clearness: _Optional[float] = ...) -> None: ...
 
 class LocalizeRequest(_message.Message):
     __slots__ = ("scene_id", "photos", "focals", "poses", "version")
@@ -2225,7 +2225,7 @@ class Localization(_message.Message):
     def __init__(self, photos: _Optional[_Iterable[_Union[LocalizedPhoto, _Mapping]]] = ..., meters: _Optional[bool] = ..., version: _Optional[str] = ..., changes: _Optional[_Iterable[_Union[SceneChange, _Mapping]]] = ..., looked_at: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class LocalizedPhoto(_message.Message):
-    __slots__ = ("refusal", "explanation", "camera", "covariance", "focal_source", "inliers", "inlier_share", "spread", "agreement", "refined", "things", "differences", "radial")
+    __slots__ = ("refusal", "explanation", "camera", "covariance", "focal_source", "inliers", "inlier_share", "spread", "agreement", "refined", "objects", "differences", "radial")
     REFUSAL_FIELD_NUMBER: _ClassVar[int]
     EXPLANATION_FIELD_NUMBER: _ClassVar[int]
     CAMERA_FIELD_NUMBER: _ClassVar[int]
@@ -2236,7 +2236,7 @@ class LocalizedPhoto(_message.Message):
     SPREAD_FIELD_NUMBER: _ClassVar[int]
     AGREEMENT_FIELD_NUMBER: _ClassVar[int]
     REFINED_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
     DIFFERENCES_FIELD_NUMBER: _ClassVar[int]
     RADIAL_FIELD_NUMBER: _ClassVar[int]
     refusal: LocalizeRefusal
@@ -2249,22 +2249,22 @@ class LocalizedPhoto(_message.Message):
     spread: float
     agreement: float
     refined: bool
-    things: _containers.RepeatedCompositeFieldContainer[ThingInView]
+    objects: _containers.RepeatedCompositeFieldContainer[ObjectInView]
     differences: _containers.RepeatedCompositeFieldContainer[PhotoDifference]
     radial: float
-    def __init__(self, refusal: _Optional[_Union[LocalizeRefusal, str]] = ..., explanation: _Optional[str] = ..., camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., covariance: _Optional[_Iterable[float]] = ..., focal_source: _Optional[_Union[FocalSource, str]] = ..., inliers: _Optional[int] = ..., inlier_share: _Optional[float] = ..., spread: _Optional[float] = ..., agreement: _Optional[float] = ..., refined: _Optional[bool] = ..., things: _Optional[_Iterable[_Union[ThingInView, _Mapping]]] = ..., differences: _Optional[_Iterable[_Union[PhotoDifference, _Mapping]]] = ..., radial: _Optional[float] = ...) -> None: ...
+    def __init__(self, refusal: _Optional[_Union[LocalizeRefusal, str]] = ..., explanation: _Optional[str] = ..., camera: _Optional[_Union[PosedCamera, _Mapping]] = ..., covariance: _Optional[_Iterable[float]] = ..., focal_source: _Optional[_Union[FocalSource, str]] = ..., inliers: _Optional[int] = ..., inlier_share: _Optional[float] = ..., spread: _Optional[float] = ..., agreement: _Optional[float] = ..., refined: _Optional[bool] = ..., objects: _Optional[_Iterable[_Union[ObjectInView, _Mapping]]] = ..., differences: _Optional[_Iterable[_Union[PhotoDifference, _Mapping]]] = ..., radial: _Optional[float] = ...) -> None: ...
 
-class ThingInView(_message.Message):
-    __slots__ = ("thing_id", "name", "share", "box")
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+class ObjectInView(_message.Message):
+    __slots__ = ("object_id", "name", "share", "box")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     SHARE_FIELD_NUMBER: _ClassVar[int]
     BOX_FIELD_NUMBER: _ClassVar[int]
-    thing_id: int
+    object_id: int
     name: str
     share: float
     box: PixelBox
-    def __init__(self, thing_id: _Optional[int] = ..., name: _Optional[str] = ..., share: _Optional[float] = ..., box: _Optional[_Union[PixelBox, _Mapping]] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ..., share: _Optional[float] = ..., box: _Optional[_Union[PixelBox, _Mapping]] = ...) -> None: ...
 
 class PhotoDifference(_message.Message):
     __slots__ = ("kind", "box", "strength")
@@ -2277,9 +2277,9 @@ class PhotoDifference(_message.Message):
     def __init__(self, kind: _Optional[_Union[DifferenceKind, str]] = ..., box: _Optional[_Union[PixelBox, _Mapping]] = ..., strength: _Optional[float] = ...) -> None: ...
 
 class SceneChange(_message.Message):
-    __slots__ = ("kind", "thing_id", "name", "probability", "distance", "before", "after", "photos", "sentence")
+    __slots__ = ("kind", "object_id", "name", "probability", "distance", "before", "after", "photos", "sentence")
     KIND_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     DISTANCE_FIELD_NUMBER: _ClassVar[int]
@@ -2288,7 +2288,7 @@ class SceneChange(_message.Message):
     PHOTOS_FIELD_NUMBER: _ClassVar[int]
     SENTENCE_FIELD_NUMBER: _ClassVar[int]
     kind: ChangeKind
-    thing_id: int
+    object_id: int
     name: str
     probability: float
     distance: float
@@ -2296,7 +2296,7 @@ class SceneChange(_message.Message):
     after: Box
     photos: _containers.RepeatedScalarFieldContainer[int]
     sentence: str
-    def __init__(self, kind: _Optional[_Union[ChangeKind, str]] = ..., thing_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ..., distance: _Optional[float] = ..., before: _Optional[_Union[Box, _Mapping]] = ..., after: _Optional[_Union[Box, _Mapping]] = ..., photos: _Optional[_Iterable[int]] = ..., sentence: _Optional[str] = ...) -> None: ...
+    def __init__(self, kind: _Optional[_Union[ChangeKind, str]] = ..., object_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ..., distance: _Optional[float] = ..., before: _Optional[_Union[Box, _Mapping]] = ..., after: _Optional[_Union[Box, _Mapping]] = ..., photos: _Optional[_Iterable[int]] = ..., sentence: _Optional[str] = ...) -> None: ...
 
 class ObserveSceneRequest(_message.Message):
     __slots__ = ("scene_id", "photos", "focals", "poses", "seen_at", "request_id")
@@ -2381,18 +2381,18 @@ class GetObservationRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., observation_id: _Optional[str] = ...) -> None: ...
 
 class ListBestViewsRequest(_message.Message):
-    __slots__ = ("scene_id", "text", "max_views", "version", "thing_ids")
+    __slots__ = ("scene_id", "object_ids", "text", "max_views", "version")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_IDS_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     MAX_VIEWS_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
-    THING_IDS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
+    object_ids: _containers.RepeatedScalarFieldContainer[int]
     text: str
     max_views: int
     version: str
-    thing_ids: _containers.RepeatedScalarFieldContainer[int]
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., max_views: _Optional[int] = ..., version: _Optional[str] = ..., thing_ids: _Optional[_Iterable[int]] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., object_ids: _Optional[_Iterable[int]] = ..., text: _Optional[str] = ..., max_views: _Optional[int] = ..., version: _Optional[str] = ...) -> None: ...
 
 class ListBestViewsResponse(_message.Message):
     __slots__ = ("views", "version")
@@ -2416,7 +2416,7 @@ class BestView(_message.Message):
     mask: ViewMask
     def __init__(self, view: _Optional[str] = ..., share: _Optional[float] = ..., cut_off: _Optional[bool] = ..., photo: _Optional[bool] = ..., mask: _Optional[_Union[ViewMask, _Mapping]] = ...) -> None: ...
 
-class GetThingSheetRequest(_message.Message):
+class GetObjectSheetRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -2428,51 +2428,51 @@ class GetThingSheetRequest(_message.Message):
     page_token: str
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
-class ThingSheet(_message.Message):
-    __slots__ = ("picture", "things", "unseen", "meters", "next_page_token", "version", "written")
+class ObjectSheet(_message.Message):
+    __slots__ = ("picture", "objects", "unseen", "meters", "next_page_token", "version", "written")
     PICTURE_FIELD_NUMBER: _ClassVar[int]
-    THINGS_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
     UNSEEN_FIELD_NUMBER: _ClassVar[int]
     METERS_FIELD_NUMBER: _ClassVar[int]
     NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     WRITTEN_FIELD_NUMBER: _ClassVar[int]
     picture: bytes
-    things: _containers.RepeatedCompositeFieldContainer[SheetThing]
+    objects: _containers.RepeatedCompositeFieldContainer[SheetObject]
     unseen: _containers.RepeatedScalarFieldContainer[int]
     meters: bool
     next_page_token: str
     version: str
     written: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, picture: _Optional[bytes] = ..., things: _Optional[_Iterable[_Union[SheetThing, _Mapping]]] = ..., unseen: _Optional[_Iterable[int]] = ..., meters: _Optional[bool] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ..., written: _Optional[_Iterable[str]] = ...) -> None: ...
+    def __init__(self, picture: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SheetObject, _Mapping]]] = ..., unseen: _Optional[_Iterable[int]] = ..., meters: _Optional[bool] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ..., written: _Optional[_Iterable[str]] = ...) -> None: ...
 
-class SheetThing(_message.Message):
-    __slots__ = ("number", "view", "photo", "size", "surface", "neighbors", "suggestions", "thing_id")
+class SheetObject(_message.Message):
+    __slots__ = ("number", "object_id", "view", "photo", "size", "surface", "neighbors", "suggestions")
     NUMBER_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     VIEW_FIELD_NUMBER: _ClassVar[int]
     PHOTO_FIELD_NUMBER: _ClassVar[int]
     SIZE_FIELD_NUMBER: _ClassVar[int]
     SURFACE_FIELD_NUMBER: _ClassVar[int]
     NEIGHBORS_FIELD_NUMBER: _ClassVar[int]
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
     number: int
+    object_id: int
     view: str
     photo: bool
     size: Vector3
     surface: str
-    neighbors: _containers.RepeatedCompositeFieldContainer[NeighborThing]
+    neighbors: _containers.RepeatedCompositeFieldContainer[NeighborObject]
     suggestions: _containers.RepeatedCompositeFieldContainer[NameSuggestion]
-    thing_id: int
-    def __init__(self, number: _Optional[int] = ..., view: _Optional[str] = ..., photo: _Optional[bool] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ..., surface: _Optional[str] = ..., neighbors: _Optional[_Iterable[_Union[NeighborThing, _Mapping]]] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    def __init__(self, number: _Optional[int] = ..., object_id: _Optional[int] = ..., view: _Optional[str] = ..., photo: _Optional[bool] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ..., surface: _Optional[str] = ..., neighbors: _Optional[_Iterable[_Union[NeighborObject, _Mapping]]] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ...) -> None: ...
 
-class NeighborThing(_message.Message):
-    __slots__ = ("name", "thing_id")
+class NeighborObject(_message.Message):
+    __slots__ = ("object_id", "name")
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    object_id: int
     name: str
-    thing_id: int
-    def __init__(self, name: _Optional[str] = ..., thing_id: _Optional[int] = ...) -> None: ...
+    def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ...) -> None: ...
 
 class CreateKeyRequest(_message.Message):
     __slots__ = ("name", "role", "lifetime_s", "scene_id")
@@ -2732,22 +2732,22 @@ class ListKnownNamesResponse(_message.Message):
     def __init__(self, names: _Optional[_Iterable[_Union[KnownName, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
 class KnownName(_message.Message):
-    __slots__ = ("id", "name", "scene_id", "version", "thing_id", "named_at", "picture")
+    __slots__ = ("id", "name", "scene_id", "version", "object_id", "named_at", "picture")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
+    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     NAMED_AT_FIELD_NUMBER: _ClassVar[int]
     PICTURE_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
     scene_id: str
     version: str
-    thing_id: int
+    object_id: int
     named_at: _timestamp_pb2.Timestamp
     picture: bytes
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., scene_id: _Optional[str] = ..., version: _Optional[str] = ..., thing_id: _Optional[int] = ..., named_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., picture: _Optional[bytes] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., scene_id: _Optional[str] = ..., version: _Optional[str] = ..., object_id: _Optional[int] = ..., named_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., picture: _Optional[bytes] = ...) -> None: ...
 
 class DeleteKnownNameRequest(_message.Message):
     __slots__ = ("name_id",)
@@ -2791,11 +2791,11 @@ class QueryResponse(_message.Message):
     answer: Answer
     masks: _containers.RepeatedCompositeFieldContainer[ViewMask]
     mask3d: bytes
-    objects: _containers.RepeatedCompositeFieldContainer[SceneThing]
+    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
     matches: _containers.RepeatedCompositeFieldContainer[Match]
     skipped: _containers.RepeatedCompositeFieldContainer[SkippedScene]
     skipped_count: int
-    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
+    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
 
 class StreamQueryRequest(_message.Message):
     __slots__ = ("question", "pose")

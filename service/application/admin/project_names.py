@@ -1,4 +1,4 @@
-"""Known names of one project: list, removal, and suggestions for similar things."""
+"""Known names of one project: list, removal, and suggestions for similar objects."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from datetime import UTC, datetime
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.objects.names.merged_suggestions import OWN_SOURCE, agreed
+from fastsplat.service.query.objects.names.names_by_looks import KnownObject, NameFromScene
+from fastsplat.service.query.objects.object_index import listed_suggestions
 from fastsplat.service.query.ranked_scene import RankedScene
-from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, agreed
-from fastsplat.service.query.things.names.names_by_looks import KnownThing, NameFromScene
-from fastsplat.service.query.things.thing_index import listed_suggestions
 from fastsplat.service.scene.artefact.reads import tags_of
 from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.messages.known_names import EVERY_NAME, KnownName, KnownNameList
-from fastsplat_contract.messages.things import NameSuggestion, SceneThing, SuggestionSource
+from fastsplat_contract.messages.objects import NameSuggestion, SceneObject, SuggestionSource
 
 _KEPT_PROJECTS = 64
 """Projects whose names are cached, at most 1 to 2 MB each."""
@@ -32,7 +32,7 @@ class KnownNames:
     def __init__(self, store: Store, settings: Settings) -> None:
         self._store = store
         self._settings = settings
-        self._kept: dict[str, tuple[Sequence[tuple[str, str]], Sequence[KnownThing]]] = {}
+        self._kept: dict[str, tuple[Sequence[tuple[str, str]], Sequence[KnownObject]]] = {}
         self._lock = threading.Lock()
 
     def over(self, store: Store) -> KnownNames:
@@ -53,7 +53,7 @@ class KnownNames:
                 name=record.name,
                 scene_id=record.scene_id,
                 version=record.version,
-                thing_id=record.thing_id,
+                object_id=record.object_id,
                 named_at=datetime.fromtimestamp(record.named_at, UTC),
                 picture=record.picture,
             )
@@ -66,28 +66,28 @@ class KnownNames:
         forgotten = None if name_id == EVERY_NAME else name_id
         self._store.reserve.lend(lambda: self._store.known_names.forget(forgotten))
 
-    def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
-        """Adds names from other scenes to the suggestions of listed things."""
+    def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneObject]) -> tuple[SceneObject, ...]:
+        """Adds names from other scenes to the suggestions of listed objects."""
         weighed = self.suggesting(scene_id, ranked)
         if weighed is ranked:
             return tuple(listed)
         names, trust = weighed.elsewhere, weighed.names.trust
         if trust != ranked.names.trust:
-            known = {thing.id: thing for thing in (*ranked.names.present, *ranked.names.parts)}
+            known = {obj.id: obj for obj in (*ranked.names.present, *ranked.names.parts)}
             listed = [
-                replace(thing, suggestions=listed_suggestions(known[thing.id], trust)) if thing.id in known else thing
-                for thing in listed
+                replace(obj, suggestions=listed_suggestions(known[obj.id], trust)) if obj.id in known else obj
+                for obj in listed
             ]
-        return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
+        return tuple(_suggested(obj, names[obj.id]) if obj.id in names else obj for obj in listed)
 
     def suggesting(self, scene_id: str, ranked: RankedScene) -> RankedScene:
         """Adds suggestions and source trust from other scenes, hidden from keys of one scene."""
-        looks = any(thing.appearance or tags_of(thing.reads) for thing in ranked.names.present)
+        looks = any(obj.appearance or tags_of(obj.reads) for obj in ranked.names.present)
         if self._store.only_scene or not (looks or ranked.names.sources):
             return ranked
         return ranked.suggesting(self._known(), scene_id)
 
-    def _known(self) -> Sequence[KnownThing]:
+    def _known(self) -> Sequence[KnownObject]:
         """All names of the project; the same sequence until they change."""
         project = self._store.project
         keys, known = self._kept.get(project, ((), ()))
@@ -96,7 +96,7 @@ class KnownNames:
             # Concurrent writes are picked up by the next query, as they change the keys.
             keys, records = current, self._store.known_names.all()
             known = tuple(
-                KnownThing(
+                KnownObject(
                     each.scene_id,
                     each.name,
                     each.appearance,
@@ -113,11 +113,11 @@ class KnownNames:
         return known
 
 
-def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:
-    if thing.name and label_key(thing.name) == label_key(name.name):
-        return thing
-    same = [own for own in thing.suggestions if label_key(own.name) == label_key(name.name)]
-    others = [own for own in thing.suggestions if own not in same]
+def _suggested(obj: SceneObject, name: NameFromScene) -> SceneObject:
+    if obj.name and label_key(obj.name) == label_key(name.name):
+        return obj
+    same = [own for own in obj.suggestions if label_key(own.name) == label_key(name.name)]
+    others = [own for own in obj.suggestions if own not in same]
     aliases = tuple(alias for own in same for alias in own.aliases)
     told = tuple(one for own in same for one in own.said_by if one.source != (name.source or OWN_SOURCE))
     if name.source:
@@ -127,4 +127,4 @@ def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:
     probability = agreed(said)
     suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, told)
     ranked = sorted([suggestion, *others], key=lambda other: -other.probability)
-    return replace(thing, suggestions=tuple(ranked))
+    return replace(obj, suggestions=tuple(ranked))

@@ -25,8 +25,8 @@ from fastsplat_contract.errors import (
     SceneFileError,
 )
 from fastsplat_contract.masks import ViewMask
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest, SkippedScene
-from fastsplat_contract.messages.things import SceneThing
 
 _log = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ class AllScenes:
         """Answers of one scene; masks and objects need its Gaussians unless all are "absent"."""
         version, ranked = self._context.scenes.ranked(request.scene_id)
         answers = RankedQuery(self._context.known_names.suggesting(request.scene_id, ranked), query).answer(
-            lambda: self._context.scenes.open(request.scene_id, version)[0].things
+            lambda: self._context.scenes.open(request.scene_id, version)[0].objects
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):
@@ -102,13 +102,13 @@ def completed(
     *,
     masks: tuple[ViewMask, ...] = (),
     mask3d: bytes | None = None,
-    objects: tuple[SceneThing, ...] | None = None,
+    objects: tuple[SceneObject, ...] | None = None,
 ) -> Answer:
     """Completes an answer with scene, version, outputs, and the number of matches to show."""
     shown = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
-        thing_ids=answer.thing_ids or tuple(thing.id for thing in objects or ()),
+        object_ids=answer.object_ids or tuple(obj.id for obj in objects or ()),
         scene_id=request.scene_id,
         version=version,
         matches=answer.matches if shown < 0 else answer.matches[:shown],

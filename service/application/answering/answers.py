@@ -1,4 +1,4 @@
-"""Queries to finished scenes: answers, pictures, things, picking, measuring."""
+"""Queries to finished scenes: answers, pictures, objects, picking, measuring."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
+from fastsplat.service.query.objects.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.query.ranked_scene import RankedQuery, StandingQuery
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
+from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest
-from fastsplat_contract.messages.things import PickedThing, PickRequest, ThingList
 from fastsplat_contract.photos.pictures import PictureRequest
 
 _Camera = tuple[str, int, PosedCamera]
@@ -89,23 +89,23 @@ class Answers:
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version
 
-    def list_things(
+    def list_objects(
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
-    ) -> ThingList:
-        """Every thing of a scene by id, paged as `SceneService.list_scenes`; `parts` includes parts."""
+    ) -> ObjectList:
+        """Every object of a scene by id, paged as `SceneService.list_scenes`; `parts` includes parts."""
         size = check_page_size(page_size, self._context.settings.store)
         index, read_version = self._context.scenes.open(scene_id, version)
-        listed = index.things.listed_with_parts if parts else index.things.listed
-        page, token = page_of(listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}")
-        return ThingList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
+        listed = index.objects.listed_with_parts if parts else index.objects.listed
+        page, token = page_of(listed, size, page_token, f"objects {scene_id} {read_version}{' parts' if parts else ''}")
+        return ObjectList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
-    def pick(self, request: PickRequest) -> PickedThing:
-        """Picks the thing, part and group at a pixel, box or point.
+    def pick(self, request: PickRequest) -> PickedObject:
+        """Picks the object, part and group at a pixel, box or point.
 
         The mask is of the requested level.
 
         Raises:
-            NotFoundError: unknown scene, version or view; no thing there, or no part or group as requested.
+            NotFoundError: unknown scene, version or view; no object there, or no part or group as requested.
             NotReadyError: as `query`.
             InvalidInputError: not exactly one of pixel, box and point; a pixel or box outside the picture, or without
                 exactly one of camera and view.
@@ -118,32 +118,32 @@ class Answers:
         posed = index.viewpoint(request.camera, request.view) if given else None
         if posed is not None:
             check_pixels((posed,), 1)
-        things = index.things
+        objects = index.objects
         if request.point is not None:
-            levels = pick_point(things, request.point)
+            levels = pick_point(objects, request.point)
         else:
             assert posed is not None
             if request.pixel is not None:
-                levels = pick_pixel(things, posed, request.pixel)
+                levels = pick_pixel(objects, posed, request.pixel)
             else:
                 assert request.box is not None
-                levels = pick_box(things, posed, request.box)
+                levels = pick_box(objects, posed, request.box)
         chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
         mask = None
         if posed is not None:
-            inside = things.mask(posed, (chosen.id,))
+            inside = objects.mask(posed, (chosen.id,))
             mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-        mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
-        part = things.get(ids["part"]) if "part" in ids else None
-        (thing,) = self._context.known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
+        mask3d = pack_mask3d(objects.rows((chosen.id,)), "bits") if request.mask3d else None
+        part = objects.get(ids["part"]) if "part" in ids else None
+        (obj,) = self._context.known_names.suggest(request.scene_id, index.ranked, (objects.get(ids["object"]),))
         provisional = index.scene.facts.draft
-        return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d, provisional)
+        return PickedObject(obj, mask, read_version, part, levels, chosen.level, mask3d, provisional)
 
     def measure(self, request: MeasureRequest) -> Measurement:
         """Measures the distance of two places, or the size or position of one.
 
         Raises:
-            NotFoundError: unknown scene, version, view or thing; nothing is seen at a pixel.
+            NotFoundError: unknown scene, version, view or object; nothing is seen at a pixel.
             NotReadyError: as `query`.
             InvalidInputError: not one or two places, or an invalid one.
         """
@@ -185,7 +185,7 @@ class Answers:
                     if "objects" in request.outputs
                     else None,
                 )
-                for answer in asked.answer(lambda: index.things, asker)
+                for answer in asked.answer(lambda: index.objects, asker)
             )
 
     def _check(self, request: QueryRequest) -> TextQuery:

@@ -1,4 +1,4 @@
-"""Things of finished scenes as detections for robots."""
+"""Objects of finished scenes as detections for robots."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from fastsplat_contract.messages.detections import DetectionList
 
 
 class Detections:
-    """Full records of things. Thread-safe."""
+    """Full records of objects. Thread-safe."""
 
     def __init__(self, context: ProjectContext) -> None:
         self._context = context
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
-        """Every thing of a scene by id, without parts, paged as `SceneService.list_scenes`."""
-        from fastsplat.service.query.measures.thing_detections import detections_of  # scipy loads with the first call
+        """Every object of a scene by id, without parts, paged as `SceneService.list_scenes`."""
+        from fastsplat.service.query.measures.object_detections import detections_of  # scipy loads with the first call
 
         check_texts(version, "version")
         size = check_page_size(page_size, self._context.settings.store)
         index, read_version = self._context.scenes.open(scene_id, version)
-        page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
+        page, token = page_of(index.objects.listed, size, page_token, f"detections {scene_id} {read_version}")
         named = self._context.known_names.suggest(scene_id, index.ranked, page)
         return detections_of(index, named, read_version, token)

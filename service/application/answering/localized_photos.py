@@ -1,4 +1,4 @@
-"""Localization of decoded photos: poses, visible things, and differences from the scene."""
+"""Localization of decoded photos: poses, visible objects, and differences from the scene."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, p
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.geometry.camera import PosedCamera
-from fastsplat_contract.geometry.thing_prompts import PixelBox
-from fastsplat_contract.photos.localization import Localization, LocalizedPhoto, PhotoDifference, ThingInView
+from fastsplat_contract.geometry.object_prompts import PixelBox
+from fastsplat_contract.photos.localization import Localization, LocalizedPhoto, ObjectInView, PhotoDifference
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ def _answer(
 ) -> LocalizedPhoto:
     evidence = placed.evidence
     camera: PosedCamera | None = None
-    things: tuple[ThingInView, ...] = ()
+    objects: tuple[ObjectInView, ...] = ()
     if placed.posed is not None:
         lens = placed.posed.camera.scaled_to(*sent.size)
         camera = dataclasses.replace(placed.posed, camera=lens, frame_id=index.scene.frame_id)
-        things = _things(index, camera)
+        objects = _objects(index, camera)
     return LocalizedPhoto(
         refusal=placed.refusal,
         explanation=explanation_of(placed.refusal, evidence),
@@ -93,21 +93,23 @@ def _answer(
         spread=evidence.spread,
         agreement=evidence.agreement,
         refined=placed.refined,
-        things=things,
+        objects=objects,
         differences=differences,
     )
 
 
-def _things(index: SceneIndex, posed: PosedCamera) -> tuple[ThingInView, ...]:
+def _objects(index: SceneIndex, posed: PosedCamera) -> tuple[ObjectInView, ...]:
     small = small_camera(posed, _VIEW_SIDE)
-    ids = index.things.map(small)
+    ids = index.objects.map(small)
     x, y = posed.camera.width / small.camera.width, posed.camera.height / small.camera.height
     seen = []
-    for thing_id, pixels in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True):
+    for object_id, pixels in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True):
         share = float(pixels / ids.size)
         if share < _LEAST_SHARE:
             continue
-        rows, columns = np.nonzero(ids == thing_id)
+        rows, columns = np.nonzero(ids == object_id)
         box = PixelBox(columns.min() * x, rows.min() * y, (columns.max() + 1) * x, (rows.max() + 1) * y)
-        seen.append(ThingInView(int(thing_id), index.things.get(int(thing_id)).name, share, PixelBox(*map(float, box))))
-    return tuple(sorted(seen, key=lambda thing: (-thing.share, thing.thing_id)))
+        seen.append(
+            ObjectInView(int(object_id), index.objects.get(int(object_id)).name, share, PixelBox(*map(float, box)))
+        )
+    return tuple(sorted(seen, key=lambda obj: (-obj.share, obj.object_id)))

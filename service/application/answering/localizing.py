@@ -76,7 +76,7 @@ class Localizing:
         self._landmarks.forget(scene_id)
 
     def localize(self, request: LocalizeRequest) -> Localization:
-        """Localizes photos: pose, visible things, and differences from the scene.
+        """Localizes photos: pose, visible objects, and differences from the scene.
 
         A photo without a reliable pose gets a refusal with its reason.
 

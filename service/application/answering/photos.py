@@ -1,4 +1,4 @@
-"""Photos kept with finished scenes, and the best views of things."""
+"""Photos kept with finished scenes, and the best views of objects."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
-from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
+from fastsplat.service.query.measures.object_views import best_object_views, small_view
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.codec.json_codec import from_plain
@@ -95,29 +95,29 @@ class Photos:
         return NextPhotoList(next_photos(index), name)
 
     def best_views(
-        self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
+        self, scene_id: str, objects: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
     ) -> BestViewList:
-        """Cameras that show some things best, by their visible share of the picture.
+        """Cameras that show some objects best, by their visible share of the picture.
 
-        Things cut off by the picture's edge count less. Empty if no camera shows them, or nothing answers.
+        Objects cut off by the picture's edge count less. Empty if no camera shows them, or nothing answers.
 
         Args:
-            things: ids of things or parts, seen together.
-            text: instead of `things`: those that answer it.
+            objects: ids of objects or parts, seen together.
+            text: instead of `objects`: those that answer it.
             max_views: 0: three.
 
         Raises:
-            NotFoundError: no such scene, version or thing.
+            NotFoundError: no such scene, version or object.
             NotReadyError: as `Answers.query`.
-            InvalidInputError: not exactly one of things and text; a negative number of views.
+            InvalidInputError: not exactly one of objects and text; a negative number of views.
             LimitExceededError: more than 16 views, or too long a text.
         """
         check_texts(version, "version")
-        if bool(things) == bool(text):
+        if bool(objects) == bool(text):
             raise InvalidInputError(
-                "best views need exactly one of things and text",
-                field="thing_ids",
-                hint="Send ids of things, or a text.",
+                "best views need exactly one of objects and text",
+                field="object_ids",
+                hint="Send ids of objects, or a text.",
             )
         if max_views < 0:
             raise InvalidInputError(f"{max_views} views", field="max_views", hint="0 is the server's default.")
@@ -131,16 +131,16 @@ class Photos:
         version, names, folder = self._cameras(scene_id, version)
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
         index, read_version = self._context.scenes.open(scene_id, version)
-        thing_ids = (
-            index.things.with_members(things)
+        object_ids = (
+            index.objects.with_members(objects)
             if query is None
             else _answering(index, self._context.known_names.suggesting(scene_id, index.ranked), query)
         )
-        if not thing_ids or not index.scene.cameras:
+        if not object_ids or not index.scene.cameras:
             return BestViewList((), read_version)
-        size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
-        with self._context.memory.reserve(size, "things"):
-            best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
+        size = picture_bytes("object_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+        with self._context.memory.reserve(size, "objects"):
+            best = best_object_views(index, object_ids, max_views or _USUAL_VIEWS)
         return BestViewList(
             tuple(
                 BestView(
@@ -163,11 +163,11 @@ class Photos:
 
 
 def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
-    """Ids of the things that answer a text."""
-    (answer,) = RankedQuery(ranked, query).answer(lambda: index.things)
+    """Ids of the objects that answer a text."""
+    (answer,) = RankedQuery(ranked, query).answer(lambda: index.objects)
     if answer.is_absent:
         return ()
-    return answer.thing_ids or tuple(thing.id for thing in index.objects_of(answer))
+    return answer.object_ids or tuple(obj.id for obj in index.objects_of(answer))
 
 
 def size_of(path: Path) -> int:

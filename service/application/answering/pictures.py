@@ -11,15 +11,15 @@ from PIL import Image, PngImagePlugin
 
 from fastsplat.service.query.drawing import pictures
 from fastsplat.service.query.language.words.query_text import TextQuery
+from fastsplat.service.query.objects.object_index import SceneObjects
 from fastsplat.service.query.ranked_scene import RankedQuery, RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.photos.pictures import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
-_ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")
+_ARRAYS: tuple[PictureKind, ...] = ("label_map", "object_map", "depth", "normals", "confidence")
 _EXACT: tuple[PictureKind, ...] = ("mask", *_ARRAYS)
 """Kinds whose values carry meaning, so that no format may change them."""
 DEPTH_SCALE = 0.001
@@ -72,12 +72,12 @@ def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, que
     """Encodes one picture of a request that passed `question_of`, which gave `query`.
 
     Raises:
-        NotFoundError: no such view, or no such tinted thing.
+        NotFoundError: no such view, or no such tinted object.
     """
     posed = index.viewpoint(request.camera, request.view)
     kind, image_format = request.kind, request.format
-    if kind in ("label_map", "thing_map"):
-        ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)
+    if kind in ("label_map", "object_map"):
+        ids = index.label_map(posed) if kind == "label_map" else index.object_map(posed)
         return _npy(ids) if image_format == "npy" else _png16(ids)
     if kind == "depth":
         depth = index.depth(posed)
@@ -100,15 +100,15 @@ def _image(
     if request.kind == "rgb":
         drawn = index.coarse if request.coarse else index
         rgb = drawn.render(posed)
-        return _tinted(index, drawn.things, posed, rgb, request) if request.tints or request.dimming else rgb
-    if request.kind == "things":
-        by_id = {thing.id: thing.name for thing in index.things.present}
-        return pictures.things_picture(index.render(posed), index.thing_map(posed), by_id)
+        return _tinted(index, drawn.objects, posed, rgb, request) if request.tints or request.dimming else rgb
+    if request.kind == "objects":
+        by_id = {obj.id: obj.name for obj in index.objects.present}
+        return pictures.objects_picture(index.render(posed), index.object_map(posed), by_id)
     if request.kind == "depth_picture":
         return _depth_picture(index.depth(posed))
     assert query is not None
     pose = posed.world_from_camera  # "left of" is as in this picture
-    (answer,) = RankedQuery(ranked, query).answer(lambda: index.things, pose)
+    (answer,) = RankedQuery(ranked, query).answer(lambda: index.objects, pose)
     mask2d = index.mask2d(answer, posed)
     if request.kind == "mask":
         return np.asarray(mask2d.mask.astype(np.uint8) * 255)
@@ -119,17 +119,17 @@ def _image(
 
 
 def _tinted(
-    index: SceneIndex, drawn: SceneThings, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest
+    index: SceneIndex, drawn: SceneObjects, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest
 ) -> pictures.U8:
-    """Applies the request's tints; `drawn` shows the scene's things."""
-    things = index.things
+    """Applies the request's tints; `drawn` shows the scene's objects."""
+    objects = index.objects
     tints = [
-        tint._replace(thing_ids=things.with_members(tint.thing_ids, field=f"tints[{number}].things"))
+        tint._replace(object_ids=objects.with_members(tint.object_ids, field=f"tints[{number}].objects"))
         for number, tint in enumerate(request.tints)
     ]
     ids = drawn.map(posed)
-    tinted = {thing_id for tint in tints for thing_id in tint.thing_ids}
-    if parts := [part.id for part in things.present_parts if part.id in tinted]:
+    tinted = {object_id for tint in tints for object_id in tint.object_ids}
+    if parts := [part.id for part in objects.present_parts if part.id in tinted]:
         of_parts = drawn.part_map(posed)
         ids = np.where(np.isin(of_parts, parts), of_parts, ids)
     return pictures.tinted_picture(rgb, ids, tints, request.dimming)

@@ -12,20 +12,20 @@ from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photo_placement import PlacedPhoto
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.language.sentences.change_sentences import change_sentence
+from fastsplat.service.query.objects.solid_gaussians import grouped_rows, solid_rows
+from fastsplat.service.query.objects.visibility import shows
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
-from fastsplat.service.query.things.visibility import shows
 from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat_contract.geometry.object_prompts import PixelBox
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, vector3
-from fastsplat_contract.geometry.thing_prompts import PixelBox
 from fastsplat_contract.photos.localization import PhotoDifference, SceneChange
 
 F64 = NDArray[np.float64]
 
 _TRIM = 0.02
-"""Share of a thing's Gaussians outside its box at either end of each axis."""
+"""Share of an object's Gaussians outside its box at either end of each axis."""
 _WIDE = 0.35
-"""Share of the place along two axes from which things count as supports or room."""
+"""Share of the place along two axes from which objects count as supports or room."""
 _MARGIN = 0.1
 _LOOKED = 2
 """Least number of scene photos that must have a place in view."""
@@ -37,7 +37,7 @@ Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoD
 def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Sequence[tuple[int, int]]) -> Seen:
     """Changes on which two photos agree, where the scene's own photos looked.
 
-    Also returns the things that two photos should show, and each photo's differences, by number. `sizes` are width and
+    Also returns the objects that two photos should show, and each photo's differences, by number. `sizes` are width and
     height of each photo as sent.
     """
     found_places = [(number, one.photo, one.posed) for number, one in enumerate(placed)]
@@ -49,10 +49,10 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
     views = []
     for _, photo, posed in there:
         comparison = compared(photo.picture, posed, index.geometry, valid=photo.valid, side=COMPARED_SIDE)
-        views.append(LaterView(comparison, index.things.map(comparison.posed).astype(np.int32)))
+        views.append(LaterView(comparison, index.objects.map(comparison.posed).astype(np.int32)))
     reach = _WIDE * float((place[1] - place[0]).max())
-    wide = frozenset(thing for thing, box in boxes.items() if np.sort(box[1] - box[0])[1] > reach)
-    found = find_changes(views, boxes, _around([box for thing, box in boxes.items() if thing not in wide], place), wide)
+    wide = frozenset(obj for obj, box in boxes.items() if np.sort(box[1] - box[0])[1] > reach)
+    found = find_changes(views, boxes, _around([box for obj, box in boxes.items() if obj not in wide], place), wide)
     events = _where_looked(index.scene, found.events)
     changes = tuple(_told(index, each, numbers) for each in events)
     shown: dict[int, list[PhotoDifference]] = {}
@@ -71,7 +71,7 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
 def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
     """Drops events at places in view of fewer than two scene photos.
 
-    Such things may have been there before.
+    Such objects may have been there before.
     """
 
     def looked(event: Change) -> bool:
@@ -84,11 +84,11 @@ def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
 
 
 def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
-    """Corners (low, high), float64 [2, 3], of each visible thing, and of all."""
-    things, means = index.things, index.scene.gaussians.means
+    """Corners (low, high), float64 [2, 3], of each visible object, and of all."""
+    objects, means = index.objects, index.scene.gaussians.means
     solid = solid_rows(index.scene.gaussians)
-    own = grouped_rows(things.owner, solid)
-    boxes = {thing: np.quantile(means[rows].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0) for thing, rows in own}
+    own = grouped_rows(objects.owner, solid)
+    boxes = {obj: np.quantile(means[rows].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0) for obj, rows in own}
     if not boxes:
         return {}, None
     corners = np.stack([*boxes.values()])
@@ -96,7 +96,7 @@ def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
 
 
 def _around(boxes: Sequence[F64], place: F64) -> F64:
-    """Bounding box of things with a margin; `place` without things."""
+    """Bounding box of objects with a margin; `place` without objects."""
     if not boxes:
         return place
     corners = np.stack(boxes)
@@ -106,20 +106,20 @@ def _around(boxes: Sequence[F64], place: F64) -> F64:
 
 
 def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneChange:
-    name = index.things.get(change.thing_id).name if change.thing_id else ""
+    name = index.objects.get(change.object_id).name if change.object_id else ""
     distance = 0.0
     if change.kind == "moved" and change.before is not None and change.after is not None:
         distance = float(np.linalg.norm(change.after.mean(axis=0) - change.before.mean(axis=0)))
     return SceneChange(
         kind=change.kind,
-        thing_id=change.thing_id,
+        object_id=change.object_id,
         name=name,
         probability=change.probability,
         distance=distance,
         before=_box(change.before),
         after=_box(change.after),
         photos=tuple(numbers[row] for row in change.views),
-        sentence=change_sentence(change.kind, change.thing_id, name, distance, index.scene.scale == "METRIC"),
+        sentence=change_sentence(change.kind, change.object_id, name, distance, index.scene.scale == "METRIC"),
     )
 
 

@@ -46,8 +46,8 @@ _PER_PIXEL: Mapping[PictureKind, int] = {
     "label_map": 32,
     "depth": 48,
     "depth_picture": 128,
-    "thing_map": 32,
-    "things": 128,
+    "object_map": 32,
+    "objects": 128,
     "normals": 160,
     "confidence": 160,
 }
@@ -80,7 +80,7 @@ def export_bytes(gaussians: Gaussians) -> int:
 def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
     """Estimated peak of an edit in bytes: copies, selection, and the new index.
 
-    `sources` are the scenes that things are inserted from, once per insertion.
+    `sources` are the scenes that objects are inserted from, once per insertion.
     """
     scenes = [scene, *sources]
     gaussians = sum(len(one.gaussians) for one in scenes)
@@ -224,9 +224,9 @@ def machine_bytes() -> int:
 
 def _weight(scene: Scene) -> int:
     """Bytes of all per-Gaussian arrays."""
-    things = scene.things
-    parts = None if things is None else things.parts
-    counts = [scene.evidence, things and things.membership, parts and parts.membership]
+    objects = scene.objects
+    parts = None if objects is None else objects.parts
+    counts = [scene.evidence, objects and objects.membership, parts and parts.membership]
     held = [scene.gaussians, *(part for part in counts if part is not None)]
     return sum(array.nbytes for part in held for array in vars(part).values())
 

@@ -16,7 +16,7 @@ from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.jobs.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
-from fastsplat_contract.messages.things import PickRequest
+from fastsplat_contract.messages.objects import PickRequest
 
 _MAX_NAME_CHARS = 200
 """Limit of a scene's name."""

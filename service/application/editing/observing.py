@@ -158,8 +158,8 @@ class Observations:
 
 def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
     """Observations of a version, oldest first, with this scene's id even in a copy."""
-    names = {thing.id: thing.name for thing in index.things.table.table}
-    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.things.history.observations)
+    names = {obj.id: obj.name for obj in index.objects.table.table}
+    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.objects.history.observations)
 
 
 def _observation(

@@ -19,7 +19,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from fastsplat_contract.geometry.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.geometry.object_prompts import PROMPTED, ObjectPrompt, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:  # onnxruntime loads with the first prompt
@@ -89,25 +89,26 @@ class PromptedEdits:
         """Segments the Gaussians of a `split` or `add` prompt; None without a prompt.
 
         Raises:
-            NotFoundError: no such view; for split, no such thing or label.
-            InvalidInputError: another frame; a pixel outside the picture or, for split, off the thing; a box outside or
+            NotFoundError: no such view; for split, no such object or label.
+            InvalidInputError: another frame; a pixel outside the picture or, for split, off the object; a box outside
+                or
                 without area.
             ModelUnavailableError: the segmenter is missing.
         """
         if edit.prompt is None or edit.action not in PROMPTED:
             return None
         from fastsplat.service.instances.prompted_pieces import PromptedScene, find_piece
-        from fastsplat.service.query.edits.prompted_things import split_thing
-        from fastsplat.service.query.things.prompt_views import further_views
+        from fastsplat.service.query.edits.prompted_objects import split_object
+        from fastsplat.service.query.objects.prompt_views import further_views
 
-        thing_id = split_thing(index, edit) if edit.action == "split" else 0
+        object_id = split_object(index, edit) if edit.action == "split" else 0
         try:
             posed = index.viewpoint(edit.prompt.camera, edit.prompt.view)
             prompt = _in_picture(edit.prompt, posed)
             small = self._picture_of(posed)
             prompt = prompt.scaled(small.camera.width / posed.camera.width, small.camera.height / posed.camera.height)
-            ids = index.things.map(small)
-            _check_on_thing(prompt, ids, thing_id)
+            ids = index.objects.map(small)
+            _check_on_object(prompt, ids, object_id)
         except (NotFoundError, InvalidInputError) as error:
             raise error.within("prompt") from error
         opened = self._segmenter.get()
@@ -115,7 +116,7 @@ class PromptedEdits:
         more = self._settings.prompts.views - 1
         scene = PromptedScene(
             gaussians,
-            index.things.owner == thing_id if thing_id else None,
+            index.objects.owner == object_id if object_id else None,
             opened.segmenter,
             lambda view: opened.embedding(gaussians, view, lambda: index.render(view)),
             lambda rows: [self._picture_of(view) for view in further_views(index.scene, rows, posed, more)],
@@ -130,14 +131,14 @@ class PromptedEdits:
         return replace(posed, camera=training_size(posed.camera, self._settings.prompts.max_side))
 
 
-def _check(prompt: ThingPrompt) -> None:
+def _check(prompt: ObjectPrompt) -> None:
     if (prompt.camera is None) == (prompt.view is None):
         raise InvalidInputError(
             "a prompt needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
         )
     if not prompt.pixels and prompt.box is None:
         raise InvalidInputError(
-            "a prompt without a pixel on the thing or a box around it",
+            "a prompt without a pixel on the object or a box around it",
             field="pixels",
             hint="Send at least one of the two.",
         )
@@ -151,7 +152,7 @@ def _check(prompt: ThingPrompt) -> None:
         )
 
 
-def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
+def _in_picture(prompt: ObjectPrompt, posed: PosedCamera) -> PicturePrompt:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
 
     width, height = posed.camera.width, posed.camera.height
@@ -176,16 +177,16 @@ def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
     return PicturePrompt(_array(prompt.pixels), _array(prompt.background), None if box is None else _corners(box))
 
 
-def _check_on_thing(prompt: PicturePrompt, ids: NDArray[np.uint16], thing_id: int) -> None:
-    """Rejects pixels off the thing that is split."""
+def _check_on_object(prompt: PicturePrompt, ids: NDArray[np.uint16], object_id: int) -> None:
+    """Rejects pixels off the object that is split."""
     from fastsplat.service.instances.prompt_answers import values_at
 
-    for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if thing_id else ()):
-        if shown != thing_id:
+    for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if object_id else ()):
+        if shown != object_id:
             raise InvalidInputError(
-                f"the pixel shows {f'thing {shown}' if shown else 'no thing'}, not thing {thing_id}",
+                f"the pixel shows {f'object {shown}' if shown else 'no object'}, not object {object_id}",
                 field=f"pixels[{number}]",
-                hint="Pick the pixel first: it says which thing is there.",
+                hint="Pick the pixel first: it says which object is there.",
             )
 
 

@@ -11,7 +11,7 @@ from fastsplat.service.store.repositories.version_repository import VersionRecor
 from fastsplat.service.store.rows.damaged_rows import decodes
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.geometry.thing_prompts import PromptedThing
+from fastsplat_contract.geometry.object_prompts import PromptedObject
 from fastsplat_contract.messages.scenes import Edit, SceneVersion
 
 _MAX_EDITS = 100
@@ -58,7 +58,7 @@ def version_of(record: VersionRecord) -> SceneVersion:
         gaussians=record.gaussians,
         current=record.current,
         edits=tuple(from_plain(Edit, {n: row[n] for n in row if n not in _BESIDE}) for row in record.edits),
-        prompted=tuple(from_plain(PromptedThing, row[PROMPTED]) for row in record.edits if PROMPTED in row),
+        prompted=tuple(from_plain(PromptedObject, row[PROMPTED]) for row in record.edits if PROMPTED in row),
         author=record.author,
         asks_kind=any(ASKS_KIND in row for row in record.edits),
     )

@@ -19,7 +19,7 @@ from fastsplat.service.application.editing.version_rows import ASKS_KIND, PROMPT
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.jobs.new_versions import content_of, new_version
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Things
+from fastsplat.service.scene.artefact.scene import Objects
 from fastsplat.service.store.repositories.version_repository import VersionRecord
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import (
@@ -31,7 +31,7 @@ from fastsplat_contract.errors import (
     NotReadyError,
     ObjectStoreError,
 )
-from fastsplat_contract.geometry.thing_prompts import PromptedThing
+from fastsplat_contract.geometry.object_prompts import PromptedObject
 from fastsplat_contract.messages.edit_previews import EditPreview
 from fastsplat_contract.messages.scenes import Edit, InsertSource, SceneVersion
 
@@ -77,11 +77,11 @@ class Versions:
             author: id of the caller's key; "" for none.
 
         Raises:
-            NotFoundError: no such scene, version, label, object or thing.
+            NotFoundError: no such scene, version, label, object or object.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an invalid edit.
             LimitExceededError: too many edits, too many Gaussians, or too much memory.
-            ConflictError: the request id was used for other edits, or a person gave a thing another name.
+            ConflictError: the request id was used for other edits, or a person gave an object another name.
             ModelUnavailableError: the segmenter for an edit's prompt is missing.
         """
         check_request_id(request_id)
@@ -170,9 +170,9 @@ class Versions:
         return versions[version]
 
     def _make(self, order: VersionOrder, parent: str) -> SceneVersion:
-        seen: Things | None = None
+        seen: Objects | None = None
         if order.looked_at:
-            seen = self._context.scenes.open(order.scene_id, order.looked_at)[0].things.table
+            seen = self._context.scenes.open(order.scene_id, order.looked_at)[0].objects.table
         before = self._context.scenes.open(order.scene_id, parent)[0]
         sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
@@ -230,7 +230,7 @@ class Versions:
                     version,
                     parent,
                     order.rows,
-                    before.scene.things,
+                    before.scene.objects,
                     edited,
                     content_of(edited, index.label_counts),
                     self._context.settings.calls,
@@ -253,12 +253,12 @@ class Versions:
         return version_of(published)
 
     def _apply(
-        self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
+        self, index: SceneIndex, edits: Sequence[Edit], seen: Objects | None, sources: Mapping[int, SceneIndex]
     ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
         """Index of the edited scene, and results of prompts as JSON, by edit number."""
         from fastsplat.service.query.edits.apply_edit import apply_edit
 
-        before = index.things.table
+        before = index.objects.table
         made: dict[int, dict[str, Any]] = {}
         for number, edit in enumerate(edits):
             try:
@@ -273,13 +273,13 @@ class Versions:
                     piece=None if piece is None else piece.rows,
                 )
                 self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
-                self._context.memory.check(edit_bytes(scene, ()), "things")
+                self._context.memory.check(edit_bytes(scene, ()), "objects")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
                 raise error.within(f"edits[{number}]") from error
             index = index.after(scene)
             if piece is not None:
-                new_id = index.things.table.table[-1].id
-                made[number] = to_plain(PromptedThing(number, new_id, len(piece.rows), piece.views))
+                new_id = index.objects.table.table[-1].id
+                made[number] = to_plain(PromptedObject(number, new_id, len(piece.rows), piece.views))
             check_cancelled()
         return index, made
 
@@ -305,7 +305,7 @@ class Versions:
         if after > max(before, limit):
             raise LimitExceededError(
                 f"{after} Gaussians",
-                field="thing_ids",
+                field="object_ids",
                 limit=f"{limit}",
                 hint="Add fewer, or remove some first.",
             )

@@ -21,14 +21,19 @@ from foxglove import Context, channels, messages, open_mcap
 from foxglove.mcap import MCAPWriteOptions
 from PIL import Image
 
-from fastsplat.service.application.exporting.scene_recording import SceneRecording, described, thing_color, thing_facts
+from fastsplat.service.application.exporting.scene_recording import (
+    SceneRecording,
+    described,
+    object_color,
+    object_facts,
+)
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, OccupancyMap
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.formats.point_ply import point_rows
 from fastsplat_contract.geometry.camera import Camera
 from fastsplat_contract.geometry.poses import F64, Box, Quaternion, Vector3, quaternion_of, vector3
-from fastsplat_contract.messages.things import SceneThing
+from fastsplat_contract.messages.objects import SceneObject
 
 STEP_NS = 100_000_000
 """Time between two cameras."""
@@ -36,7 +41,7 @@ STEP_NS = 100_000_000
 _GRID = np.dtype([("occupancy", "i1"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
 _CELL_GRAYS = {FREE: 230, OCCUPIED: 20}
 _TEXT_PIXELS = 14.0
-_THING_ALPHA, _SURFACE_ALPHA = 0.35, 0.1
+_OBJECT_ALPHA, _SURFACE_ALPHA = 0.35, 0.1
 _NUMERIC = {
     "i1": messages.PackedElementFieldNumericType.Int8,
     "u1": messages.PackedElementFieldNumericType.Uint8,
@@ -45,23 +50,23 @@ _NUMERIC = {
 }
 
 
-def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence[int] = ()) -> bytes:
-    """A deterministic MCAP file of a scene, or of some things.
+def foxglove_file(index: SceneIndex, recording: SceneRecording, objects: Sequence[int] = ()) -> bytes:
+    """A deterministic MCAP file of a scene, or of some objects.
 
-    Topics: `/things` (foxglove.SceneUpdate: an entity per thing with a box, by id, with cube and text), `/points`
+    Topics: `/objects` (foxglove.SceneUpdate: an entity per object with a box, by id, with cube and text), `/points`
     (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
     `/camera/calibration`, `/camera/image`, `/tf`, and for scenes that have one `/map` (foxglove.Grid: `occupancy` as in
-    nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `things`, names by id.
+    nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `objects`, names by id.
     """
     scene, buffer, context = index.scene, io.BytesIO(), Context()
-    listed = [thing for thing in index.things.listed if not things or thing.id in things]
+    listed = [obj for obj in index.objects.listed if not objects or obj.id in objects]
     root, start = scene.frame_id, recording.created_ns
     # One thread, as scheduling of several may change the bytes.
     with open_mcap(buffer, context=context, writer_options=MCAPWriteOptions(compression_threads=0)) as writer:
         writer.write_metadata("scene", described(scene, recording, listed))
         writer.write_metadata("labels", {str(i): entry.label for i, entry in enumerate(scene.dictionary.entries, 1)})
-        writer.write_metadata("things", {str(thing.id): thing.name for thing in listed})
-        channels.SceneUpdateChannel("/things", context=context).log(
+        writer.write_metadata("objects", {str(obj.id): obj.name for obj in listed})
+        channels.SceneUpdateChannel("/objects", context=context).log(
             _boxes(listed, scene.up(), root, start), log_time=start
         )
         channels.PointCloudChannel("/points", context=context).log(
@@ -104,32 +109,32 @@ def _log_frames(scene: Scene, recording: SceneRecording, root: str, context: Con
         calibration.log(_calibration(camera, frame, at), log_time=at)
 
 
-def _boxes(listed: Sequence[SceneThing], up: F64 | None, root: str, at: int) -> messages.SceneUpdate:
+def _boxes(listed: Sequence[SceneObject], up: F64 | None, root: str, at: int) -> messages.SceneUpdate:
     return messages.SceneUpdate(
         entities=[
             messages.SceneEntity(
                 timestamp=_time(at),
                 frame_id=root,
-                id=str(thing.id),
-                metadata=[messages.KeyValuePair(key=key, value=value) for key, value in thing_facts(thing).items()],
-                cubes=[_cube(thing, thing.box)],
-                texts=[_text(thing, thing.box, up)],
+                id=str(obj.id),
+                metadata=[messages.KeyValuePair(key=key, value=value) for key, value in object_facts(obj).items()],
+                cubes=[_cube(obj, obj.box)],
+                texts=[_text(obj, obj.box, up)],
             )
-            for thing in listed
-            if thing.box is not None
+            for obj in listed
+            if obj.box is not None
         ]
     )
 
 
-def _cube(thing: SceneThing, box: Box) -> messages.CubePrimitive:
+def _cube(obj: SceneObject, box: Box) -> messages.CubePrimitive:
     return messages.CubePrimitive(
         pose=_pose(box.center.position, box.center.orientation),
         size=_vector(box.size),
-        color=_color(thing.id, _SURFACE_ALPHA if thing.kind == "surface" else _THING_ALPHA),
+        color=_color(obj.id, _SURFACE_ALPHA if obj.kind == "surface" else _OBJECT_ALPHA),
     )
 
 
-def _text(thing: SceneThing, box: Box, up: F64 | None) -> messages.TextPrimitive:
+def _text(obj: SceneObject, box: Box, up: F64 | None) -> messages.TextPrimitive:
     """Name above the box, or in its center if up is unknown."""
     place = np.array(box.center.position)
     if up is not None:
@@ -140,13 +145,13 @@ def _text(thing: SceneThing, box: Box, up: F64 | None) -> messages.TextPrimitive
         billboard=True,
         font_size=_TEXT_PIXELS,
         scale_invariant=True,
-        color=_color(thing.id, 1.0),
-        text=thing.name or f"thing {thing.id}",
+        color=_color(obj.id, 1.0),
+        text=obj.name or f"object {obj.id}",
     )
 
 
-def _color(thing_id: int, alpha: float) -> messages.Color:
-    red, green, blue = thing_color(thing_id)
+def _color(object_id: int, alpha: float) -> messages.Color:
+    red, green, blue = object_color(object_id)
     return messages.Color(r=red, g=green, b=blue, a=alpha)
 
 

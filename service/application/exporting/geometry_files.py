@@ -1,4 +1,4 @@
-"""Files of a scene's points and meshes, with named things."""
+"""Files of a scene's points and meshes, with named objects."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_mesh import surface_mesh
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, surface_points
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
-from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat.service.scene.artefact.scene import Object
 from fastsplat.service.scene.formats.colmap_writing import colmap_model
 from fastsplat.service.scene.formats.glb import GlbScene, NamedRows
 from fastsplat.service.scene.formats.mesh_glb import mesh_glb
@@ -24,7 +24,7 @@ from fastsplat_contract.errors import InvalidInputError
 ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]
 
 REST = "unassigned"
-"""Node name of elements outside all things."""
+"""Node name of elements outside all objects."""
 
 _PER_GAUSSIAN, _PER_PIXEL, _PER_POINT, _PER_VOXEL = 768, 160, 200, 100
 
@@ -48,49 +48,49 @@ def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
 
 
 def points_file(
-    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+    index: SceneIndex, name: str, objects: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
     """Labelled surface points, see `point_ply` and `surface_points`.
 
     Args:
-        things: only these; empty: all.
+        objects: only these; empty: all.
         cell: point distance in scene units; 0: the views' resolution.
 
     Raises:
-        NotFoundError: no such thing.
+        NotFoundError: no such object.
         InvalidInputError: a part, or a scene without cameras.
         LimitExceededError: too many points.
     """
-    _check_whole(index, things)
+    _check_whole(index, objects)
     samples, width = surface_points(views_of(index), cell=cell)
-    if things:
-        samples = samples.where(np.isin(samples.things, list(things)))
+    if objects:
+        samples = samples.where(np.isin(samples.objects, list(objects)))
     labels = {number: entry.label for number, entry in enumerate(index.scene.dictionary.entries, 1)}
     return point_ply(
         samples.points,
         samples.normals,
         samples.colors,
         samples.labels,
-        samples.things,
+        samples.objects,
         samples.confidence,
         {
             "scene": name,
             "units": _units(index),
             "cell": width,
             "label": labels,
-            "thing": {thing.id: thing.name for thing in _things(index, things)},
+            "object": {obj.id: obj.name for obj in _objects(index, objects)},
         },
     )
 
 
 def mesh_file(
-    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+    index: SceneIndex, name: str, objects: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
-    """GLB triangle mesh with a node per thing, see `mesh_glb` and `surface_mesh`.
+    """GLB triangle mesh with a node per object, see `mesh_glb` and `surface_mesh`.
 
     `cell` is the voxel width. Arguments and errors otherwise as `points_file`; voxels are limited, too.
     """
-    _check_whole(index, things)
+    _check_whole(index, objects)
     most = index.settings.max_surface_voxels
     mesh = surface_mesh(
         views_of(index),
@@ -101,12 +101,12 @@ def mesh_file(
     seen = mesh.vertices
     described = about(index, name, index.scene.cameras)
     described.extras["voxel"] = mesh.voxel
-    groups = nodes_of(index, mesh.things, things)
+    groups = nodes_of(index, mesh.objects, objects)
     return mesh_glb(seen.points, seen.normals, seen.colors, seen.labels, seen.confidence, mesh.faces, groups, described)
 
 
 def cameras_file(
-    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+    index: SceneIndex, name: str, objects: Sequence[int], cell: float, views_of: ViewsOf = surface_views
 ) -> bytes:
     """Zip of cameras and points for nerfstudio and COLMAP; arguments and errors as `points_file`.
 
@@ -114,7 +114,7 @@ def cameras_file(
     `sparse/0/`. All cameras are included.
     """
     cameras = index.scene.cameras
-    points = points_file(index, name, things, cell, views_of)
+    points = points_file(index, name, objects, cell, views_of)
     rows = point_rows(points)
     positions = np.stack([rows[axis] for axis in "xyz"], axis=1)
     colors = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
@@ -128,21 +128,21 @@ def cameras_file(
     )
 
 
-def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int]) -> list[NamedRows]:
-    """A node per thing, by id, then one for unassigned elements unless `things` are given.
+def nodes_of(index: SceneIndex, owner: NDArray[np.integer], objects: Sequence[int]) -> list[NamedRows]:
+    """A node per object, by id, then one for unassigned elements unless `objects` are given.
 
-    `owner` [K] is the thing of each element, 0 for none.
+    `owner` [K] is the object of each element, 0 for none.
     """
     nodes = []
-    for thing in _things(index, things):
-        rows = np.flatnonzero(owner == thing.id)
+    for obj in _objects(index, objects):
+        rows = np.flatnonzero(owner == obj.id)
         if len(rows):
-            label_id = index.scene.dictionary.id_of(thing.name) if thing.name else None
-            extras: dict[str, Any] = {"thing": thing.id, "name": thing.name, "probability": thing.probability}
-            extras |= {"label": label_id or 0, "surface": thing.surface}
-            nodes.append(NamedRows(thing.name or f"thing {thing.id}", extras, rows))
-    if not things and len(rest := np.flatnonzero(~np.isin(owner, [thing.id for thing in index.things.present]))):
-        nodes.append(NamedRows(REST, {"thing": 0}, rest))
+            label_id = index.scene.dictionary.id_of(obj.name) if obj.name else None
+            extras: dict[str, Any] = {"object": obj.id, "name": obj.name, "probability": obj.probability}
+            extras |= {"label": label_id or 0, "surface": obj.surface}
+            nodes.append(NamedRows(obj.name or f"object {obj.id}", extras, rows))
+    if not objects and len(rest := np.flatnonzero(~np.isin(owner, [obj.id for obj in index.objects.present]))):
+        nodes.append(NamedRows(REST, {"object": 0}, rest))
     return nodes
 
 
@@ -157,17 +157,17 @@ def _units(index: SceneIndex) -> str:
     return "metres" if index.scene.scale == "METRIC" else "arbitrary"
 
 
-def _things(index: SceneIndex, things: Sequence[int]) -> list[Thing]:
-    return [thing for thing in index.things.present if not things or thing.id in things]
+def _objects(index: SceneIndex, objects: Sequence[int]) -> list[Object]:
+    return [obj for obj in index.objects.present if not objects or obj.id in objects]
 
 
-def _check_whole(index: SceneIndex, things: Sequence[int]) -> None:
-    index.things.check_all(things)
-    whole = {thing.id for thing in index.things.present}
-    for number, thing_id in enumerate(things):
-        if thing_id not in whole:
+def _check_whole(index: SceneIndex, objects: Sequence[int]) -> None:
+    index.objects.check_all(objects)
+    whole = {obj.id for obj in index.objects.present}
+    for number, object_id in enumerate(objects):
+        if object_id not in whole:
             raise InvalidInputError(
-                f"thing {thing_id} is a part of another one",
-                field=f"thing_ids[{number}]",
+                f"object {object_id} is a part of another one",
+                field=f"object_ids[{number}]",
                 hint="Parts alone are exported as ply, spz or sog.",
             )

@@ -6,6 +6,7 @@ import numpy as np
 
 from fastsplat.service.application.exporting.geometry_files import ViewsOf, surface_bytes
 from fastsplat.service.common.zips import zipped
+from fastsplat.service.query.objects.floors import floor_ids, names_of_others
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import (
     FREE,
@@ -17,7 +18,6 @@ from fastsplat.service.query.surfaces.occupancy import (
     occupancy_map,
 )
 from fastsplat.service.query.surfaces.surface_views import surface_views
-from fastsplat.service.query.things.floors import floor_ids, names_of_others
 
 _PER_CELL, _PER_SAMPLE = 32, 160
 _SAMPLES = 1 << 20
@@ -27,7 +27,7 @@ _UNKNOWN_PIXEL = 205
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 """With these, pixel 205 is unknown: (255 − 205) / 255 = 0.19608."""
 
-_FLOOR_WORDS = {"surface": "a thing that is a floor", "lowest_level": "the lowest dense level that faces up"}
+_FLOOR_WORDS = {"surface": "an object that is a floor", "lowest_level": "the lowest dense level that faces up"}
 
 
 def map_bytes(index: SceneIndex) -> int:
@@ -51,8 +51,8 @@ def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_vie
     check_map_frame(index.scene)
     return occupancy_map(
         views_of(index),
-        floor_ids(index.things.present, index.scene.dictionary),
-        names_of_others(index.things.present, index.scene.dictionary),
+        floor_ids(index.objects.present, index.scene.dictionary),
+        names_of_others(index.objects.present, index.scene.dictionary),
         resolution=cell or RESOLUTION,
         height=index.settings.map_height,
     )

@@ -73,7 +73,7 @@ class Exports:
         """Writes a scene in the requested format.
 
         Raises:
-            NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
+            NotFoundError: unknown scene, version or object; the viewer of single files is not built.
             InvalidInputError: options that the format does not support, an invalid cell, surfaces of a scene without
                 cameras, a camera name that the format cannot hold, or an invalid version text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
@@ -85,17 +85,17 @@ class Exports:
         _check(request)
         write = _WRITERS[request.format]
         index, version = self._context.scenes.open(request.scene_id, request.version)
-        things = index.things.with_members(request.thing_ids) if request.thing_ids else ()
-        return write(self, index, version, replace(request, thing_ids=things))
+        objects = index.objects.with_members(request.object_ids) if request.object_ids else ()
+        return write(self, index, version, replace(request, object_ids=objects))
 
-    def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
-        """Nearest free place from which a robot sees a thing or part, see `goal_near`.
+    def goal(self, scene_id: str, object_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
+        """Nearest free place from which a robot sees an object or part, see `goal_near`.
 
         `robot_radius` is in meters, 0: `ROBOT_RADIUS`.
 
         Raises:
-            NotFoundError: unknown scene, version or thing; there is no such place.
-            InvalidInputError: the scene is not in meters with z up, or shows no floor; an invalid radius; a thing
+            NotFoundError: unknown scene, version or object; there is no such place.
+            InvalidInputError: the scene is not in meters with z up, or shows no floor; an invalid radius; an object
                 without a box.
             LimitExceededError, NotReadyError: as `file`.
         """
@@ -105,31 +105,31 @@ class Exports:
         index, read_version = self._context.scenes.open(scene_id, version)
         needed = map_bytes(index)  # refuses a scene without a map
         try:
-            thing = index.things.get(thing_id)
+            obj = index.objects.get(object_id)
         except NotFoundError as error:
-            raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
+            raise NotFoundError(error.message, field="object_id", hint=error.hint) from error
         with self._context.memory.reserve(needed, "scene_id"):
             known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
-        return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
+        return goal_near(known, obj, robot_radius or ROBOT_RADIUS, read_version)
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:
-            gaussians = index.coarse.scene.gaussians if request.coarse else _of_things(index, request.thing_ids)
+            gaussians = index.coarse.scene.gaussians if request.coarse else _of_objects(index, request.object_ids)
             with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
                 return spz_bytes(gaussians)
 
-        if request.thing_ids or request.coarse:
+        if request.object_ids or request.coarse:
             return make()
         size = 32 * len(index.scene.gaussians)
         return self._splats.get((request.scene_id, version), lambda: size, make)
 
     def _spz4(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _of_things(index, request.thing_ids)
+        gaussians = _of_objects(index, request.object_ids)
         with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             return spz_bytes(gaussians, 4)
 
     def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _of_things(index, request.thing_ids)
+        gaussians = _of_objects(index, request.object_ids)
         with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             return sog_bytes(gaussians)
 
@@ -137,7 +137,7 @@ class Exports:
         gaussians = index.scene.gaussians
         with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
             every = np.ones(len(gaussians), np.bool_)
-            return mask_ply(gaussians, index.things.rows(request.thing_ids) if request.thing_ids else every)
+            return mask_ply(gaussians, index.objects.rows(request.object_ids) if request.object_ids else every)
 
     def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         name = self._name(request)
@@ -148,19 +148,19 @@ class Exports:
     def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return points_file(
-                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
+                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
             )
 
     def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
             return cameras_file(
-                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
+                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
             )
 
     def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with self._context.memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
             return mesh_file(
-                index, self._name(request), request.thing_ids, request.cell, self._views_of(request, version)
+                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
             )
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
@@ -172,16 +172,16 @@ class Exports:
         created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
         with self._context.memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
             name, views = self._name(request), self._views_of(request, version)
-            points = points_file(index, name, request.thing_ids, request.cell, views)
+            points = points_file(index, name, request.object_ids, request.cell, views)
             photos = self._photo_contents(request.scene_id, version, files)
             recording = SceneRecording(
                 request.scene_id, version, name, created_ns, points, photos, left_out, floor, floor_missing
             )
-            return foxglove_file(index, recording, request.thing_ids)
+            return foxglove_file(index, recording, request.object_ids)
 
     def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
         """Floor map, or the reason for its absence."""
-        if request.thing_ids:
+        if request.object_ids:
             return None, "a map is of a whole scene"
         try:
             needed_bytes = map_bytes(index)
@@ -246,16 +246,16 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "camera_list": lambda exports, index, version, request: camera_list(index.scene.cameras),
     "transforms": lambda exports, index, version, request: transforms(index.scene.cameras),
     "colmap": lambda exports, index, version, request: colmap(index.scene.cameras),
-    "things": lambda exports, index, version, request: index.things.owner.astype("<u2").tobytes(),
+    "objects": lambda exports, index, version, request: index.objects.owner.astype("<u2").tobytes(),
 }
 
 
 def _check(request: ExportRequest) -> None:
     facts = FORMATS[request.format]
-    if request.thing_ids and facts.whole:
+    if request.object_ids and facts.whole:
         raise InvalidInputError(
-            f"{facts.whole} of some things alone",
-            field="things",
+            f"{facts.whole} of some objects alone",
+            field="objects",
             hint="Ask for the whole scene, or for another format.",
         )
     if not (math.isfinite(request.cell) and request.cell >= 0):
@@ -266,20 +266,20 @@ def _check(request: ExportRequest) -> None:
             field="cell",
             hint=f"For {', '.join(name for name in FORMATS if FORMATS[name].cell)} alone.",
         )
-    if request.coarse and (request.format != "spz" or request.thing_ids):
+    if request.coarse and (request.format != "spz" or request.object_ids):
         raise InvalidInputError(
-            f"a coarse file of {'some things' if request.thing_ids else request.format}",
+            f"a coarse file of {'some objects' if request.object_ids else request.format}",
             field="coarse",
             hint='It is for "spz", and for whole scenes.',
         )
 
 
-def _of_things(index: SceneIndex, things: Sequence[int]) -> Gaussians:
-    """Gaussians of these things or parts; all if empty."""
+def _of_objects(index: SceneIndex, objects: Sequence[int]) -> Gaussians:
+    """Gaussians of these objects or parts; all if empty."""
     gaussians = index.scene.gaussians
-    if not things:
+    if not objects:
         return gaussians
-    return gaussians_of_rows(gaussians, index.things.rows(things))
+    return gaussians_of_rows(gaussians, index.objects.rows(objects))
 
 
 class SurfaceCache:

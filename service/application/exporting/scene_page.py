@@ -70,7 +70,7 @@ def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
             yield {
                 "outcome": answer.outcome,
                 "sentence": answer.sentence,
-                "objects": [to_plain(thing) for thing in index.objects_of(answer)],
+                "objects": [to_plain(obj) for obj in index.objects_of(answer)],
                 "rows": packed[answer.relevant_ids] if answer.relevant_ids else "",
             }
 

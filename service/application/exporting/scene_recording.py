@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
 from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat.service.scene.artefact.scene import Scene
-from fastsplat_contract.messages.things import SceneThing
+from fastsplat_contract.messages.objects import SceneObject
 
 MOST_PHOTO_BYTES = 64 << 20
 """Limit of all photos in a file; beyond it, photos are skipped evenly."""
@@ -53,7 +53,7 @@ def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> li
     return []
 
 
-def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
+def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneObject]) -> dict[str, str]:
     """Metadata of a recording, with a warning where lengths are not meters."""
     scaling, metric = scene.scaling or capture_scaling(scene.facts), scene.scale == "METRIC"
     up = scene.up()
@@ -65,8 +65,8 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
         "scale": scene.scale,
         "unit": "metre" if metric else "arbitrary",
         "up": "unknown" if up is None else json.dumps(up.tolist()),
-        "things": str(len(listed)),
-        "things_without_box": json.dumps([thing.id for thing in listed if thing.box is None]),
+        "objects": str(len(listed)),
+        "objects_without_box": json.dumps([obj.id for obj in listed if obj.box is None]),
         "cameras": str(len(scene.cameras)),
         "photos": str(len(recording.photos)),
         "photos_left_out": str(recording.photos_left_out),
@@ -81,20 +81,20 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
     return lines
 
 
-def thing_facts(thing: SceneThing) -> dict[str, str]:
-    """Metadata of a thing beside its box."""
+def object_facts(obj: SceneObject) -> dict[str, str]:
+    """Metadata of an object beside its box."""
     return {
-        "name": thing.name,
-        "source": thing.source or "",
-        "probability": repr(float(thing.probability)),
-        "suggestions": json.dumps({each.name: float(each.probability) for each in thing.suggestions}),
-        "kind": thing.kind,
-        "surface": thing.surface,
-        "gaussians": str(thing.gaussian_count),
-        "meters": json.dumps(thing.meters),
+        "name": obj.name,
+        "source": obj.source or "",
+        "probability": repr(float(obj.probability)),
+        "suggestions": json.dumps({each.name: float(each.probability) for each in obj.suggestions}),
+        "kind": obj.kind,
+        "surface": obj.surface,
+        "gaussians": str(obj.gaussian_count),
+        "meters": json.dumps(obj.meters),
     }
 
 
-def thing_color(thing_id: int) -> tuple[float, float, float]:
+def object_color(object_id: int) -> tuple[float, float, float]:
     """RGB from 0 to 1; neighboring ids differ clearly."""
-    return colorsys.hsv_to_rgb(thing_id * _HUE_STEP % 1.0, 0.7, 1.0)
+    return colorsys.hsv_to_rgb(object_id * _HUE_STEP % 1.0, 0.7, 1.0)

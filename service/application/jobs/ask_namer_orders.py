@@ -38,7 +38,7 @@ class OwnNamer:
         return replace(status, agreed=bool(host))
 
     def order(self, scene_id: str, request_id: str = "") -> Operation:
-        """Queues a job that asks the namer about all unnamed things; durable on return.
+        """Queues a job that asks the namer about all unnamed objects; durable on return.
 
         Usable suggestions become one version. The same `request_id` returns the same operation; "" for none.
 
@@ -53,7 +53,7 @@ class OwnNamer:
         status = self._status()
         if not status.agreed:
             raise PermissionDeniedError(
-                f"the project did not agree that pictures of its things go to {status.host}",
+                f"the project did not agree that pictures of its objects go to {status.host}",
                 field="namer",
                 hint="An admin of the project agrees once, on the page or by AgreeToNamer.",
             )

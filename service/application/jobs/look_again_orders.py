@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.scene.objects.things import checked_name
+from fastsplat.service.scene.objects.objects import checked_name
 from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.service.store.rows.records import NewJob
@@ -52,7 +52,7 @@ def _checked(texts: Sequence[str], limits: StoreOptions) -> tuple[str, ...]:
                 f"a text of {len(text)} characters",
                 field=field,
                 limit=f"{limits.max_label_chars} characters",
-                hint="A word or two say what a thing is.",
+                hint="A word or two say what an object is.",
             )
         checked.append(checked_name(text, field))
         key = label_key(checked[-1])

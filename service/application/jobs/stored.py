@@ -97,7 +97,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         scale=record.scale if record.scaling is None else "METRIC",
         version=record.version,
         label_count=len(record.dictionary),
-        thing_count=record.things if record.version else None,
+        object_count=record.objects if record.version else None,
         captured_at=split_quality(record.quality)[0].newest_photo_at,
     )
 

@@ -1,4 +1,4 @@
-"""Masks people and other moving things before anything else uses a photo.
+"""Masks people and other moving objects before anything else uses a photo.
 
 The caller's `FindMovers` finds them. Under a promise of privacy they are replaced by gray in memory, before the photo
 is measured, matched, trained on or written: photos that differ only there are the same from then on.

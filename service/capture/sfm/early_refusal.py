@@ -48,7 +48,7 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
     count = len(images)
     largest = _largest_group(images, verified.pairs)
     if complete and not verified.pairs:
-        raise _refusal(f"no two of the {count} photos show the same thing", count)
+        raise _refusal(f"no two of the {count} photos show the same object", count)
     if complete and largest < max(2, min_share * count):
         raise _refusal(
             f"the photos show places that have nothing in common: no more than {largest} of {count} belong together",

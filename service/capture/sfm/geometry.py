@@ -21,7 +21,7 @@ _WRONG_POSES_SHARE = 0.5
 _FEW_REGISTERED = 0.8
 _MEDIAN_DISTANCE = 3.0
 PHOTO_HINT = (
-    "Send 20 to 40 photos of one place, in focus, of things with texture: take a step to the side between one and the "
+    "Send 20 to 40 photos of one place, in focus, of objects with texture: take a step to the side between one and the "
     "next, so that neighbors overlap by two thirds and show the place from different sides."
 )
 

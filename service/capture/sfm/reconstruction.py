@@ -96,7 +96,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     mapped, impossible = map_possible(mapping, request["global_mapping_images"], request["max_side"])
     models, contradictions = mapped.models, mapped.contradictions
     if not models and not impossible:
-        raise ReconstructionError("no two images see the same thing from different places", hint=geometry.PHOTO_HINT)
+        raise ReconstructionError("no two images see the same object from different places", hint=geometry.PHOTO_HINT)
     if not models:
         raise ReconstructionError(
             f"the lens of the photos could not be worked out: none of {len(impossible)} has a possible one",
@@ -268,7 +268,7 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
             raise ReconstructionError(
                 f"the images have hardly any texture: at most {max(counts)} features in one",
                 limit=f"{_MIN_FEATURES} features",
-                hint="Send sharp photos of things with texture; blank walls alone cannot be reconstructed.",
+                hint="Send sharp photos of objects with texture; blank walls alone cannot be reconstructed.",
             )
         if len(files) <= request["exhaustive_images"]:
             scores = np.zeros((len(files), len(files)), np.int32)

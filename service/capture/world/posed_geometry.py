@@ -75,7 +75,7 @@ def posed_geometry(
         raise ReconstructionError(
             f"only {len(fitted.points)} points agree with the camera poses",
             limit=f"{settings.min_points} points",
-            hint="Send sharper photos of things with texture, or depth maps that have more known pixels.",
+            hint="Send sharper photos of objects with texture, or depth maps that have more known pixels.",
         )
     return replace(
         fitted,
@@ -113,7 +113,7 @@ def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
     meters_per_unit, standard_error = ratio
     if dataset.scale == "METRIC" and abs(math.log(meters_per_unit)) > MOST_DISAGREEMENT:
         warning = (
-            f"The depth maps say that things are {meters_per_unit:.3g} times as far as the poses say, both in meters; "
+            f"The depth maps say that objects are {meters_per_unit:.3g} times as far as the poses say, both in meters; "
             "the depth maps are not used. Check depth_unit_scale_factor."
         )
         views = tuple(replace(view, depth=None) for view in geometry.views)

@@ -1,4 +1,4 @@
-"""Candidate things: groups of mask proposals that show the same Gaussians."""
+"""Candidate objects: groups of mask proposals that show the same Gaussians."""
 
 from __future__ import annotations
 

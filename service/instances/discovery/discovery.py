@@ -1,4 +1,4 @@
-"""Discovery of things without a vocabulary, from the views' masks and a splat."""
+"""Discovery of objects without a vocabulary, from the views' masks and a splat."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fastsplat.service.instances.discovery.refinement import MaskedView, refined
 from fastsplat.service.instances.discovery.surfaces import Plane, find_surfaces, join_surfaces, lies_off, surface_kinds
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
-from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Parts, Thing, ThingGroup, Things
+from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Object, ObjectGroup, Objects, Parts
 from fastsplat.service.scene.objects.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
@@ -32,24 +32,24 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend, Splats
 from fastsplat.service.splatting.training_views import training_size
 
-_MOST = 0.7  # share of a thing's weight in a candidate that makes it a member
+_MOST = 0.7  # share of an object's weight in a candidate that makes it a member
 
 _PIXELS = 64.0  # membership evidence in pixels; large against the prior, so that vote shares become probabilities
-_MOST_OF_PART = 0.8  # a candidate with more of its thing's weight is the thing itself
+_MOST_OF_PART = 0.8  # a candidate with more of its object's weight is the object itself
 
 _GROWN_SHARE = 0.6  # vote share of a Gaussian that joined a surface by its place alone
 
 _LEAST_SUPPORT = 0.35  # candidates with less support are chance
-_LEAST_CONSENSUS = 0.4  # least consensus of a thing; candidates with less may be parts
+_LEAST_CONSENSUS = 0.4  # least consensus of an object; candidates with less may be parts
 _INSIDE = 0.8  # share of a candidate's weight inside a larger one that makes it the larger one's child
 _SMALLER = 0.8  # children weigh less than this share of their parent
 _COVERED = 0.6  # share of a group's weight that its members must cover
 
 
-def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
-    """Finds groups of at least two things, by descending consensus and without duplicates.
+def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ObjectGroup, ...]:
+    """Finds groups of at least two objects, by descending consensus and without duplicates.
 
-    Thing number n of `owners` [G] has the id n + 1, -1 is none; `size` [G] is as in `Overlaps`.
+    Object number n of `owners` [G] has the id n + 1, -1 is none; `size` [G] is as in `Overlaps`.
     """
     weights = size.astype(np.float64)
     whole = np.bincount(owners + 1, weights)[1:]
@@ -59,7 +59,7 @@ def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, firs
         members = tuple((np.flatnonzero((whole > 0) & (inside >= _MOST * whole)) + 1).tolist())
         if len(members) >= 2:
             groups.setdefault(members, min(1.0, candidate.consensus))
-    return tuple(ThingGroup(number, *group) for number, group in enumerate(groups.items(), start=first_id))
+    return tuple(ObjectGroup(number, *group) for number, group in enumerate(groups.items(), start=first_id))
 
 
 F64 = NDArray[np.float64]
@@ -70,16 +70,16 @@ OnView = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Discovery:
-    """Discovered things, with counts."""
+    """Discovered objects, with counts."""
 
-    things: Things  # without names; ids from 1, the largest first; membership in pixels
+    objects: Objects  # without names; ids from 1, the largest first; membership in pixels
     views: int
     prompts: int  # to the segmenter
     proposals: int  # masks that were lifted
 
 
 @torch.no_grad()
-def discover_things(
+def discover_objects(
     gaussians: Gaussians,
     views: Sequence[View],
     masks: Sequence[ViewMasks | None],
@@ -89,7 +89,7 @@ def discover_things(
     *,
     backend: Backend = "cpu",
 ) -> Discovery:
-    """Finds the things that the masks of several views agree on.
+    """Finds the objects that the masks of several views agree on.
 
     Args:
         gaussians: G of them, trained.
@@ -105,13 +105,13 @@ def discover_things(
         masked.append(masked_view(view, own, settings))
         lifted.append(lifted_masks(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
-    things = (
-        _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
+    objects = (
+        _objects(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
         if used
-        else Things((), no_evidence(len(gaussians)))
+        else Objects((), no_evidence(len(gaussians)))
     )
     return Discovery(
-        things=things,
+        objects=objects,
         views=len(used),
         prompts=sum(own.prompts for _, own in used),
         proposals=sum(len(regions) for regions in lifted),
@@ -130,7 +130,7 @@ def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRe
     return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
 
 
-def _things(
+def _objects(
     gaussians: Gaussians,
     views: Sequence[View],
     numbers: Sequence[int],
@@ -140,12 +140,12 @@ def _things(
     up: F64 | None,
     settings: DiscoverySettings,
     backend: Backend,
-) -> Things:
+) -> Objects:
     overlaps = overlaps_of(lifted)
     candidates = find_candidates(
         overlaps, np.concatenate(quality), min_overlap=settings.min_overlap, min_views=settings.min_views
     )
-    selection = select_things(candidates, gaussians, overlaps.size, settings)
+    selection = select_objects(candidates, gaussians, overlaps.size, settings)
     membership = refined_membership(
         selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
     )
@@ -161,9 +161,9 @@ def _described(
     numbers: Sequence[int],
     up: F64 | None,
     settings: DiscoverySettings,
-) -> Things:
-    """Builds things with enough Gaussians, the largest first; `numbers` are those of the used views."""
-    count = len(selection.things)
+) -> Objects:
+    """Builds objects with enough Gaussians, the largest first; `numbers` are those of the used views."""
+    count = len(selection.objects)
     owners = posterior(membership, count + 1).classes
     weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]
     order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
@@ -172,12 +172,12 @@ def _described(
     cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views])
     kinds = surface_kinds(surfaces, centers, cameras, up)
     table = tuple(
-        Thing(
+        Object(
             id=place,
-            consensus=min(1.0, selection.things[n].consensus),
+            consensus=min(1.0, selection.objects[n].consensus),
             surface=kinds.get(n, ""),
-            proposed_in=tuple(numbers[view] for view in selection.things[n].proposed_in),
-            missed_in=tuple(numbers[view] for view in selection.things[n].missed_in),
+            proposed_in=tuple(numbers[view] for view in selection.objects[n].proposed_in),
+            missed_in=tuple(numbers[view] for view in selection.objects[n].missed_in),
         )
         for place, n in enumerate(order, start=1)
     )
@@ -185,38 +185,38 @@ def _described(
     ids[np.array(order, np.intp) + 1] = np.arange(1, len(order) + 1)
     rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     inside = [(part, int(ids[n + 1]) - 1) for part, n in selection.parts if ids[n + 1]]
-    numbers_of_things = (ids[owners] - 1).astype(np.int32)
-    parts = find_parts(inside, numbers_of_things, size, settings, len(table) + 1)
+    numbers_of_objects = (ids[owners] - 1).astype(np.int32)
+    parts = find_parts(inside, numbers_of_objects, size, settings, len(table) + 1)
     first = len(table) + 1 + (0 if parts is None else len(parts.table))
-    groups = find_groups(selection.groups, numbers_of_things, size, first)
+    groups = find_groups(selection.groups, numbers_of_objects, size, first)
     members = evidence_of(rows, ids[membership.labels], membership.counts, len(membership))
-    return Things(table, members, first + len(groups), parts, groups=groups)
+    return Objects(table, members, first + len(groups), parts, groups=groups)
 
 
 def find_parts(
     candidates: Sequence[tuple[Candidate, int]], owners: Owners, size: F32, settings: DiscoverySettings, first_id: int
 ) -> Parts | None:
-    """Finds the parts of things, the largest first; None if there are none.
+    """Finds the parts of objects, the largest first; None if there are none.
 
-    A part has the Gaussians of its candidate that its thing owns; where parts overlap, the smaller one has them. Parts
-    lighter than `min_weight_px`, or with most of their thing, are dropped.
+    A part has the Gaussians of its candidate that its object owns; where parts overlap, the smaller one has them. Parts
+    lighter than `min_weight_px`, or with most of their object, are dropped.
 
     Args:
-        candidates: parts with the number of their thing.
-        owners: int32 [G], number of the thing of each Gaussian, -1 for none; number n has the id n + 1.
+        candidates: parts with the number of their object.
+        owners: int32 [G], number of the object of each Gaussian, -1 for none; number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
     """
     count = len(owners)
     whole = np.bincount(owners + 1, size.astype(np.float64))[1:]
     claims = []
-    for part, thing in candidates:
-        own = owners[part.rows] == thing
+    for part, obj in candidates:
+        own = owners[part.rows] == obj
         rows, shares = part.rows[own], part.shares[own]
         weight = float(size[rows].sum())
-        if own.any() and weight <= _MOST_OF_PART * whole[thing]:
-            claims.append((weight, rows, shares, Thing(first_id, consensus=min(1.0, part.consensus), parent=thing + 1)))
+        if own.any() and weight <= _MOST_OF_PART * whole[obj]:
+            claims.append((weight, rows, shares, Object(first_id, consensus=min(1.0, part.consensus), parent=obj + 1)))
     owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
-    parts: list[Thing] = []
+    parts: list[Object] = []
     for _, rows, shares, claimant in sorted(claims, key=lambda claim: claim[0]):
         free = owner[rows] == NOBODY
         if size[rows[free]].sum() >= settings.min_weight_px:
@@ -232,23 +232,23 @@ def find_parts(
 
 @dataclass(frozen=True)
 class _Selection:
-    """The things of a scene before they are described."""
+    """The objects of a scene before they are described."""
 
-    things: tuple[Candidate, ...]  # the largest first
+    objects: tuple[Candidate, ...]  # the largest first
     owners: Owners
     shares: F32  # [G], certainty of the owner as share of views; 0 without owner
-    surfaces: Mapping[int, Plane]  # by thing number
-    parts: tuple[tuple[Candidate, int], ...] = ()  # with the number of their thing
+    surfaces: Mapping[int, Plane]  # by object number
+    parts: tuple[tuple[Candidate, int], ...] = ()  # with the number of their object
     groups: tuple[Candidate, ...] = ()
 
 
-def select_things(
+def select_objects(
     candidates: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
 ) -> _Selection:
-    """Selects things among candidates, with each Gaussian in at most one.
+    """Selects objects among candidates, with each Gaussian in at most one.
 
-    Parts do not lie off a surface's plane, smaller things own shared Gaussians, surfaces own what lies in their planes,
-    and strays are removed. `size` [G] is as in `Overlaps`.
+    Parts do not lie off a surface's plane, smaller objects own shared Gaussians, surfaces own what lies in their
+    planes, and strays are removed. `size` [G] is as in `Overlaps`.
     """
     planes = find_surfaces(candidates, gaussians, size)
 
@@ -256,20 +256,20 @@ def select_things(
         return whole in planes and lies_off(planes[whole], candidates[part].rows, gaussians, size)
 
     hierarchy = find_hierarchy(candidates, size, settings, apart)
-    things = [candidates[row] for row in hierarchy.things]
-    places = {row: place for place, row in enumerate(hierarchy.things)}
+    objects = [candidates[row] for row in hierarchy.objects]
+    places = {row: place for place, row in enumerate(hierarchy.objects)}
     parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
-    owners, shares = assign_owners(things, len(gaussians))
+    owners, shares = assign_owners(objects, len(gaussians))
     surfaces = {places[row]: plane for row, plane in planes.items() if row in places}
-    owners = join_surfaces(owners, things, surfaces, gaussians, size)
+    owners = join_surfaces(owners, objects, surfaces, gaussians, size)
     owners = without_strays(owners, gaussians, size, STRAY_SHARE)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     groups = tuple(candidates[row] for row in hierarchy.groups)
-    return replace(_numbered(things, parts, owners, shares, surfaces, size, settings), groups=groups)
+    return replace(_numbered(objects, parts, owners, shares, surfaces, size, settings), groups=groups)
 
 
 def _numbered(
-    things: Sequence[Candidate],
+    objects: Sequence[Candidate],
     parts: Sequence[tuple[Candidate, int]],
     owners: Owners,
     shares: F32,
@@ -277,15 +277,15 @@ def _numbered(
     size: F32,
     settings: DiscoverySettings,
 ) -> _Selection:
-    """Removes things that lost their Gaussians to others, and sorts the largest first."""
+    """Removes objects that lost their Gaussians to others, and sorts the largest first."""
     owned = owners != NOBODY
-    weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(things))
+    weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(objects))
     order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
-    number = np.full(len(things) + 1, NOBODY, np.int32)  # the last entry is for -1
+    number = np.full(len(objects) + 1, NOBODY, np.int32)  # the last entry is for -1
     number[order] = np.arange(len(order), dtype=np.int32)
     renumbered = number[owners]
     return _Selection(
-        things=tuple(things[n] for n in order),
+        objects=tuple(objects[n] for n in order),
         owners=renumbered,
         shares=np.where(renumbered == NOBODY, np.float32(0), shares),
         surfaces={int(number[n]): plane for n, plane in surfaces.items() if number[n] != NOBODY},
@@ -297,8 +297,8 @@ def _numbered(
 class _Hierarchy:
     """Relations of candidates, by number."""
 
-    things: tuple[int, ...]  # the largest first
-    part_of: dict[int, int]  # thing of each part
+    objects: tuple[int, ...]  # the largest first
+    part_of: dict[int, int]  # object of each part
     groups: dict[int, tuple[int, ...]]  # members of each group
 
 
@@ -308,17 +308,17 @@ def find_hierarchy(
     settings: DiscoverySettings,
     apart: Callable[[int, int], bool] = lambda part, whole: False,
 ) -> _Hierarchy:
-    """Finds parts, things and groups among candidates.
+    """Finds parts, objects and groups among candidates.
 
-    In ascending weight, each candidate with enough consensus is compared with the things in it. If these cover most of
-    it, and their support, summed over its Gaussians, exceeds its own, it is a group. Otherwise it is a thing; things in
-    it whose edges the masks miss by less than its own remain things, the others become its parts. Candidates with less
-    consensus are parts of the smallest thing around them.
+    In ascending weight, each candidate with enough consensus is compared with the objects in it. If these cover most of
+    it, and their support, summed over its Gaussians, exceeds its own, it is a group. Otherwise it is an object; objects
+    in it whose edges the masks miss by less than its own remain objects, the others become its parts. Candidates with
+    less consensus are parts of the smallest object around them.
 
     Args:
         candidates: see `find_candidates`.
         size: float32 [G], see `Overlaps`.
-        settings: for the least weight of a thing.
+        settings: for the least weight of an object.
         apart: True if the first of two candidates (by number), despite its place, is no part of the second.
     """
     sure = [
@@ -330,13 +330,13 @@ def find_hierarchy(
     weight = np.diag(common)
     lies_in = (common > _INSIDE * weight[:, None]) & (weight[:, None] < _SMALLER * weight)
     support = np.array([candidates[number].support for number in sure])
-    error = (1 - support) * np.sqrt(weight)  # of the edge: the same rim costs a small thing more overlap
+    error = (1 - support) * np.sqrt(weight)  # of the edge: the same rim costs a small object more overlap
     agreed = np.array([candidates[number].consensus for number in sure]) >= _LEAST_CONSENSUS
-    things: list[int] = []
+    objects: list[int] = []
     whole: dict[int, int] = {}
     groups: dict[int, tuple[int, ...]] = {}
     for one in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
-        children = [n for n in things if lies_in[n, one]]
+        children = [n for n in objects if lies_in[n, one]]
         own = np.zeros(len(size))
         for child in reversed(children):  # smaller ones, which came first, overwrite
             own[candidates[sure[child]].rows] = support[child]
@@ -351,11 +351,11 @@ def find_hierarchy(
         for part in [*lesser, *rare]:
             if not apart(sure[part], sure[one]):
                 whole[part] = one
-        things = [*(thing for thing in things if thing not in whole), one]
+        objects = [*(obj for obj in objects if obj not in whole), one]
     part_of = {}
     for part in whole:
-        thing = part
-        while thing in whole:
-            thing = whole[thing]
-        part_of[sure[part]] = sure[thing]
-    return _Hierarchy(tuple(sure[thing] for thing in reversed(things)), part_of, groups)
+        obj = part
+        while obj in whole:
+            obj = whole[obj]
+        part_of[sure[part]] = sure[obj]
+    return _Hierarchy(tuple(sure[obj] for obj in reversed(objects)), part_of, groups)

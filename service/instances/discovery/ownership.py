@@ -1,4 +1,4 @@
-"""Assignment of Gaussians to at most one thing, the smallest one, in connected pieces."""
+"""Assignment of Gaussians to at most one object, the smallest one, in connected pieces."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from fastsplat.service.scene.gaussians.connectivity import components
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 
 STRAY_SHARE = 0.1
-"""Disconnected pieces lighter than this share of a thing's largest piece are removed."""
+"""Disconnected pieces lighter than this share of an object's largest piece are removed."""
 FILLING_NEIGHBORS = 8
 """Number of nearest Gaussians that vote for the owner of one without."""
 
 NOBODY = -1
 
 _ROUNDS = 6
-_ENOUGH = 0.4  # share of a Gaussian's neighbors that must belong to a thing for it to join
+_ENOUGH = 0.4  # share of a Gaussian's neighbors that must belong to an object for it to join
 _REACH = 2.0  # neighbors beyond this multiple of their own distance to their last neighbor are ignored
 
 Owners = NDArray[np.int32]
-"""int32 [G]: number of the thing of each Gaussian, -1 for none."""
+"""int32 [G]: number of the object of each Gaussian, -1 for none."""
 
 
-def assign_owners(things: Sequence[Candidate], gaussians: int) -> tuple[Owners, F32]:
-    """Assigns G Gaussians to the smallest thing; also returns float32 [G], its share of views."""
+def assign_owners(objects: Sequence[Candidate], gaussians: int) -> tuple[Owners, F32]:
+    """Assigns G Gaussians to the smallest object; also returns float32 [G], its share of views."""
     owners = np.full(gaussians, NOBODY, np.int32)
     shares = np.zeros(gaussians, np.float32)
-    for number in sorted(range(len(things)), key=lambda n: (-things[n].weight, n)):
-        owners[things[number].rows] = number
-        shares[things[number].rows] = things[number].shares
+    for number in sorted(range(len(objects)), key=lambda n: (-objects[n].weight, n)):
+        owners[objects[number].rows] = number
+        shares[objects[number].rows] = objects[number].shares
     return owners, shares
 
 
@@ -50,7 +50,7 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
 
 
 def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
-    """Assigns visible Gaussians without owner to the thing of enough neighbors, in rounds."""
+    """Assigns visible Gaussians without owner to the object of enough neighbors, in rounds."""
     visible = np.flatnonzero(size > 0)
     count = min(neighbors, len(visible) - 1)
     result = owners.copy()

@@ -1,4 +1,4 @@
-"""Pixel-wise membership: rendered things take matching masks, Gaussians count their pixels."""
+"""Pixel-wise membership: rendered objects take matching masks, Gaussians count their pixels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat_contract.geometry.camera import PosedCamera
 
-_SEEN_PX = 16  # things with fewer pixels in a view take no mask there
+_SEEN_PX = 16  # objects with fewer pixels in a view take no mask there
 UNKNOWN = -1
 """Label of ignored pixels."""
 
@@ -72,13 +72,13 @@ def refined_membership(
     settings: DiscoverySettings,
     backend: Backend = "cpu",
 ) -> Evidence:
-    """Counts for each Gaussian the pixels of each thing that it contributes to.
+    """Counts for each Gaussian the pixels of each object that it contributes to.
 
-    Each of `refinement_rounds` rounds renders the things by the last membership. The grouping counts as one pixel.
-    Labels are numbers of things from 1; 0 is no thing.
+    Each of `refinement_rounds` rounds renders the objects by the last membership. The grouping counts as one pixel.
+    Labels are numbers of objects from 1; 0 is no object.
 
     Args:
-        owners: int32 [G], number of the thing of each Gaussian.
+        owners: int32 [G], number of the object of each Gaussian.
         shares: float32 [G], its certainty, 0..1.
         views: those that have masks.
         size: float32 [G], see `Overlaps`.
@@ -105,14 +105,14 @@ def refined_membership(
 
 
 def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
-    """Replaces rendered things of a view by their masks; returns int32 [H, W].
+    """Replaces rendered objects of a view by their masks; returns int32 [H, W].
 
-    Each thing takes the mask with the highest overlap, if at least `min_overlap`, not counting parts hidden by smaller
-    things; otherwise it stays as rendered. Smaller things lie on top. Pixels of a thing that its mask leaves out and no
-    other thing takes are `UNKNOWN`.
+    Each object takes the mask with the highest overlap, if at least `min_overlap`, not counting parts hidden by smaller
+    objects; otherwise it stays as rendered. Smaller objects lie on top. Pixels of an object that its mask leaves out
+    and no other object takes are `UNKNOWN`.
 
     Args:
-        shown: int [H, W], rendered thing of each pixel, from 1; 0 is none.
+        shown: int [H, W], rendered object of each pixel, from 1; 0 is none.
         masks: bool [P, H, W].
     """
     count = int(shown.max(initial=0)) + 1
@@ -120,19 +120,19 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
     inside = np.array([np.bincount(shown[mask], minlength=count) for mask in masks]).reshape(-1, count)
     whole = inside.sum(axis=1)
     result = np.where(shown == 0, 0, UNKNOWN).astype(np.int32)
-    order = [thing for thing in np.argsort(-areas, kind="stable").tolist() if thing and areas[thing]]
+    order = [obj for obj in np.argsort(-areas, kind="stable").tolist() if obj and areas[obj]]
     smaller = inside[:, order].sum(axis=1)
-    for thing in order:
-        smaller = smaller - inside[:, thing]
-        union = whole + areas[thing] - inside[:, thing] - smaller
-        overlap = inside[:, thing] / np.maximum(union, 1)
-        matched = len(masks) and areas[thing] >= _SEEN_PX and overlap.max() >= min_overlap
-        result[masks[int(overlap.argmax())] if matched else shown == thing] = thing
+    for obj in order:
+        smaller = smaller - inside[:, obj]
+        union = whole + areas[obj] - inside[:, obj] - smaller
+        overlap = inside[:, obj] / np.maximum(union, 1)
+        matched = len(masks) and areas[obj] >= _SEEN_PX and overlap.max() >= min_overlap
+        result[masks[int(overlap.argmax())] if matched else shown == obj] = obj
     return result
 
 
 def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
-    """Removes the evidence of stray Gaussians for their thing."""
+    """Removes the evidence of stray Gaussians for their object."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
     cleaned = without_strays(owners, gaussians, size, STRAY_SHARE)
@@ -142,7 +142,7 @@ def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evid
 
 
 def _without_holes(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
-    """Assigns holes of masks, such as patterns on a table, to the surrounding thing."""
+    """Assigns holes of masks, such as patterns on a table, to the surrounding object."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
     filled = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)

@@ -1,4 +1,4 @@
-"""Surfaces: flat things, what lies in their planes, and their kind by gravity."""
+"""Surfaces: flat objects, what lies in their planes, and their kind by gravity."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from fastsplat.service.scene.gaussians.connectivity import components
 
 _SURFACE_SHARE = 0.015  # least share of the visible weight of a surface
 _SURFACE_FLATNESS = 0.25  # largest tolerance of a surface's plane, as a share of its extent
-_PIECE_INSIDE = 0.5  # things in a surface's plane join it with at least this share inside its masks
-_PIECE_SUPPORT = 0.45  # things in a surface's plane with less support join it, too
+_PIECE_INSIDE = 0.5  # objects in a surface's plane join it with at least this share inside its masks
+_PIECE_SUPPORT = 0.45  # objects in a surface's plane with less support join it, too
 
 F64 = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _MAD_TO_DEVIATION = 1.4826  # of a normal distribution
 _LEVEL = 0.9
 _UPRIGHT = 0.25
 _SAMPLE = 4096
-_CORE = 0.5  # share of a thing's weight that must lie in a plane for the thing to lie in it
+_CORE = 0.5  # share of an object's weight that must lie in a plane for the object to lie in it
 _TIGHT = 0.5
 _OFFSET = 0.3  # largest median offset of a piece, as a share of a plane's tolerance (0.9 standard deviations)
 
@@ -76,14 +76,14 @@ def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
     return plane
 
 
-def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) -> dict[int, Plane]:
-    """Returns the planes of large and flat things, by number; `size` [G] as in `Overlaps`."""
+def find_surfaces(objects: Sequence[Candidate], gaussians: Gaussians, size: F32) -> dict[int, Plane]:
+    """Returns the planes of large and flat objects, by number; `size` [G] as in `Overlaps`."""
     surfaces = {}
     visible = float(size.sum())
-    for number, thing in enumerate(things):
-        if thing.weight < _SURFACE_SHARE * visible or len(thing.rows) < 3:
+    for number, obj in enumerate(objects):
+        if obj.weight < _SURFACE_SHARE * visible or len(obj.rows) < 3:
             continue
-        points, weights = gaussians.means[thing.rows].astype(np.float64), size[thing.rows].astype(np.float64)
+        points, weights = gaussians.means[obj.rows].astype(np.float64), size[obj.rows].astype(np.float64)
         plane = fit_plane(points, weights)
         center = np.average(points, axis=0, weights=weights)
         extent = np.sqrt(np.average(((points - center) ** 2).sum(axis=1), weights=weights))
@@ -113,28 +113,28 @@ def lies_off(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: 
 
 
 def join_surfaces(
-    owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
+    owners: Owners, objects: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:
     """Adds to surfaces what lies in their planes and is connected with them.
 
-    These are Gaussians without owner, and smaller things with less support (prints on a cloth) that the surface's masks
-    include or that have little support. Scissors on the cloth stay, as the cloth's masks end at their edges. Larger
-    surfaces come first; a surface in the plane of a larger one adds nothing.
+    These are Gaussians without owner, and smaller objects with less support (prints on a cloth) that the surface's
+    masks include or that have little support. Scissors on the cloth stay, as the cloth's masks end at their edges.
+    Larger surfaces come first; a surface in the plane of a larger one adds nothing.
     """
     result = owners.copy()
-    order = sorted(surfaces, key=lambda n: (-things[n].weight, n))
+    order = sorted(surfaces, key=lambda n: (-objects[n].weight, n))
     for place, number in enumerate(order):
         own, plane = result == number, surfaces[number]
         if not own.any() or any(_within(surfaces[larger], own, gaussians, size) for larger in order[:place]):
             continue
         joins = (result == NOBODY) & (plane.distance(gaussians.means) <= plane.tolerance) & (size > 0)
         inside = np.zeros(len(size), np.bool_)
-        inside[things[number].rows] = True
-        for piece, thing in enumerate(things):
+        inside[objects[number].rows] = True
+        for piece, obj in enumerate(objects):
             rows = np.flatnonzero(result == piece).astype(np.int32)
-            lesser = thing.support < things[number].support and thing.weight < things[number].weight
+            lesser = obj.support < objects[number].support and obj.weight < objects[number].weight
             included = size[rows] @ inside[rows] >= _PIECE_INSIDE * size[rows].sum()
-            piece_of_it = included or thing.support < _PIECE_SUPPORT
+            piece_of_it = included or obj.support < _PIECE_SUPPORT
             if lesser and piece_of_it and lies_in(plane, rows, gaussians, size):
                 joins[rows] = True
         members = np.flatnonzero(own | joins)

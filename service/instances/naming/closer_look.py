@@ -1,4 +1,4 @@
-"""Close-up views of things, and detector votes for the boxes that match the thing."""
+"""Close-up views of objects, and detector votes for the boxes that match the object."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 F32 = NDArray[np.float32]
 
-_EDGE_PERCENT = 1.0  # percentage of a thing's pixels outside of its box on each side, for robustness to strays
-_LEAST_PX = 60  # least pixels of a thing for a close-up
-_CONTEXT = 2.0  # side of the close-up over the longer side of the thing's box
+_EDGE_PERCENT = 1.0  # percentage of an object's pixels outside of its box on each side, for robustness to strays
+_LEAST_PX = 60  # least pixels of an object for a close-up
+_CONTEXT = 2.0  # side of the close-up over the longer side of the object's box
 _WHOLE = 0.9  # no close-up if it would show this share of a view's longer side
 
 
 @dataclass(frozen=True)
-class ThingInView:
-    """The place of a thing in a view."""
+class ObjectInView:
+    """The place of an object in a view."""
 
-    thing_id: int
+    object_id: int
     box: F32  # [4], x1, y1, x2, y2 in pixels of the view
     pixels: int
 
 
-def things_in_map(thing_map: NDArray[np.integer]) -> list[ThingInView]:
-    """Finds things large enough for a close-up in an id map [H, W] (0: none)."""
+def objects_in_map(object_map: NDArray[np.integer]) -> list[ObjectInView]:
+    """Finds objects large enough for a close-up in an id map [H, W] (0: none)."""
     shown = []
-    for thing_id in np.unique(thing_map[thing_map > 0]).tolist():
-        rows, columns = np.nonzero(thing_map == thing_id)
+    for object_id in np.unique(object_map[object_map > 0]).tolist():
+        rows, columns = np.nonzero(object_map == object_id)
         if len(rows) >= _LEAST_PX:
             low, high = (_EDGE_PERCENT, 100 - _EDGE_PERCENT)
             (x1, x2), (y1, y2) = np.percentile(columns, [low, high]), np.percentile(rows, [low, high])
-            shown.append(ThingInView(thing_id, np.array([x1, y1, x2 + 1, y2 + 1], np.float32), len(rows)))
+            shown.append(ObjectInView(object_id, np.array([x1, y1, x2 + 1, y2 + 1], np.float32), len(rows)))
     return shown
 
 
-def best_positions(shown: Sequence[Sequence[ThingInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
-    """Maps each thing to the views with most of its pixels, best first.
+def best_positions(shown: Sequence[Sequence[ObjectInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
+    """Maps each object to the views with most of its pixels, best first.
 
     Args:
-        shown: per view, the things large enough for a close-up.
-        limit: of views per thing.
+        shown: per view, the objects large enough for a close-up.
+        limit: of views per object.
     """
     views: dict[int, list[tuple[int, int]]] = {}
-    for position, things in enumerate(shown):
-        for thing in things:
-            views.setdefault(thing.thing_id, []).append((-thing.pixels, position))
-    return {thing_id: tuple(position for _, position in sorted(pairs)[:limit]) for thing_id, pairs in views.items()}
+    for position, objects in enumerate(shown):
+        for obj in objects:
+            views.setdefault(obj.object_id, []).append((-obj.pixels, position))
+    return {object_id: tuple(position for _, position in sorted(pairs)[:limit]) for object_id, pairs in views.items()}
 
 
 def closer_look(posed: PosedCamera, box: F32, largest_scale: float, side: int) -> tuple[PosedCamera, F32] | None:
@@ -92,6 +92,6 @@ def votes_for(detections: Detections, box: F32, min_overlap: float) -> dict[str,
 
 
 def mean_votes(votes: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """Averages scores by label over pictures of a thing; a missing label counts as 0."""
+    """Averages scores by label over pictures of an object; a missing label counts as 0."""
     labels = {label for own in votes for label in own}
     return {label: sum(own.get(label, 0.0) for own in votes) / len(votes) for label in sorted(labels)}

@@ -1,4 +1,4 @@
-"""Names of things from detections or label maps, counted over all views."""
+"""Names of objects from detections or label maps, counted over all views."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pydantic import BaseModel, ConfigDict
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.perception.results import Regions
-from fastsplat.service.scene.artefact.scene import NameSource, Thing, Things
+from fastsplat.service.scene.artefact.scene import NameSource, Object, Objects
 from fastsplat.service.scene.artefact.suggestions import Suggestion
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions
 
 NAMED_FROM = 0.6
-"""Least probability of a name; below, it is a suggestion (see `Thing.guessed`).
+"""Least probability of a name; below, it is a suggestion (see `Object.guessed`).
 
 Of names given from here on, 176 of 217 were right in other rooms.
 """
@@ -32,7 +32,7 @@ F64 = NDArray[np.float64]
 SEEN_PX = 0.05
 """Weight from which a view sees a Gaussian."""
 MOST_SEEN = 0.5
-"""Share of a thing that a view must see for its silence to count."""
+"""Share of an object that a view must see for its silence to count."""
 _SUGGESTIONS = 3
 LEAST_SUGGESTED = 0.05
 """Least probability of a suggestion."""
@@ -47,12 +47,12 @@ _UNCLEAR_AT_MOST = 0.9
 
 @dataclass(frozen=True)
 class NameVotes:
-    """Votes of the views for names of T things."""
+    """Votes of the views for names of T objects."""
 
     scores: F64  # [T, N + 1], sum over views of the label's score, 0..1 a view
-    able: F64  # [T], views that see most of the thing, and so could have named it
-    unmatched: int = 0  # regions with votes that match no thing
-    voted: F64 | None = None  # [T], views with a voting region that matches the thing
+    able: F64  # [T], views that see most of the object, and so could have named it
+    unmatched: int = 0  # regions with votes that match no object
+    voted: F64 | None = None  # [T], views with a voting region that matches the object
 
     @property
     def mean_scores(self) -> F64:
@@ -63,11 +63,11 @@ class NameVotes:
 
 
 def count_votes(
-    things: Things, lifted: Iterable[LiftedRegions], regions: Sequence[Regions], labels: int, *, min_overlap: float
+    objects: Objects, lifted: Iterable[LiftedRegions], regions: Sequence[Regions], labels: int, *, min_overlap: float
 ) -> NameVotes:
     """Counts the votes of the regions of all views.
 
-    A region votes for the thing with the highest intersection over union of the Gaussians that the view sees, if at
+    A region votes for the object with the highest intersection over union of the Gaussians that the view sees, if at
     least `min_overlap`, 0..1. Each view counts with its best score per label.
 
     Args:
@@ -75,10 +75,10 @@ def count_votes(
         regions: the same regions with their votes.
         labels: N.
     """
-    place = np.zeros(max((thing.id for thing in things.table), default=0) + 1, np.int64)
-    place[[thing.id for thing in things.table]] = np.arange(1, len(things.table) + 1)
-    owner = place[thing_rows(things)]
-    count = len(things.table)
+    place = np.zeros(max((obj.id for obj in objects.table), default=0) + 1, np.int64)
+    place[[obj.id for obj in objects.table]] = np.arange(1, len(objects.table) + 1)
+    owner = place[object_rows(objects)]
+    count = len(objects.table)
     whole = np.bincount(owner, minlength=count + 1)[1:]
     scores, able, voted, unmatched = np.zeros((count, labels + 1)), np.zeros(count), np.zeros(count), 0
     for view, own in zip(lifted, regions, strict=True):
@@ -90,10 +90,10 @@ def count_votes(
             rows = view.rows[view.starts[region] : view.starts[region + 1]]
             common = np.bincount(owner[rows], minlength=count + 1)[1:]
             overlap = common / np.maximum(visible + len(rows) - common, 1)
-            thing = int(overlap.argmax()) if count else 0
-            if count and overlap[thing] >= min_overlap:
+            obj = int(overlap.argmax()) if count else 0
+            if count and overlap[obj] >= min_overlap:
                 for label, score in own.votes[region]:
-                    best[thing, label] = max(best[thing, label], score)
+                    best[obj, label] = max(best[obj, label], score)
             elif own.votes[region]:
                 unmatched += 1
         scores += best
@@ -101,32 +101,32 @@ def count_votes(
     return NameVotes(scores, np.maximum(able, (scores > 0).any(axis=1)), unmatched, voted)
 
 
-def name_things(things: Things, votes: NameVotes, names: Sequence[str], source: NameSource) -> Things:
-    """Names things from `NAMED_FROM`, otherwise suggests; names given by persons stay.
+def name_objects(objects: Objects, votes: NameVotes, names: Sequence[str], source: NameSource) -> Objects:
+    """Names objects from `NAMED_FROM`, otherwise suggests; names given by persons stay.
 
     The probability is `name_probability`; for exact label maps it is the share of views.
     """
     probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(
-        thing if thing.source == "person" else _named(thing, row, names, source)
-        for thing, row in zip(things.table, probability, strict=True)
+        obj if obj.source == "person" else _named(obj, row, names, source)
+        for obj, row in zip(objects.table, probability, strict=True)
     )
-    return replace(things, table=table)
+    return replace(objects, table=table)
 
 
-def _named(thing: Thing, row: F64, names: Sequence[str], source: NameSource) -> Thing:
+def _named(obj: Object, row: F64, names: Sequence[str], source: NameSource) -> Object:
     order = np.argsort(-row, kind="stable")
     order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
     suggestions = tuple(Suggestion(names[label - 1], float(row[label])) for label in order)
     if not suggestions:
-        return replace(thing, name="", source=None, probability=0.0, suggestions=())
+        return replace(obj, name="", source=None, probability=0.0, suggestions=())
     best, sure, rivals = suggestions[0].name, suggestions[0].probability, suggestions[1:]
     clear = sure >= NAMED_FROM
     if source == "given":
         clear = sure >= _GIVEN_FROM and all(other.probability <= _GIVEN_RIVALS * sure for other in rivals)
     if not clear:
-        return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
-    return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)
+        return replace(obj, name="", source=None, probability=0.0, suggestions=suggestions)
+    return replace(obj, name=best, source=source, probability=sure, suggestions=rivals)
 
 
 class NameCategory(BaseModel):
@@ -135,7 +135,7 @@ class NameCategory(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     offset: float  # of the logit, relative to other names
-    things: int  # measured things with this as their best name
+    objects: int  # measured objects with this as their best name
     right: int  # of these, correctly named
 
 
@@ -148,7 +148,7 @@ class NameModel(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     detector: str
-    sets: tuple[str, ...]  # sources of the measured things
+    sets: tuple[str, ...]  # sources of the measured objects
     factor: float
     offset: float
     categories: Mapping[str, NameCategory]  # by `label_key` of the name; others have an offset of 0
@@ -169,7 +169,7 @@ def evidence_logit(evidence: F64) -> F64:
 def name_evidence(scores: F64) -> F64:
     """Evidence of labels, [T, N + 1], 0..1, from `NameVotes.mean_scores`.
 
-    A mean score times its share of the thing's scores: names that are rare among views, or contested, get less.
+    A mean score times its share of the object's scores: names that are rare among views, or contested, get less.
     """
     total = scores.sum(axis=1, keepdims=True)
     return np.asarray(scores * np.divide(scores, total, out=np.zeros_like(scores), where=total > 0))

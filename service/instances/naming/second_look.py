@@ -13,9 +13,9 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.instances.discovery.lifting import lift_regions_of
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.instances.naming.naming import LEAST_SUGGESTED, MOST_SEEN, SEEN_PX
-from fastsplat.service.scene.artefact.scene import Gaussians, Thing, Things
+from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects
 from fastsplat.service.scene.artefact.suggestions import Suggestion, ranked_suggestions
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend
@@ -24,31 +24,31 @@ from fastsplat_contract.geometry.camera import PosedCamera
 
 F64 = NDArray[np.float64]
 
-_NAMED_WORTH = 0.5  # worth of seeing a named thing, relative to an unnamed one
-_LOOSE_WORTH = 1.0  # worth of seeing all Gaussians without a thing
+_NAMED_WORTH = 0.5  # worth of seeing a named object, relative to an unnamed one
+_LOOSE_WORTH = 1.0  # worth of seeing all Gaussians without an object
 _RIVALS = 0.5  # a text is clear only if other names have at most this share of its probability
 
 
 @torch.no_grad()
 def shares_seen(
     gaussians: Gaussians,
-    things: Things,
+    objects: Objects,
     cameras: Sequence[PosedCamera],
     settings: DiscoverySettings,
     on_view: Callable[[int, int], None] = lambda done, total: None,
     *,
     backend: Backend = "cpu",
 ) -> F64:
-    """Share of each thing's Gaussians that each view sees, float64 [V, T + 1].
+    """Share of each object's Gaussians that each view sees, float64 [V, T + 1].
 
-    Things are in the order of the table; the last column is for Gaussians without a thing.
+    Objects are in the order of the table; the last column is for Gaussians without an object.
     """
-    place = np.full(max((thing.id for thing in things.table), default=0) + 1, len(things.table), np.int64)
-    place[[thing.id for thing in things.table]] = np.arange(len(things.table))
-    owner = place[thing_rows(things)]
-    whole = np.maximum(np.bincount(owner, minlength=len(things.table) + 1), 1)
+    place = np.full(max((obj.id for obj in objects.table), default=0) + 1, len(objects.table), np.int64)
+    place[[obj.id for obj in objects.table]] = np.arange(len(objects.table))
+    owner = place[object_rows(objects)]
+    whole = np.maximum(np.bincount(owner, minlength=len(objects.table) + 1), 1)
     splats = splats_of(gaussians, device=device_of(backend))
-    shares = np.zeros((len(cameras), len(things.table) + 1))
+    shares = np.zeros((len(cameras), len(objects.table) + 1))
     for number, posed in enumerate(cameras):
         camera = training_size(posed.camera, settings.max_side)
         viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
@@ -60,14 +60,14 @@ def shares_seen(
 
 
 def choose_views(shares: F64, named: Sequence[bool], limit: int) -> list[int]:
-    """Chooses at most `limit` views that together see most, unnamed things first.
+    """Chooses at most `limit` views that together see most, unnamed objects first.
 
-    Greedy: each view adds most to the sum over things (named ones count half) of the share seen, halved for every
-    earlier view that sees most of the thing. Views that see nothing are not chosen.
+    Greedy: each view adds most to the sum over objects (named ones count half) of the share seen, halved for every
+    earlier view that sees most of the object. Views that see nothing are not chosen.
 
     Args:
         shares: [V, T + 1], see `shares_seen`.
-        named: of T things, True for those with a name.
+        named: of T objects, True for those with a name.
     """
     worth = np.array([*(_NAMED_WORTH if has_name else 1.0 for has_name in named), _LOOSE_WORTH])
     free = np.ones(len(shares), np.bool_)
@@ -85,53 +85,53 @@ def choose_views(shares: F64, named: Sequence[bool], limit: int) -> list[int]:
 
 @dataclass(frozen=True)
 class NamesAdded:
-    """Things after a second look."""
+    """Objects after a second look."""
 
-    things: Things
-    named: tuple[int, ...]  # ids of things now named by one of the texts
+    objects: Objects
+    named: tuple[int, ...]  # ids of objects now named by one of the texts
     suggested: tuple[int, ...]  # ids of others with one of the texts as a suggestion
 
 
-def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float) -> NamesAdded:
-    """Names things by texts that are clear, and suggests the others.
+def add_names(objects: Objects, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float) -> NamesAdded:
+    """Names objects by texts that are clear, and suggests the others.
 
-    A text is clear from `name_probability`, 0..1, if no other text, name or suggestion of the thing is nearly as
+    A text is clear from `name_probability`, 0..1, if no other text, name or suggestion of the object is nearly as
     probable. Names of persons and label maps stay; a detector's name is replaced only by a clear one, and becomes a
     suggestion.
 
     Args:
-        sighted: probability, 0..1, of each text by thing id; unknown ids are ignored.
+        sighted: probability, 0..1, of each text by object id; unknown ids are ignored.
     """
     named, suggested, table = [], [], []
-    for thing in things.table:
-        texts = {name: sure for name, sure in sighted.get(thing.id, {}).items() if sure >= LEAST_SUGGESTED}
-        changed = thing
-        if texts and thing.source not in ("person", "given"):
-            changed = _judged(thing, texts, name_probability)
+    for obj in objects.table:
+        texts = {name: sure for name, sure in sighted.get(obj.id, {}).items() if sure >= LEAST_SUGGESTED}
+        changed = obj
+        if texts and obj.source not in ("person", "given"):
+            changed = _judged(obj, texts, name_probability)
         keys = {label_key(name) for name in texts}
-        if changed is not thing and changed.name and label_key(changed.name) in keys:
-            named.append(thing.id)
-        elif changed is not thing and keys & {label_key(each.name) for each in changed.suggestions}:
-            suggested.append(thing.id)
+        if changed is not obj and changed.name and label_key(changed.name) in keys:
+            named.append(obj.id)
+        elif changed is not obj and keys & {label_key(each.name) for each in changed.suggestions}:
+            suggested.append(obj.id)
         table.append(changed)
-    return NamesAdded(replace(things, table=tuple(table)), tuple(named), tuple(suggested))
+    return NamesAdded(replace(objects, table=tuple(table)), tuple(named), tuple(suggested))
 
 
-def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float) -> Thing:
+def _judged(obj: Object, texts: Mapping[str, float], name_probability: float) -> Object:
     by_key = {label_key(name): (name, sure) for name, sure in texts.items()}
-    own = label_key(thing.name) if thing.name else ""
+    own = label_key(obj.name) if obj.name else ""
     best = max(by_key, key=lambda key: by_key[key][1])
     sure = by_key[best][1]
     rivals = [other for key, (_, other) in by_key.items() if key not in (best, own)]
     if own not in ("", best):
-        rivals.append(max(thing.probability, by_key.get(own, ("", 0.0))[1]))
-    told = [each for each in thing.suggestions if each.source]
-    earlier = [(each.name, each.probability) for each in thing.suggestions if not each.source]
+        rivals.append(max(obj.probability, by_key.get(own, ("", 0.0))[1]))
+    told = [each for each in obj.suggestions if each.source]
+    earlier = [(each.name, each.probability) for each in obj.suggestions if not each.source]
     before = [other for name, other in earlier if label_key(name) != best]
     clear = sure >= name_probability and max(rivals, default=0.0) <= _RIVALS * sure
     clear = clear and max(before, default=0.0) <= sure
     pool: dict[str, tuple[str, float]] = {}
-    stated = ((thing.name, thing.probability),) if thing.name else ()
+    stated = ((obj.name, obj.probability),) if obj.name else ()
     for name, other in (*stated, *earlier, *by_key.values()):
         first, most = pool.get(label_key(name), (name, 0.0))
         pool[label_key(name)] = (first, max(most, other))
@@ -139,12 +139,12 @@ def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float) -
         name, most = pool.pop(best)
         probability = most if own == best else sure
         return replace(
-            thing, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values(), told)
+            obj, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values(), told)
         )
     if own:
         name, most = pool.pop(own)
-        return replace(thing, probability=most, suggestions=_suggestions(pool.values(), told))
-    return replace(thing, suggestions=_suggestions(pool.values(), told))
+        return replace(obj, probability=most, suggestions=_suggestions(pool.values(), told))
+    return replace(obj, suggestions=_suggestions(pool.values(), told))
 
 
 def _suggestions(names: Iterable[tuple[str, float]], told: Sequence[Suggestion]) -> tuple[Suggestion, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.captures import Capture, View
 from fastsplat.service.perception.results import Labelling
 
-_TIMES = 2  # a point counts in this many views, as a thing needs two
+_TIMES = 2  # a point counts in this many views, as an object needs two
 _MOST_POINTS = 4_000
 
 

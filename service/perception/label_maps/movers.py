@@ -1,4 +1,4 @@
-"""Masks of people and other moving things in photos, by the configured detectors."""
+"""Masks of people and other moving objects in photos, by the configured detectors."""
 
 from __future__ import annotations
 

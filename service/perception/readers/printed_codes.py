@@ -10,7 +10,7 @@ import numpy as np
 
 from fastsplat.service.capture.world.scale_tags import TAG_COUNT, find_tags
 from fastsplat.service.perception.results import Image, Writing
-from fastsplat_contract.messages.thing_reads import ReadKind
+from fastsplat_contract.messages.object_reads import ReadKind
 
 
 def read_codes(image: Image) -> list[Writing]:

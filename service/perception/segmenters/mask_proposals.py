@@ -98,7 +98,7 @@ _BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8  # like the settings' bounds, for answer
 
 @dataclass(frozen=True)
 class MaskProposals:
-    """P masks of an image that may overlap: parts, things and groups of things."""
+    """P masks of an image that may overlap: parts, objects and groups of objects."""
 
     logits: NDArray[np.float16]  # [P, h, w], positive inside, on the segmenter's grid, which covers just the image
     quality: NDArray[np.float32]  # [P], predicted intersection over union times stability, 0..1

@@ -81,26 +81,26 @@ def label_colors(labels: int) -> U8:
     return np.asarray(np.concatenate([np.zeros((1, 3)), rgb]).round(), dtype=np.uint8)
 
 
-def things_picture(rgb: U8, thing_ids: NDArray[np.uint16], names: Mapping[int, str]) -> U8:
-    """Colors things by id, with names, over the gray view, uint8 [H, W, 3]."""
+def objects_picture(rgb: U8, object_ids: NDArray[np.uint16], names: Mapping[int, str]) -> U8:
+    """Colors objects by id, with names, over the gray view, uint8 [H, W, 3]."""
     grey = rgb @ np.array([0.299, 0.587, 0.114])
-    colors = label_colors(int(thing_ids.max(initial=0)))[thing_ids]
-    tinted = np.where((thing_ids > 0)[..., None], 0.4 * grey[..., None] + 0.6 * colors, grey[..., None])
-    present = [thing_id for thing_id in np.unique(thing_ids).tolist() if names.get(thing_id)]
-    tags = [(_middle_of_largest(thing_ids == thing_id), names[thing_id]) for thing_id in present]
+    colors = label_colors(int(object_ids.max(initial=0)))[object_ids]
+    tinted = np.where((object_ids > 0)[..., None], 0.4 * grey[..., None] + 0.6 * colors, grey[..., None])
+    present = [object_id for object_id in np.unique(object_ids).tolist() if names.get(object_id)]
+    tags = [(_middle_of_largest(object_ids == object_id), names[object_id]) for object_id in present]
     return _tagged(tinted.round().astype(np.uint8), tags)
 
 
-def tinted_picture(rgb: U8, thing_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
-    """Tints things (last tint wins) and dims the rest by `dimming`, uint8 [H, W, 3]."""
-    size = 1 + max([int(thing_ids.max(initial=0)), *(number for tint in tints for number in tint.thing_ids)])
+def tinted_picture(rgb: U8, object_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
+    """Tints objects (last tint wins) and dims the rest by `dimming`, uint8 [H, W, 3]."""
+    size = 1 + max([int(object_ids.max(initial=0)), *(number for tint in tints for number in tint.object_ids)])
     own, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
     for tint in tints:
-        rows = list(tint.thing_ids)
+        rows = list(tint.object_ids)
         own[rows] = 1.0 - tint.strength
         added[rows] = 255.0 * tint.strength * np.array(tint.color, np.float32)
-    mixed = rgb * own[thing_ids]
-    mixed += added[thing_ids]
+    mixed = rgb * own[object_ids]
+    mixed += added[object_ids]
     return np.asarray(mixed.round().astype(np.uint8))
 
 

@@ -12,10 +12,16 @@ from torch import Tensor
 
 from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geometry
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.scene.artefact.scene import F32, Evidence, Parts, Scene, Things
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Objects, Parts, Scene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.labels.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
+from fastsplat.service.splatting.labels.blending import (
+    EvidenceBlend,
+    LabelBlend,
+    ObjectBlend,
+    label_blend,
+    objects_blend,
+)
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import LabelMap, Rendering
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
@@ -48,7 +54,7 @@ class Renderer:
         self._degree = gaussians.sh_degree
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
-        self._things: LabelBlend | None = None
+        self._objects: LabelBlend | None = None
         self._parts: tuple[Parts, EvidenceBlend] | None = None
 
     def relabeled(self, scene: Scene) -> Renderer:
@@ -56,7 +62,7 @@ class Renderer:
         other = copy.copy(self)
         other._classes = len(scene.dictionary) + 1
         other._labels = label_blend(scene, self._device, self._labels)
-        other._things = None
+        other._objects = None
         return other
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
@@ -80,18 +86,18 @@ class Renderer:
         drawn = self._label(posed, self._means.new_zeros(len(self._means), 0), None)
         return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
-    def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
-        """Renders the most probable thing, uint16 [H, W]; 0: none or alpha < `alpha_min`.
+    def object_map(self, posed: PosedCamera, objects: Objects) -> NDArray[np.uint16]:
+        """Renders the most probable object, uint16 [H, W]; 0: none or alpha < `alpha_min`.
 
-        `things` must be the same at every call, as they are cached."""
-        if isinstance(self._labels, ThingBlend):
-            return self._drawn_ids(self._labels.things, posed)
-        if self._things is None:  # of labels: they are kept nowhere else
-            self._things = things_blend(things, self._codes, self._device)
-        return self._drawn_ids(self._things, posed)
+        `objects` must be the same at every call, as they are cached."""
+        if isinstance(self._labels, ObjectBlend):
+            return self._drawn_ids(self._labels.objects, posed)
+        if self._objects is None:  # of labels: they are kept nowhere else
+            self._objects = objects_blend(objects, self._codes, self._device)
+        return self._drawn_ids(self._objects, posed)
 
     def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
-        """Renders the most probable part, uint16 [H, W]; 0 for none, as `thing_map`."""
+        """Renders the most probable part, uint16 [H, W]; 0 for none, as `object_map`."""
         known = self._parts
         if known is None or known[0].membership is not parts.membership:
             classes = max(part.id for part in parts.table) + 1

@@ -49,13 +49,13 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
     """Moves the scene into the frame of a map; see `Alignment` of the contract.
 
     Raises:
-        InvalidInputError: a label or things; not exactly one of transform and pairs; fewer than three pairs, collinear
+        InvalidInputError: a label or objects; not exactly one of transform and pairs; fewer than three pairs, collinear
             or mirrored pairs, or pairs of which fewer than half agree; a transform that is not rigid.
         LimitExceededError: too many pairs, or too long a name.
     """
     order = edit.alignment
     assert order is not None
-    if edit.label is not None or edit.thing_ids:
+    if edit.label is not None or edit.object_ids:
         raise InvalidInputError("align is of the whole scene", field="label", hint="Send an alignment alone.")
     _check_frame(order.frame)
     if (order.transform is not None) == bool(order.pairs):
@@ -64,7 +64,7 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
             field="alignment",
             hint="Send a rigid motion, or three and more pairs of points.",
         )
-    scene = index.things.scene
+    scene = index.objects.scene
     if order.transform is not None:
         change = Similarity(1.0, *_rigid_parts(order.transform.matrix()))
         return _placed(scene, change, order.frame, None)

@@ -13,11 +13,11 @@ import numpy as np
 
 from fastsplat.service.query.edits.edited_rows import Rows, edited_rows
 from fastsplat.service.query.edits.gaussian_edits import duplicate, move, recolor, remove
-from fastsplat.service.query.edits.insertion import insert_things
-from fastsplat.service.query.edits.prompted_things import make_prompted_thing
+from fastsplat.service.query.edits.insertion import insert_objects
+from fastsplat.service.query.edits.object_edits import edit_objects
+from fastsplat.service.query.edits.prompted_objects import make_prompted_object
 from fastsplat.service.query.edits.suggested_names import suggest_names
-from fastsplat.service.query.edits.thing_edits import edit_things
-from fastsplat.service.scene.artefact.scene import Scene, Things
+from fastsplat.service.scene.artefact.scene import Objects, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.geometry.camera import check_rigid
 from fastsplat_contract.messages.scenes import Edit
@@ -32,8 +32,8 @@ class _Order:
 
     index: SceneIndex
     edit: Edit
-    seen: Things | None
-    before: Things
+    seen: Objects | None
+    before: Objects
     source: SceneIndex | None
     max_gaussians: int | None
     piece: Rows | None
@@ -52,8 +52,8 @@ class _Kind:
 def apply_edit(
     index: SceneIndex,
     edit: Edit,
-    seen: Things | None = None,
-    before: Things | None = None,
+    seen: Objects | None = None,
+    before: Objects | None = None,
     source: SceneIndex | None = None,
     *,
     max_gaussians: int | None = None,
@@ -61,21 +61,21 @@ def apply_edit(
 ) -> Scene:
     """Applies an edit and returns the new scene; the index's own scene is unchanged.
 
-    Evidence, codes and things follow their rows. A scene without stored things stores them from its first edit on, so
+    Evidence, codes and objects follow their rows. A scene without stored objects stores them from its first edit on, so
     that their ids persist.
 
     Args:
-        seen: the things that the editor has looked at; None: unknown.
-        before: the things before the request that the edit is part of; None: those of the index.
-        source: index of the scene that `insert` takes things from.
+        seen: the objects that the editor has looked at; None: unknown.
+        before: the objects before the request that the edit is part of; None: those of the index.
+        source: index of the scene that `insert` takes objects from.
         max_gaussians: bound for duplicates, each of which can double the scene; None for no bound.
         piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows.
 
     Raises:
-        NotFoundError: no such label, object or thing here.
-        InvalidInputError: an unknown action, not exactly one of label and things, or an invalid field.
-        LimitExceededError: the scene would be too large, or see `edit_things`.
-        ConflictError: see `edit_things`.
+        NotFoundError: no such label, object or object here.
+        InvalidInputError: an unknown action, not exactly one of label and objects, or an invalid field.
+        LimitExceededError: the scene would be too large, or see `edit_objects`.
+        ConflictError: see `edit_objects`.
     """
     if edit.action in _CALLS or edit.texts:
         what, call = _CALLS.get(edit.action, _CALLS["look_again"])
@@ -86,7 +86,7 @@ def apply_edit(
     if kind is None:
         raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(_KINDS)}.")
     _check_fields(edit, kind)
-    return kind.make(_Order(index, edit, seen, before or index.things.table, source, max_gaussians, piece))
+    return kind.make(_Order(index, edit, seen, before or index.objects.table, source, max_gaussians, piece))
 
 
 def _check_fields(edit: Edit, kind: _Kind) -> None:
@@ -132,9 +132,9 @@ def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = Fals
                 f"{count} Gaussians with this duplicate",
                 field="action",
                 limit=f"{order.max_gaussians} Gaussians of a scene",
-                hint="Duplicate smaller things, or remove some first.",
+                hint="Duplicate smaller objects, or remove some first.",
             )
-        return _changed(change(order.index.things.scene, rows, order.edit), order.edit.action)
+        return _changed(change(order.index.objects.scene, rows, order.edit), order.edit.action)
 
     return make
 
@@ -144,27 +144,27 @@ def _remove(order: _Order) -> Scene:
     edit, count = order.edit, len(order.index.scene.gaussians)
     rows = edited_rows(order.index, edit)
     if len(rows) == count or (edit.filter is not None and not len(rows)):
-        said = {"filter": edit.filter, "label": edit.label, "thing_ids": edit.thing_ids or None}
+        said = {"filter": edit.filter, "label": edit.label, "object_ids": edit.object_ids or None}
         raise InvalidInputError(
             f"this removes {'all' if len(rows) else 'none'} of {count} Gaussians",
             field=next(name for name, value in said.items() if value is not None),
             hint="PreviewEdit tells what an edit would remove.",
         )
-    return _changed(remove(order.index.things.scene, rows), edit.action)
+    return _changed(remove(order.index.objects.scene, rows), edit.action)
 
 
-def _of_things(order: _Order) -> Scene:
-    return edit_things(order.index, order.edit, order.seen, order.before)
+def _of_objects(order: _Order) -> Scene:
+    return edit_objects(order.index, order.edit, order.seen, order.before)
 
 
 def _prompted(order: _Order) -> Scene:
     assert order.piece is not None
-    return make_prompted_thing(order.index, order.edit, order.piece, order.seen, order.before)
+    return make_prompted_object(order.index, order.edit, order.piece, order.seen, order.before)
 
 
 def _insert(order: _Order) -> Scene:
     assert order.source is not None
-    return _changed(insert_things(order.index, order.source, order.edit), "insert")
+    return _changed(insert_objects(order.index, order.source, order.edit), "insert")
 
 
 def _scale(order: _Order) -> Scene:
@@ -180,7 +180,7 @@ def _align(order: _Order) -> Scene:
 
 
 def _suggest(order: _Order) -> Scene:
-    return suggest_names(order.index.things, order.edit.suggestions)
+    return suggest_names(order.index.objects, order.edit.suggestions)
 
 
 _CALLS = {"look_again": ("looking again", "LookAgain"), "observe": ("an observation", "ObserveScene")}
@@ -190,10 +190,10 @@ _KINDS: Mapping[str, _Kind] = {
     "remove": _Kind(_remove, takes=("filter",)),
     "move": _Kind(_of_rows(move), ("transform",)),
     "duplicate": _Kind(_of_rows(duplicate, grows=True), ("transform",)),
-    "name": _Kind(_of_things, named=True),
-    "unname": _Kind(_of_things),
-    "merge": _Kind(_of_things),
-    "discard": _Kind(_of_things),
+    "name": _Kind(_of_objects, named=True),
+    "unname": _Kind(_of_objects),
+    "merge": _Kind(_of_objects),
+    "discard": _Kind(_of_objects),
     "split": _Kind(_prompted, ("prompt",), named=True),
     "add": _Kind(_prompted, ("prompt",), named=True),
     "insert": _Kind(_insert, ("transform", "source")),

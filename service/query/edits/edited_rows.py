@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
+from fastsplat.service.query.objects.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.artefact.scene import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
@@ -30,17 +30,17 @@ _MARGIN = 0.25
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     """Selects the Gaussians that an edit is about, int64 [K], ascending.
 
-    These are those of the label or things and those they enclose: at least half of the opacity of their twelve nearest
-    visible neighbors is selected. With a filter, only what it takes of the label or things (without enclosed ones), or
+    These are those of the label or objects and those they enclose: at least half of the opacity of their twelve nearest
+    visible neighbors is selected. With a filter, only what it takes of the label or objects (without enclosed ones), or
     of the scene if neither is given.
 
     Raises:
-        NotFoundError: no such label or thing here.
-        InvalidInputError: not exactly one of label and things, or an invalid filter.
+        NotFoundError: no such label or object here.
+        InvalidInputError: not exactly one of label and objects, or an invalid filter.
     """
     if edit.filter is not None:
         taken = _filtered(index, edit.filter)
-        if edit.label is None and not edit.thing_ids:
+        if edit.label is None and not edit.object_ids:
             return np.flatnonzero(taken)
         rows = _named_rows(index, edit)
         return rows[taken[rows]]
@@ -73,22 +73,22 @@ def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
     label_id = edited_label(index, edit)
-    return np.flatnonzero(index.labeled((label_id,)) if label_id else index.things.rows(edit.thing_ids))
+    return np.flatnonzero(index.labeled((label_id,)) if label_id else index.objects.rows(edit.object_ids))
 
 
 def edited_label(index: SceneIndex, edit: Edit) -> int:
-    """Id of the label that an edit is about; 0 if about existing things.
+    """Id of the label that an edit is about; 0 if about existing objects.
 
     Raises:
-        NotFoundError: no such label or thing here.
-        InvalidInputError: not exactly one of label and things.
+        NotFoundError: no such label or object here.
+        InvalidInputError: not exactly one of label and objects.
     """
-    if (edit.label is not None) == bool(edit.thing_ids):
+    if (edit.label is not None) == bool(edit.object_ids):
         raise InvalidInputError(
-            "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
+            "an edit speaks of a label or of objects", field="label", hint="Send exactly one of label and objects."
         )
     if edit.label is None:
-        index.things.check_all(edit.thing_ids)
+        index.objects.check_all(edit.object_ids)
         return 0
     label_id = index.scene.dictionary.id_of(edit.label)
     if label_id is None:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.edited_rows import Rows
-from fastsplat.service.query.things.solid_gaussians import masses
-from fastsplat.service.scene.artefact.scene import F32, SH_C0, Gaussians, Scene, Things
+from fastsplat.service.query.objects.solid_gaussians import masses
+from fastsplat.service.scene.artefact.scene import F32, SH_C0, Gaussians, Objects, Scene
 from fastsplat.service.scene.gaussians.scene_rows import gaussians_of_rows, scene_of_rows
 from fastsplat.service.scene.objects.label_evidence import evidence_of
-from fastsplat.service.scene.objects.things import MAX_THING_ID, next_thing_id, thing_rows, with_rows_of_no_part
+from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_rows, with_rows_of_no_part
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.messages.scenes import Edit
 
@@ -45,30 +45,30 @@ def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     count = len(scene.gaussians)
     grown = scene_of_rows(scene, np.concatenate([np.arange(count), rows]))
     copies = np.arange(count, count + len(rows))
-    if scene.things is not None and grown.things is not None:
-        grown = replace(grown, things=_copied(scene.things, grown.things, rows))
+    if scene.objects is not None and grown.objects is not None:
+        grown = replace(grown, objects=_copied(scene.objects, grown.objects, rows))
     moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), motion_of(edit))
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
 
 
-def _copied(before: Things, grown: Things, rows: Rows) -> Things:
-    """Registers copies of things, without parts, for the appended Gaussians `rows`."""
+def _copied(before: Objects, grown: Objects, rows: Rows) -> Objects:
+    """Registers copies of objects, without parts, for the appended Gaussians `rows`."""
     membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
-    copied = np.unique(thing_rows(before)[rows])
-    originals = [thing for thing in before.table if thing.id in copied]
-    first = next_thing_id(before)
-    if first + len(originals) - 1 > MAX_THING_ID:
+    copied = np.unique(object_rows(before)[rows])
+    originals = [obj for obj in before.table if obj.id in copied]
+    first = next_object_id(before)
+    if first + len(originals) - 1 > MAX_OBJECT_ID:
         raise LimitExceededError(
-            f"{len(originals)} more things",
-            field="thing_ids",
-            limit=f"ids up to {MAX_THING_ID}",
+            f"{len(originals)} more objects",
+            field="object_ids",
+            limit=f"ids up to {MAX_OBJECT_ID}",
             hint="Merge some first.",
         )
-    new_ids = np.zeros(max((thing.id for thing in before.table), default=0) + 1, np.uint16)
-    for number, thing in enumerate(originals):
-        new_ids[thing.id] = first + number
+    new_ids = np.zeros(max((obj.id for obj in before.table), default=0) + 1, np.uint16)
+    for number, obj in enumerate(originals):
+        new_ids[obj.id] = first + number
     # No photo shows a copy.
-    copies = tuple(replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals)
+    copies = tuple(replace(obj, id=int(new_ids[obj.id]), proposed_in=(), missed_in=()) for obj in originals)
     labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
     entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     return replace(

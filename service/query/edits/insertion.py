@@ -1,4 +1,4 @@
-"""Insertion of things from another scene."""
+"""Insertion of objects from another scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.edits.gaussian_edits import motion_of, moved_gaussians
-from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
+from fastsplat.service.query.edits.object_edits import check_no_parts, edited_objects, with_label
 from fastsplat.service.scene.artefact.scene import Evidence, Scene
 from fastsplat.service.scene.gaussians.scene_rows import appended_gaussians, gaussians_of_rows
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.objects.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
+from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_of, with_rows_of_no_part
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.scenes import Edit
 
@@ -21,62 +21,62 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 _SURE_PX = 16
-"""Membership of an inserted Gaussian in its thing, pixels: certain."""
+"""Membership of an inserted Gaussian in its object, pixels: certain."""
 
 
-def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
-    """Inserts things of another scene by a rigid motion; labels become the things' names.
+def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
+    """Inserts objects of another scene by a rigid motion; labels become the objects' names.
 
-    The Gaussians of the things and those they enclose (see `edited_rows`) are appended. The things get new ids and keep
-    their names, name sources and suggestions, but not their parts. Colors keep this scene's SH degree. Lengths are
+    The Gaussians of the objects and those they enclose (see `edited_rows`) are appended. The objects get new ids and
+    keep their names, name sources and suggestions, but not their parts. Colors keep this scene's SH degree. Lengths are
     copied as numbers, without conversion.
 
     Raises:
-        NotFoundError: no such label, object or thing there.
-        InvalidInputError: not exactly one of label and things; a part; one scene is metric and the other has no unit.
-        LimitExceededError: more things than there are ids.
+        NotFoundError: no such label, object or object there.
+        InvalidInputError: not exactly one of label and objects; a part; one scene is metric and the other has no unit.
+        LimitExceededError: more objects than there are ids.
     """
-    here = index.things.scene
+    here = index.objects.scene
     if source.scene.scale != here.scale:
         raise InvalidInputError(
-            f"a thing of a scene whose scale is {source.scene.scale} in one whose scale is {here.scale}",
+            f"an object of a scene whose scale is {source.scene.scale} in one whose scale is {here.scale}",
             field="source",
             hint="Insert from a scene of the same scale; lengths would mean nothing.",
         )
-    ids = edited_things(source, edit)
-    check_no_parts(source.things.table, ids)
-    own = replace(edit, label=None, thing_ids=ids)
+    ids = edited_objects(source, edit)
+    check_no_parts(source.objects.table, ids)
+    own = replace(edit, label=None, object_ids=ids)
     rows = edited_rows(source, own)
-    first = next_thing_id(here.things)
-    if first + len(ids) - 1 > MAX_THING_ID:
+    first = next_object_id(here.objects)
+    if first + len(ids) - 1 > MAX_OBJECT_ID:
         raise LimitExceededError(
-            f"{len(ids)} more things", field="thing_ids", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+            f"{len(ids)} more objects", field="object_ids", limit=f"ids up to {MAX_OBJECT_ID}", hint="Merge some first."
         )
-    scene, things = here, []
-    for number, thing_id in enumerate(ids):
-        thing = thing_of(source.things.table, thing_id)
-        name = thing.name
+    scene, objects = here, []
+    for number, object_id in enumerate(ids):
+        obj = object_of(source.objects.table, object_id)
+        name = obj.name
         if name:
             scene, name = with_label(index, scene, name)
-        things.append(replace(thing, id=first + number, name=name, proposed_in=(), missed_in=()))  # by other cameras
-    owner = source.things.owner[rows]
+        objects.append(replace(obj, id=first + number, name=name, proposed_in=(), missed_in=()))  # by other cameras
+    owner = source.objects.owner[rows]
     new_ids = np.zeros(max(ids) + 1, np.int64)
     new_ids[list(ids)] = np.arange(first, first + len(ids))
-    # Enclosed Gaussians of no inserted thing go with the first.
+    # Enclosed Gaussians of no inserted object go with the first.
     inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
     part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), motion_of(edit))
     return replace(
         scene,
         gaussians=appended_gaussians(scene.gaussians, part),
         evidence=None if scene.evidence is None else _longer(scene.evidence, len(rows)),
-        things=replace(
-            scene.things,
-            table=(*scene.things.table, *things),
-            membership=_with_members(scene.things.membership, inside),
+        objects=replace(
+            scene.objects,
+            table=(*scene.objects.table, *objects),
+            membership=_with_members(scene.objects.membership, inside),
             next_id=first + len(ids),
             parts=None
-            if scene.things.parts is None
-            else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
+            if scene.objects.parts is None
+            else with_rows_of_no_part(scene.objects.parts, len(scene.gaussians) + len(rows)),
         ),
     )
 

@@ -17,7 +17,7 @@ from fastsplat_contract.messages.scenes import Edit
 
 _MAX_LENGTHS = 100
 _UNSURE_ENDS = 0.03
-"""Standard deviation of a thing's length due to its ends, relative."""
+"""Standard deviation of an object's length due to its ends, relative."""
 
 
 def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
@@ -25,9 +25,9 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
 
     Raises:
         NotFoundError: nothing is seen at a pixel; no such view.
-        InvalidInputError: no or too many known lengths, a label or things, or two places that coincide.
+        InvalidInputError: no or too many known lengths, a label or objects, or two places that coincide.
     """
-    if edit.label is not None or edit.thing_ids:
+    if edit.label is not None or edit.object_ids:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
     earlier = index.scene.scaling or capture_scaling(index.scene.facts)
     lengths = [] if earlier is None else [*earlier.lengths]
@@ -37,7 +37,7 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
             f"{known_count} known lengths and sizes",
             field="known_lengths",
             limit=f"1 to {_MAX_LENGTHS} of a scene",
-            hint="Send the length between two places, or the size of a thing.",
+            hint="Send the length between two places, or the size of an object.",
         )
     unit = 1.0 if earlier is None else earlier.meters_per_unit
     for number, known in enumerate(edit.known_lengths):
@@ -56,17 +56,17 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
             )
         lengths.append(ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95))
     lengths += [_known_size(index, known, number, unit) for number, known in enumerate(edit.known_sizes)]
-    return scaled(index.things.scene, combined(lengths))
+    return scaled(index.objects.scene, combined(lengths))
 
 
 def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
-    """Converts a thing's measured side to a known length.
+    """Converts an object's measured side to a known length.
 
-    Adds `_UNSURE_ENDS`: a scale persists, and the ends of a trained thing are known to a few per cent of its length at
+    Adds `_UNSURE_ENDS`: a scale persists, and the ends of a trained object are known to a few per cent of its length at
     best."""
     try:
-        index.things.check_all((known.thing_id,))
-        thing = extents_of(index, known.thing_id)
+        index.objects.check_all((known.object_id,))
+        obj = extents_of(index, known.object_id)
     except (InvalidInputError, NotFoundError) as error:
         raise error.within(f"known_sizes[{number}]") from error
     if known.side == "height" and index.scene.up() is None:
@@ -75,13 +75,13 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
             field=f"known_sizes[{number}].side",
             hint="Send the longest side, or a length between two places.",
         )
-    side = 2 if known.side == "height" else int(np.argmax(thing.box.size))
-    value = thing.box.size[side]
-    deviation = float(np.hypot(thing.deviations[side], _UNSURE_ENDS * value))
+    side = 2 if known.side == "height" else int(np.argmax(obj.box.size))
+    value = obj.box.size[side]
+    deviation = float(np.hypot(obj.deviations[side], _UNSURE_ENDS * value))
     if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
         raise InvalidInputError(
-            f"the size of thing {known.thing_id} is too unsure to scale by",
-            field=f"known_sizes[{number}].thing_id",
-            hint="Use a larger thing, or a length between two places.",
+            f"the size of object {known.object_id} is too unsure to scale by",
+            field=f"known_sizes[{number}].object_id",
+            hint="Use a larger object, or a length between two places.",
         )
     return ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95)

@@ -1,4 +1,4 @@
-"""Suggested names: searchable and shown, but not given to things."""
+"""Suggested names: searchable and shown, but not given to objects."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fastsplat.service.query.things.names.merged_suggestions import OWN_SOURCE, TAG_SOURCE
-from fastsplat.service.query.things.thing_index import SceneThings
-from fastsplat.service.scene.artefact.scene import Scene, Thing
+from fastsplat.service.query.objects.names.merged_suggestions import OWN_SOURCE, TAG_SOURCE
+from fastsplat.service.query.objects.object_index import SceneObjects
+from fastsplat.service.scene.artefact.scene import Object, Scene
 from fastsplat.service.scene.artefact.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions
-from fastsplat.service.scene.objects.things import checked_name
+from fastsplat.service.scene.objects.objects import checked_name
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
 
@@ -22,40 +22,40 @@ _OWN = (OWN_SOURCE, TAG_SOURCE, "person")
 """Names of the scene's own sources in answers."""
 
 
-def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Scene:
-    """Adds suggested names; a source's new suggestions for a thing replace its earlier ones.
+def suggest_names(objects: SceneObjects, suggested: Sequence[SuggestedName]) -> Scene:
+    """Adds suggested names; a source's new suggestions for an object replace its earlier ones.
 
     Raises:
-        NotFoundError: no such thing or part here.
+        NotFoundError: no such object or part here.
         InvalidInputError: an invalid name, alias, source or probability; names the field.
-        LimitExceededError: too many names, or too many of one source for one thing.
+        LimitExceededError: too many names, or too many of one source for one object.
     """
     if len(suggested) > MAX_SUGGESTED:
         raise LimitExceededError(
             f"{len(suggested)} names", field="suggestions", limit=f"{MAX_SUGGESTED} names", hint="Send several batches."
         )
-    things.check_all([each.thing_id for each in suggested], "suggestions")
+    objects.check_all([each.object_id for each in suggested], "suggestions")
     told: defaultdict[int, list[Suggestion]] = defaultdict(list)
     for number, each in enumerate(suggested):
         field = f"suggestions[{number}]"
-        told[each.thing_id].append(_checked(each, field))
-        own = sum(other.source == each.source.strip() for other in told[each.thing_id])
+        told[each.object_id].append(_checked(each, field))
+        own = sum(other.source == each.source.strip() for other in told[each.object_id])
         if own > MOST_SUGGESTED:
             raise LimitExceededError(
-                f"{own} names of one source for thing {each.thing_id}", field=field, limit=f"{MOST_SUGGESTED} names"
+                f"{own} names of one source for object {each.object_id}", field=field, limit=f"{MOST_SUGGESTED} names"
             )
 
-    def changed(thing: Thing) -> Thing:
-        new = told.get(thing.id, [])
+    def changed(obj: Object) -> Object:
+        new = told.get(obj.id, [])
         sources = {each.source for each in new}
-        kept = [suggestion for suggestion in thing.suggestions if suggestion.source not in sources]
-        return replace(thing, suggestions=ranked_suggestions([*new, *kept])) if new else thing
+        kept = [suggestion for suggestion in obj.suggestions if suggestion.source not in sources]
+        return replace(obj, suggestions=ranked_suggestions([*new, *kept])) if new else obj
 
-    scene = things.scene
-    parts = scene.things.parts
+    scene = objects.scene
+    parts = scene.objects.parts
     if parts is not None:
         parts = replace(parts, table=tuple(map(changed, parts.table)))
-    return replace(scene, things=replace(scene.things, table=tuple(map(changed, scene.things.table)), parts=parts))
+    return replace(scene, objects=replace(scene.objects, table=tuple(map(changed, scene.objects.table)), parts=parts))
 
 
 def _checked(each: SuggestedName, field: str) -> Suggestion:

@@ -12,44 +12,44 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label_key
-from fastsplat.service.query.language.meaning.common_things import common_things
+from fastsplat.service.query.language.meaning.common_objects import common_objects
 from fastsplat.service.query.language.meaning.word_senses import ranked as solid_senses
 from fastsplat.service.query.language.sentences.enclosures import is_furniture
 from fastsplat.service.query.language.words.judgement import Ranked
 from fastsplat.service.query.language.words.name_matching import NameIndex
-from fastsplat.service.query.things.absence import RATHER, USUAL_M, unnamed_probability
-from fastsplat.service.query.things.color_names import NAMES as COLORS
-from fastsplat.service.query.things.color_names import UNMEASURED, basic_name
-from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat.service.scene.artefact.scene import SurfaceKind, Thing
+from fastsplat.service.query.objects.absence import RATHER, USUAL_M, unnamed_probability
+from fastsplat.service.query.objects.color_names import NAMES as COLORS
+from fastsplat.service.query.objects.color_names import UNMEASURED, basic_name
+from fastsplat.service.query.objects.names.object_names import ObjectNames
+from fastsplat.service.scene.artefact.scene import Object, SurfaceKind
 from fastsplat_contract.messages.queries import Answer
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
 
 FOUND = Path(__file__).parent / "meaning" / "found_names.json"
-"""Things that the default detector calls by their name, and all of it: `benchmarks.calibration.fit_names`."""
+"""Objects that the default detector calls by their name, and all of it: `benchmarks.calibration.fit_names`."""
 _PRIOR = 4.0
-"""Weight of the share found of all names, in things of a name."""
+"""Weight of the share found of all names, in objects of a name."""
 _LEAST_M, _MOST_M, _LEAST_LARGE_M = 0.02, 2.0, 0.35
 """Least and largest length of a candidate, meters; least length of a large one."""
 _USUAL_LARGE_M, _SPREAD = 0.9, 1.0
-"""Usual length of large things, and the standard deviation of log lengths."""
+"""Usual length of large objects, and the standard deviation of log lengths."""
 _ROUND = frozenset({"animal", "body", "food", "person", "plant", "substance"})
 """Lexical classes of what is never a wall nor lies flat on one."""
 _FAINT = 0.5
-"""Weight added to the color share, so that things of other colors still count."""
+"""Weight added to the color share, so that objects of other colors still count."""
 _NEAR = 0.05
 """Least probability of a name for its bearers to be offered."""
 _ON, _OFF = 2.0, 0.3
-"""Factors for things whose kind of surface fits the question or does not."""
+"""Factors for objects whose kind of surface fits the question or does not."""
 _NAMELESS, _MOST, _MOST_OFFERED = 0.3, 0.9, 8
-"""Weights of nameless fitting things and of suggestions against them; most things offered."""
+"""Weights of nameless fitting objects and of suggestions against them; most objects offered."""
 _LIVING = frozenset({"animal", "person"})
 """Lexical classes of which a model calls all kinds by one word."""
 _UPRIGHT = frozenset({"art", "artwork", "opening", "part of a building", "wall decoration", "window covering"})
 _LYING = frozenset({"bedding", "cloth", "floor covering", "soft furnishing", "table", "table linen", "textile"})
-"""Kinds on walls, and kinds lying on something; see `common_things`."""
+"""Kinds on walls, and kinds lying on something; see `common_objects`."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Vocabulary:
     """Vocabulary of the models that looked at a scene."""
 
     names: Sequence[str]  # that were looked for
-    lexicon: Lexicon | None  # knows kinds of things; None: only names and the list of common things count
+    lexicon: Lexicon | None  # knows kinds of objects; None: only names and the list of common objects count
 
     @cached_property
     def _dictionary(self) -> Dictionary:
@@ -73,12 +73,12 @@ class Vocabulary:
         return {sense.id: name for name, own in senses.items() for sense, _ in own}
 
     def word_for(self, text: str) -> str:
-        """Finds the name that a model would use for such a thing; "" for none.
+        """Finds the name that a model would use for such an object; "" for none.
 
         Its own name, a synonym, or, for animals and people, a hypernym."""
         exact = self._index.match(text).exact
-        things, whole = common_things(text)
-        ids = (*exact, *(self._dictionary.id_of(name) for thing in things if whole for name in thing.names))
+        objects, whole = common_objects(text)
+        ids = (*exact, *(self._dictionary.id_of(name) for obj in objects if whole for name in obj.names))
         known = [self._dictionary.entries[label_id - 1].label for label_id in ids if label_id]
         for sense, _ in solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ():
             above = self.lexicon.wider(sense.id) if self.lexicon and sense.lexical_class in _LIVING else (sense.id,)
@@ -87,7 +87,7 @@ class Vocabulary:
 
     def knows(self, text: str) -> bool:
         """True if a text as a whole is a name of something."""
-        return common_things(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
+        return common_objects(text)[1] or bool(self.lexicon and self.lexicon.senses(text))
 
     def class_of(self, text: str) -> str:
         """Lexical class of a text's (or its end's) most frequent sense; "" if unknown."""
@@ -98,8 +98,8 @@ class Vocabulary:
         return next((senses[0][0].lexical_class for senses in ends if senses), "")
 
     def surfaces_of(self, text: str) -> tuple[SurfaceKind, ...]:
-        """Kinds of surfaces that such a thing is, or lies flat on."""
-        kinds = {kind for thing in common_things(text)[0] for kind in thing.kinds}
+        """Kinds of surfaces that such an object is, or lies flat on."""
+        kinds = {kind for obj in common_objects(text)[0] for kind in obj.kinds}
         upright: tuple[SurfaceKind, ...] = ("wall", "surface") if kinds & _UPRIGHT else ()
         return (*upright, *(("horizontal surface", "floor", "surface") if kinds & _LYING else ()))
 
@@ -111,33 +111,33 @@ def _found() -> tuple[Mapping[str, tuple[int, int]], float]:
 
 
 def found_share(word: str) -> float:
-    """Share of things of this name that the default detector finds, 0..1."""
+    """Share of objects of this name that the default detector finds, 0..1."""
     names, usual = _found()
-    found, things = names.get(label_key(word), (0, 0))
-    return (found + usual * _PRIOR) / (things + _PRIOR)
+    found, objects = names.get(label_key(word), (0, 0))
+    return (found + usual * _PRIOR) / (objects + _PRIOR)
 
 
 def with_absence_judged(
-    ranked: Ranked, names: ThingNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
+    ranked: Ranked, names: ObjectNames, vocabulary: Vocabulary, color_share: Callable[[int, str], float]
 ) -> Ranked:
     """Decides between "not here" and "cannot say" if nothing bears the name.
 
-    The prior for a thing being here is 1/2. It can be a nameless thing of fitting size; if there is none, it is not
+    The prior for an object being here is 1/2. It can be a nameless object of fitting size; if there is none, it is not
     here. If the models could have said its name, they missed it with probability m = 1 - `found_share`, so it is not
-    here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of a thing
+    here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of an object
     clearly of a color."""
     answer, remarks = ranked.answer, ranked.remarks
     if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(ranked.asked))):
         return ranked
     asked = ranked.asked
     fitting = [
-        thing
-        for thing in names.present
-        if (not thing.name or thing.guessed)
-        and thing.id in names.lengths
-        and _may_be(thing, names.lengths[thing.id], asked, vocabulary)
+        obj
+        for obj in names.present
+        if (not obj.name or obj.guessed)
+        and obj.id in names.lengths
+        and _may_be(obj, names.lengths[obj.id], asked, vocabulary)
     ]
-    if all(thing.name for thing in fitting):
+    if all(obj.name for obj in fitting):
         return ranked
     figures = {match: match.relevancy if match.probability is None else match.probability for match in answer.matches}
     matches = tuple(each._replace(relevant=False) for each in sorted(answer.matches, key=lambda one: -figures[one]))
@@ -148,16 +148,16 @@ def with_absence_judged(
         missed = 1.0 - found_share(word)
         presence = None if answer.presence is None else missed / (1.0 + missed)
         sure = None if presence is None else 1.0 - presence
-        absent = replace(nothing, presence=presence, probability=sure, thing_ids=(), relation="absent")
+        absent = replace(nothing, presence=presence, probability=sure, object_ids=(), relation="absent")
         return replace(ranked, answer=absent, verdict="absent", standing=frozenset(), remarks=remarks)
     colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
     likely = unnamed_probability(names.searched)
     presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
     colored = {
-        thing.id: max((color_share(thing.id, basic_name(color)) for color in colors), default=1.0) for thing in fitting
+        obj.id: max((color_share(obj.id, basic_name(color)) for color in colors), default=1.0) for obj in fitting
     }
     may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
-    offered = replace(nothing, presence=presence, probability=None, thing_ids=may_be, relation="undecided")
+    offered = replace(nothing, presence=presence, probability=None, object_ids=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
 
 
@@ -167,7 +167,7 @@ def _is_absent(ranked: Ranked) -> bool:
     return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
 
 
-def _is_weak(ranked: Ranked, names: ThingNames) -> bool:
+def _is_weak(ranked: Ranked, names: ObjectNames) -> bool:
     """True if the best answer is rather not what was asked for."""
     answer, remarks = ranked.answer, ranked.remarks
     plain = answer.phrase is None and not (remarks.by_shape or remarks.by_looks)
@@ -179,8 +179,8 @@ def _is_weak(ranked: Ranked, names: ThingNames) -> bool:
 def _likeliest(
     asked: str,
     answer: Answer,
-    fitting: Sequence[Thing],
-    names: ThingNames,
+    fitting: Sequence[Object],
+    names: ObjectNames,
     vocabulary: Vocabulary,
     colored: Mapping[int, float],
 ) -> tuple[int, ...]:
@@ -188,24 +188,24 @@ def _likeliest(
     near = {match.label_id: match.probability or 0.0 for match in answer.matches}
     usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
     comes_near = [label_id for label_id in near if near[label_id] >= _NEAR]
-    likely = {thing_id: near[label_id] for label_id in comes_near for thing_id in names.by_label.get(label_id, ())}
-    for thing in fitting:
-        off = math.log(names.lengths[thing.id] / usual) / _SPREAD
+    likely = {object_id: near[label_id] for label_id in comes_near for object_id in names.by_label.get(label_id, ())}
+    for obj in fitting:
+        off = math.log(names.lengths[obj.id] / usual) / _SPREAD
         own = [
             (near.get(names.dictionary.id_of(suggestion.name) or 0, 0.0), suggestion.probability)
-            for suggestion in thing.suggestions
+            for suggestion in obj.suggestions
         ]
-        other = thing.probability if thing.name else sum(sure * (1.0 - alike) for alike, sure in own)
-        weight = math.exp(-off * off / 2) * thing.consensus * (1.0 - min(other, _MOST)) * (colored[thing.id] + _FAINT)
-        kind = 1.0 if not thing.surface and not lies_on else _ON if thing.surface in lies_on else _OFF
-        alike = max((alike for alike, _ in own), default=near.get(names.labels.id_of(thing.name) or 0, 0.0))
-        likely[thing.id] = _NAMELESS * weight * kind + alike
+        other = obj.probability if obj.name else sum(sure * (1.0 - alike) for alike, sure in own)
+        weight = math.exp(-off * off / 2) * obj.consensus * (1.0 - min(other, _MOST)) * (colored[obj.id] + _FAINT)
+        kind = 1.0 if not obj.surface and not lies_on else _ON if obj.surface in lies_on else _OFF
+        alike = max((alike for alike, _ in own), default=near.get(names.labels.id_of(obj.name) or 0, 0.0))
+        likely[obj.id] = _NAMELESS * weight * kind + alike
     return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
 
 
-def _may_be(thing: Thing, length: float, asked: str, vocabulary: Vocabulary) -> bool:
-    """True if a thing of this length in meters may be what is asked for."""
+def _may_be(obj: Object, length: float, asked: str, vocabulary: Vocabulary) -> bool:
+    """True if an object of this length in meters may be what is asked for."""
     if is_furniture(asked):
         return length >= _LEAST_LARGE_M
-    flat = bool(thing.surface) and vocabulary.class_of(asked) in _ROUND
+    flat = bool(obj.surface) and vocabulary.class_of(asked) in _ROUND
     return _LEAST_M <= length <= _MOST_M and not flat

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.language.meaning.calibration import calibration_key
-from fastsplat.service.query.language.meaning.common_things import are_other_things
+from fastsplat.service.query.language.meaning.common_objects import are_other_objects
 from fastsplat.service.query.language.meaning.embeddings import TextCache, TextCaches, text_caches
 from fastsplat.service.query.language.meaning.label_meanings import BASE, Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning.meaning import MeaningModel, model_for, weighs_meanings
@@ -28,9 +28,9 @@ from fastsplat.service.query.language.words.judgement import Judgement, Mask, Ra
 from fastsplat.service.query.language.words.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, parse_noun_phrase
 from fastsplat.service.query.language.words.query_text import TextQuery
+from fastsplat.service.query.objects.absence import RATHER
+from fastsplat.service.query.objects.names.object_names import ObjectNames
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.query.things.absence import RATHER
-from fastsplat.service.query.things.names.thing_names import ThingNames
 from fastsplat_contract.messages.queries import Answer, AnswerMethod, Match, Relation, RelationSubject
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
@@ -92,8 +92,8 @@ class Ranker:
     """Ranker of one scene's names with one text encoder; thread-safe.
 
     Args:
-        labels: of a scene, with the names of `things.dictionary`.
-        things: owners of the names; a name neither borne nor suggested answers nothing.
+        labels: of a scene, with the names of `objects.dictionary`.
+        objects: owners of the names; a name neither borne nor suggested answers nothing.
         counts: Gaussians of each label of the scene, 0 first.
         encoder: embeds queries, and labels if the scene's came from another encoder or other templates.
         before: a ranker with the same encoder, settings and lexicon whose meanings are reused.
@@ -108,7 +108,7 @@ class Ranker:
     def __init__(
         self,
         labels: SceneLabels,
-        things: ThingNames,
+        objects: ObjectNames,
         counts: Sequence[int],
         encoder: TextEncoder,
         settings: QuerySettings,
@@ -116,10 +116,10 @@ class Ranker:
         lexicon: Lexicon | None = None,
         caches: TextCaches | None = None,
     ) -> None:
-        self._things = things
+        self._objects = objects
         self._settings = settings
         self._made_of = labels, counts, encoder, lexicon
-        entries, table = labels.dictionary.entries, things.table
+        entries, table = labels.dictionary.entries, objects.table
         self._counts = [*counts, *[0] * (1 + len(entries) - len(counts))]
         self._labels = [entry.label for entry in entries]
         ids = range(1, len(entries) + 1)
@@ -141,11 +141,11 @@ class Ranker:
                 known = LabelMeanings(labels.dictionary, lexicon, caches)
             self._meanings = known
 
-    def suggesting(self, things: ThingNames) -> Ranker:
+    def suggesting(self, objects: ObjectNames) -> Ranker:
         """Returns a ranker of the same scene with more suggested names."""
         labels, counts, encoder, lexicon = self._made_of
-        labels = replace(labels, dictionary=things.dictionary)
-        return Ranker(labels, things, counts, encoder, self._settings, self, lexicon, self._caches)
+        labels = replace(labels, dictionary=objects.dictionary)
+        return Ranker(labels, objects, counts, encoder, self._settings, self, lexicon, self._caches)
 
     @property
     def calibrated(self) -> bool:
@@ -251,8 +251,8 @@ class Ranker:
             matches=self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
-            thing_ids=self._things.of_labels((order[judged.relevant[order]] + 1).tolist()),
-            searched=self._things.searched,
+            object_ids=self._objects.of_labels((order[judged.relevant[order]] + 1).tolist()),
+            searched=self._objects.searched,
             relation=relation,
             relation_subject=subject,
             method=method,
@@ -269,11 +269,11 @@ class Ranker:
         return Ranked(answer, verdict, judged.named, frozenset(ids.tolist()), remarks)
 
     def _is_other(self, text: str, row: int) -> bool:
-        """True if an entry is known to be another thing than the question names.
+        """True if an entry is known to be another object than the question names.
 
-        For encoders alone, which find things near that share a room; the lexicon's model weighs kinds itself."""
+        For encoders alone, which find objects near that share a room; the lexicon's model weighs kinds itself."""
         entry = self._made_of[0].dictionary.entries[row]
-        return are_other_things(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
+        return are_other_objects(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
 
     def _without_suggested(self, judged: Judgement) -> Judgement:
         """Drops suggested names if borne ones remain; else the answer is only possible.
@@ -369,7 +369,7 @@ class Ranker:
 
 
 def _stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> bool:
-    """True if an entry is the thing asked for, a synonym or a kind."""
+    """True if an entry is the object asked for, a synonym or a kind."""
     if row + 1 in (*match.exact, *match.heads):
         return True
     if comparison is not None:

@@ -15,8 +15,8 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.places import Place
-from fastsplat_contract.geometry.thing_prompts import Pixel
 
 F64 = NDArray[np.float64]
 
@@ -33,8 +33,8 @@ class Located:
 
     point: F64  # float64 [3]
     covariance: F64  # float64 [3, 3], scene units squared
-    thing_id: int = 0  # of the thing there; 0 for none
-    is_thing: bool = False  # whether the place is that whole thing, and `point` the middle of its box
+    object_id: int = 0  # of the object there; 0 for none
+    is_object: bool = False  # whether the place is that whole object, and `point` the middle of its box
 
     @property
     def plus_minus(self) -> float:
@@ -54,15 +54,15 @@ def locate(index: SceneIndex, place: Place) -> Located:
         point = np.array(place.point, dtype=np.float64)
         if not np.isfinite(point).all():
             raise InvalidInputError(f"a point at {tuple(place.point)}", field="point", hint="Send finite numbers.")
-        near = index.things.rows_at(place.point)
-        return Located(point, np.zeros((3, 3)), int(index.things.owner[near[0]]) if len(near) else 0)
+        near = index.objects.rows_at(place.point)
+        return Located(point, np.zeros((3, 3)), int(index.objects.owner[near[0]]) if len(near) else 0)
     assert place.pixel is not None
     return _at_pixel(index, index.viewpoint(place.camera, place.view), place.pixel)
 
 
 def check_place(place: Place, kinds: tuple[str, ...]) -> None:
     """Raises InvalidInputError unless a place has one of `kinds`, and a pixel one viewpoint."""
-    said = [name for name in ("pixel", "point", "thing_id") if getattr(place, name) is not None]
+    said = [name for name in ("pixel", "point", "object_id") if getattr(place, name) is not None]
     if len(said) != 1 or said[0] not in kinds:
         raise InvalidInputError(
             f"a place by {' and '.join(said) or 'nothing'}",
@@ -74,7 +74,7 @@ def check_place(place: Place, kinds: tuple[str, ...]) -> None:
         raise InvalidInputError(
             f"a {said[0]} with {cameras} viewpoints",
             field="view",
-            hint="A pixel needs one of camera and view; a point and a thing need none.",
+            hint="A pixel needs one of camera and view; a point and an object need none.",
         )
 
 
@@ -114,7 +114,7 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
     along = length * float(np.sqrt(spread**2 + _PICK_PX**2 * (slopes[0] ** 2 + slopes[1] ** 2)))
     across = _PICK_PX * depth / float(np.sqrt(camera.fx * camera.fy))
     covariance = along**2 * np.outer(ray, ray) + across**2 * (np.eye(3) - np.outer(ray, ray))
-    owners = np.bincount(index.things.owner[rows], weights=weights[:, 0])
+    owners = np.bincount(index.objects.owner[rows], weights=weights[:, 0])
     return Located(origin + depth * rays[0], covariance, int(owners.argmax()))
 
 

@@ -1,4 +1,4 @@
-"""Lengths in a scene: between two places, and of a thing."""
+"""Lengths in a scene: between two places, and of an object."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.measures.locating import Located, axes_of, check_place, locate
-from fastsplat.service.query.measures.thing_extents import ThingExtents, thing_extents
+from fastsplat.service.query.measures.object_extents import ObjectExtents, object_extents
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -22,41 +22,41 @@ F64 = NDArray[np.float64]
 
 
 def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
-    """Measures between two places, a thing's size, or a place.
+    """Measures between two places, an object's size, or a place.
 
     Raises:
-        NotFoundError: nothing is seen at a pixel; no such view or thing.
+        NotFoundError: nothing is seen at a pixel; no such view or object.
         InvalidInputError: another number of places, or an invalid one, see `locate`.
     """
     if len(places) not in (1, 2):
         raise InvalidInputError(
-            f"{len(places)} places", field="places", hint="Send one place to locate or one thing, or two places."
+            f"{len(places)} places", field="places", hint="Send one place to locate or one object, or two places."
         )
     located: list[Located] = []
-    extents: dict[int, ThingExtents] = {}
+    extents: dict[int, ObjectExtents] = {}
     for number, place in enumerate(places):
         try:
-            if place.thing_id is None:
+            if place.object_id is None:
                 located.append(locate(index, place))
                 continue
-            check_place(place, ("thing_id",))
-            index.things.check_all((place.thing_id,))
-            extents[place.thing_id] = extents_of(index, place.thing_id)
-            located.append(_middle(place.thing_id, extents[place.thing_id]))
+            check_place(place, ("object_id",))
+            index.objects.check_all((place.object_id,))
+            extents[place.object_id] = extents_of(index, place.object_id)
+            located.append(_middle(place.object_id, extents[place.object_id]))
         except (InvalidInputError, NotFoundError) as error:
             raise error.within(f"places[{number}]") from error
     distance = center_distance = box = None
     sides: tuple[Length, ...] = ()
     if len(located) == 2:
         distance = _length(index, *_nearest(index, located[0], located[1], extents))
-        if any(one.is_thing for one in located):
+        if any(one.is_object for one in located):
             center_distance = _length(index, *apart(*located))
-    elif located[0].is_thing:
-        measured = extents[located[0].thing_id]
+    elif located[0].is_object:
+        measured = extents[located[0].object_id]
         box = measured.box
         sides = tuple(_length(index, *side) for side in zip(box.size, measured.deviations, strict=True))
     return Measurement(
-        places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.thing_id) for one in located),
+        places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.object_id) for one in located),
         distance=distance,
         center_distance=center_distance,
         sides=sides,
@@ -66,48 +66,48 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
     )
 
 
-def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
-    """Measured extents of a thing; raises NotFoundError if it is too faint."""
-    extents = thing_extents(index, thing_id)
-    if extents is None or index.things.get(thing_id).box is None:
+def extents_of(index: SceneIndex, object_id: int) -> ObjectExtents:
+    """Measured extents of an object; raises NotFoundError if it is too faint."""
+    extents = object_extents(index, object_id)
+    if extents is None or index.objects.get(object_id).box is None:
         raise NotFoundError(
-            f"thing {thing_id} is too faint to be seen", field="thing_id", hint="Measure a thing that has a box."
+            f"object {object_id} is too faint to be seen", field="object_id", hint="Measure an object that has a box."
         )
     return extents
 
 
-def _middle(thing_id: int, extents: ThingExtents) -> Located:
-    """The middle of a thing's box, with half of each side's deviation."""
+def _middle(object_id: int, extents: ObjectExtents) -> Located:
+    """The middle of an object's box, with half of each side's deviation."""
     pose = rigid(extents.box.center.orientation, extents.box.center.position)
     axes, halves = pose[:3, :3], np.array(extents.deviations) / 2
-    return Located(pose[:3, 3], axes @ np.diag(halves**2) @ axes.T, thing_id, is_thing=True)
+    return Located(pose[:3, 3], axes @ np.diag(halves**2) @ axes.T, object_id, is_object=True)
 
 
 def _nearest(
-    index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ThingExtents]
+    index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ObjectExtents]
 ) -> tuple[float, float]:
-    """Distance and deviation between places; of things from their nearest Gaussian."""
-    if not one.is_thing and not other.is_thing:
+    """Distance and deviation between places; of objects from their nearest Gaussian."""
+    if not one.is_object and not other.is_object:
         return apart(one, other)
-    if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
+    if one.is_object and one.object_id == other.object_id and other.is_object:
         return 0.0, 0.0
     means = index.scene.gaussians.means.astype(np.float64)
-    sets = [extents[place.thing_id].rows if place.is_thing else None for place in (one, other)]
+    sets = [extents[place.object_id].rows if place.is_object else None for place in (one, other)]
     points = [one.point[None] if sets[0] is None else means[sets[0]]]
     points.append(other.point[None] if sets[1] is None else means[sets[1]])
     distances, near = cKDTree(points[1]).query(points[0])
     first = int(np.argmin(distances))
     ends = [
-        place if rows is None else _surface(index, int(rows[at]), place.thing_id)
+        place if rows is None else _surface(index, int(rows[at]), place.object_id)
         for place, rows, at in zip((one, other), sets, (first, int(near[first])), strict=True)
     ]
     return apart(ends[0], ends[1])
 
 
-def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
+def _surface(index: SceneIndex, row: int, object_id: int) -> Located:
     axes, deviations = axes_of(index, np.array([row]))
     covariance = axes[0] @ np.diag(deviations[0] ** 2) @ axes[0].T
-    return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, thing_id)
+    return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, object_id)
 
 
 def apart(one: Located, other: Located) -> tuple[float, float]:

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.sentences.enclosures import may_hold
+from fastsplat.service.query.objects.solid_gaussians import solid_rows
+from fastsplat.service.query.objects.unseen_space import hiding_points
+from fastsplat.service.query.objects.visibility import SightLines
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.solid_gaussians import solid_rows
-from fastsplat.service.query.things.unseen_space import hiding_points
-from fastsplat.service.query.things.visibility import SightLines
 from fastsplat.service.scene.artefact.assessment import common_point
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -52,11 +52,11 @@ _NEARER = (1.0, 0.7, 0.45)
 def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
     """Suggests at most three viewpoints, most useful first; none without cameras.
 
-    First come hidden places where things may be that a question answers with `not_seen`: the camera goes around the
-    occluder until they are in sight; closed things are to be opened. Then gaps of 60° or more between cameras, seen
+    First come hidden places where objects may be that a question answers with `not_seen`: the camera goes around the
+    occluder until they are in sight; closed objects are to be opened. Then gaps of 60° or more between cameras, seen
     from their common point about the vertical: viewpoints lie a step of 25° beside the edges, to overlap the next
     photo. Last, surfaces seen by at most two cameras or from within 15° only, ignoring occlusion. Viewpoints inside
-    walls or things are dropped."""
+    walls or objects are dropped."""
     cameras = index.scene.cameras
     if not cameras:
         return ()
@@ -90,14 +90,14 @@ Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason, str]
 
 
 def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
-    """Viewpoints for hidden space, and at the nearest photo of the largest closed thing."""
-    unseen, up, cameras = index.things.unseen, _up(index.scene), index.scene.cameras
-    called, taken_for = index.things.names.called, index.things.names.taken_for
+    """Viewpoints for hidden space, and at the nearest photo of the largest closed object."""
+    unseen, up, cameras = index.objects.unseen, _up(index.scene), index.scene.cameras
+    called, taken_for = index.objects.names.called, index.objects.names.taken_for
     if unseen.hides and unseen.middle is not None:
         target = np.array(unseen.middle)
         near = min(cameras, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
         behind = next((called[each] for each in unseen.behind if called.get(each)), "")
-        opaque, _ = hiding_points(index.scene, solid, index.things.owner[solid])
+        opaque, _ = hiding_points(index.scene, solid, index.objects.owner[solid])
         around = target + _AROUND * float(np.ptp(opaque, axis=0).max())
         for turn, nearer in product(_TURNS_DEG, _NEARER):
             turned = Rotation.from_rotvec(np.radians(turn) * up).apply(near.world_from_camera[:3, 3] - target) * nearer
@@ -111,13 +111,13 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
     for hollow in may_hold(unseen, "", taken_for)[:1]:
         near = next((posed for posed in cameras if posed.name == hollow.view), cameras[0])
         target = np.array(hollow.middle)
-        thing = called.get(hollow.thing_id, "") or "thing that has no name there"
+        obj = called.get(hollow.object_id, "") or "object that has no name there"
         yield (
             look_at(near.world_from_camera[:3, 3], target, up),
             target,
             near,
             "hidden",
-            f"look into the {thing}, open",
+            f"look into the {obj}, open",
         )
 
 
@@ -210,8 +210,8 @@ def _up(scene: Scene) -> F64:
 def _name_at(index: SceneIndex, solid: Rows, points: F64, target: F64) -> str:
     """Most frequent name among the Gaussians around a point; "" for none."""
     near = solid[np.argsort(np.linalg.norm(points - target, axis=1))[:200]]
-    names = {thing.id: thing.name for thing in index.things.table.table if thing.name}
-    counts = Counter(names[owner] for owner in index.things.owner[near].tolist() if owner in names)
+    names = {obj.id: obj.name for obj in index.objects.table.table if obj.name}
+    counts = Counter(names[owner] for owner in index.objects.owner[near].tolist() if owner in names)
     return counts.most_common(1)[0][0] if counts else ""
 
 

@@ -8,20 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.meaning.common_things import is_toy
+from fastsplat.service.query.language.meaning.common_objects import is_toy
 from fastsplat.service.query.language.sentences.sentences import doubt_of, quoted
 from fastsplat.service.query.language.words.judgement import Ranked, Remarks, Verdict
 from fastsplat.service.query.language.words.name_matching import NameIndex
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, split_modifiers
+from fastsplat.service.query.objects.absence import RATHER
+from fastsplat.service.query.objects.names.object_names import ObjectNames
+from fastsplat.service.query.objects.object_measures import ObjectMeasures
+from fastsplat.service.query.phrases.object_looks import ObjectLooks
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
 from fastsplat.service.query.phrases.phrases import Named, ParsedQuestion, Phrase, Says
 from fastsplat.service.query.phrases.relations import F64, asker_at
-from fastsplat.service.query.phrases.thing_looks import ThingLooks
 from fastsplat.service.query.phrases.written_words import WrittenWords
-from fastsplat.service.query.things.absence import RATHER
-from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat.service.query.things.thing_measures import ThingMeasures
-from fastsplat.service.scene.artefact.scene import SurfaceKind, Thing
+from fastsplat.service.scene.artefact.scene import Object, SurfaceKind
 from fastsplat_contract.messages.phrases import PhraseAnswer, Refusal
 from fastsplat_contract.messages.queries import Answer, Match, RelationSubject
 from fastsplat_contract.messages.queries import Relation as Related
@@ -34,7 +34,7 @@ _WORDS: Mapping[SurfaceKind, str] = {
 }
 _KINDS: Mapping[str, SurfaceKind] = {word: kind for kind, words in _WORDS.items() for word in words.split(", ")}
 _SIDES: tuple[SurfaceKind, ...] = ("floor", "wall", "ceiling")
-"""Boundaries of a room, which are no things in it."""
+"""Boundaries of a room, which are no objects in it."""
 _LARGE = 0.5
 """Size share of the largest surface below which one is a detail."""
 
@@ -44,22 +44,22 @@ def surface_kind(noun: str) -> SurfaceKind:
     return _KINDS.get(label_key(noun), "")
 
 
-def unnamed_surfaces(kind: SurfaceKind, things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
+def unnamed_surfaces(kind: SurfaceKind, objects: Sequence[Object], measures: ObjectMeasures) -> tuple[int, ...]:
     """Ids of a kind's nameless surfaces, without small ones; only the largest horizontal one."""
     sizes = {}
-    for thing in things:
-        shape = measures.shape(thing.id) if thing.surface == kind and not thing.name else None
+    for obj in objects:
+        shape = measures.shape(obj.id) if obj.surface == kind and not obj.name else None
         if shape is not None:
-            sizes[thing.id] = float(np.linalg.norm(shape.size))
+            sizes[obj.id] = float(np.linalg.norm(shape.size))
     most = max(sizes.values(), default=0.0)
     least = most if kind == "horizontal surface" else _LARGE * most
-    return tuple(thing_id for thing_id, size in sizes.items() if size >= least)
+    return tuple(object_id for object_id, size in sizes.items() if size >= least)
 
 
-def things_in_room(things: Sequence[Thing], measures: ThingMeasures) -> tuple[int, ...]:
-    """Ids of all things but nameless floors, walls and ceilings."""
-    sides = {thing_id for kind in _SIDES for thing_id in unnamed_surfaces(kind, things, measures)}
-    return tuple(thing.id for thing in things if thing.id not in sides)
+def objects_in_room(objects: Sequence[Object], measures: ObjectMeasures) -> tuple[int, ...]:
+    """Ids of all objects but nameless floors, walls and ceilings."""
+    sides = {object_id for kind in _SIDES for object_id in unnamed_surfaces(kind, objects, measures)}
+    return tuple(obj.id for obj in objects if obj.id not in sides)
 
 
 _NOT_MEANT = ("referent_absent", "not_read")
@@ -73,68 +73,69 @@ Rank = Callable[[Sequence[str]], Sequence[Ranked]]
 class AskedScene:
     """A scene as phrases use it."""
 
-    things: ThingNames  # by their names
+    objects: ObjectNames  # by their names
     names: NameIndex  # of the dictionary
     rank: Rank  # answers noun groups
-    open_measures: Callable[[], ThingMeasures]  # loads measures; called only if something must be measured
+    open_measures: Callable[[], ObjectMeasures]  # loads measures; called only if something must be measured
     unit: str  # of lengths: "m" or "unit"
-    written: WrittenWords  # what is written on the things
-    looks: ThingLooks  # what they look like
+    written: WrittenWords  # what is written on the objects
+    looks: ObjectLooks  # what they look like
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
     """Falls back to nameless surfaces for "wall", "floor" or "table".
 
-    They precede merely related things ("plate" for "wall")."""
+    They precede merely related objects ("plate" for "wall")."""
     answer = plain.answer
     kind = surface_kind(noun_phrase(answer.text)) if _is_unnamed(plain) else ""
-    ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
+    ids = unnamed_surfaces(kind, scene.objects.present, scene.open_measures()) if kind else ()
     if not ids:
         return plain
     sure = kind != "horizontal surface"
-    about = replace(_about(answer, scene.things, ids), relation="same" if sure else "related")
+    about = replace(_about(answer, scene.objects, ids), relation="same" if sure else "related")
     return Ranked(about, "exact" if sure else "possible", remarks=Remarks(by_shape=True))
 
 
 def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
-    """Falls back to things with these words written on them.
+    """Falls back to objects with these words written on them.
 
-    They precede things merely related to several words ("glass" for "oat milk"). Such things may be it, or be about it.
+    They precede objects merely related to several words ("glass" for "oat milk"). Such objects may be it, or be about
+    it.
     """
     words = noun_phrase(plain.answer.text)
     nowhere = plain.verdict in _NOTHING or (_is_unnamed(plain) and " " in words)
     if not nowhere or not scene.written.bearing(words):
         return plain
     says = Says(words, False, f"where it says {quoted(words)}")
-    question = ParsedQuestion("things", (Phrase("", "", conditions=(says,)),), "")
+    question = ParsedQuestion("objects", (Phrase("", "", conditions=(says,)),), "")
     found = answer_phrase(question, plain, scene, None)
     may_be = replace(found.answer, relation="related", probability=None)
     return found if found.verdict == "undecided" else replace(found, answer=may_be, verdict="possible")
 
 
 def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: AskedScene) -> Ranked:
-    """Falls back to things that look like the text.
+    """Falls back to objects that look like the text.
 
-    Meanings of names and looks are combined in one likelihood per thing, with a uniform prior for nameless things.
+    Meanings of names and looks are combined in one likelihood per object, with a uniform prior for nameless objects.
     Looks decide no places, possessions, writing, orders or counts."""
-    answer, things = plain.answer, scene.things
+    answer, objects = plain.answer, scene.objects
     if not scene.looks or not _is_unnamed(plain) or not _is_of_looks(question, plain):
         return plain
     by_label = {match.label_id: match.probability for match in answer.matches}
-    unknown = 1.0 / (1 + len(things.present))
-    meant = {thing.id: by_label.get(things.dictionary.id_of(thing.name) or 0) for thing in things.present}
+    unknown = 1.0 / (1 + len(objects.present))
+    meant = {obj.id: by_label.get(objects.dictionary.id_of(obj.name) or 0) for obj in objects.present}
     before = {each: unknown if likely is None else likely for each, likely in meant.items()}
     likely = scene.looks.likely(noun_phrase(answer.text), before)
     ids = tuple(sorted((each for each in likely if likely[each] >= RATHER), key=lambda each: -likely[each]))
     related = answer.probability or 0.0 if plain.verdict in _CLOSE else 0.0
     if not ids or likely[ids[0]] <= related:
         return plain
-    about = replace(_about(answer, things, ids), relation="related", phrase=None, probability=likely[ids[0]])
+    about = replace(_about(answer, objects, ids), relation="related", phrase=None, probability=likely[ids[0]])
     return Ranked(about, "possible", remarks=Remarks(by_looks=True))
 
 
 def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
-    """True if a text without a match only names and describes a thing."""
+    """True if a text without a match only names and describes an object."""
     phrase = plain.answer.phrase
     if question is None or phrase is None:
         return True
@@ -153,21 +154,21 @@ def _is_unnamed(plain: Ranked) -> bool:
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
     """Answers a parsed question."""
     text = plain.answer.text
-    things = scene.things
+    objects = scene.objects
     spoken = {name for reading in question.readings for name in _names_in(reading)}
     groups = sorted(spoken - {""})
     ranked = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
     named = {name: _named(name, each, scene) for name, each in ranked.items()}
     if "" in spoken:
-        ids = things_in_room(things.present, scene.open_measures())
+        ids = objects_in_room(objects.present, scene.open_measures())
         if question.of_writing:
-            ids = tuple(thing.id for thing in things.present)  # a wall is no thing in a room, but words may be on it
+            ids = tuple(obj.id for obj in objects.present)  # a wall is no object in a room, but words may be on it
         named[""] = Named(ids, by_name=True)
     asker = None
     if world_from_camera is not None:
         measures = scene.open_measures()
         asker = asker_at(world_from_camera, measures.axes, measures.up is not None)
-    by_id = {thing.id: thing for thing in (*things.present, *things.parts)}
+    by_id = {obj.id: obj for obj in (*objects.present, *objects.parts)}
     solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit, scene.written)
     solved = _agreed([solver.solve(reading) for reading in question.readings], question)
     reading = question.readings[0]
@@ -176,27 +177,27 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     nowhere = bool(reading.head) and head.verdict == "absent" and refusal == Refusal("not_named", reading.head)
     if nowhere:
         refusal = None  # where nothing is that, nothing is that anywhere
-    unnamed = plain.answer.searched.unnamed_things
+    unnamed = plain.answer.searched.unnamed_objects
     counted = refusal is None and not (nowhere and unnamed)  # one without a name may be it
     phrase = PhraseAnswer(
         asks=question.asks,
         head=reading.head,
         conditions=reading.said,
         not_understood=question.not_understood,
-        thing_ids=solved.things,
+        object_ids=solved.objects,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
-        count=len(things.counted_once(solved.things)) if question.asks == "count" and counted else None,
+        count=len(objects.counted_once(solved.objects)) if question.asks == "count" and counted else None,
         refusal=refusal,
     )
     if refusal is not None:
         if _is_of_the_meaning(refusal, question, plain, solved.named):
             return plain
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
-        return Ranked(replace(_about(plain.answer, things, may_be), phrase=phrase), "undecided")
+        return Ranked(replace(_about(plain.answer, objects, may_be), phrase=phrase), "undecided")
     if nowhere:
         ordered = tuple(match._replace(relevant=False) for match in head.answer.matches)
-        answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, thing_ids=())
+        answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, object_ids=())
         return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     read = [
@@ -206,7 +207,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     ]
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
     doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
-    return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
+    return _decided(replace(head.answer, text=text, phrase=phrase), objects, likely, doubt)
 
 
 def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
@@ -215,11 +216,11 @@ def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
         return plain
     asked = noun_phrase(plain.answer.text)
     _, head = split_modifiers(asked)
-    toys = [hyponym for hyponym in scene.names.match(asked).hyponyms if hyponym in scene.things.table]
-    toys = [toy for toy in toys if is_toy(scene.things.table[toy].label)]
+    toys = [hyponym for hyponym in scene.names.match(asked).hyponyms if hyponym in scene.objects.table]
+    toys = [toy for toy in toys if is_toy(scene.objects.table[toy].label)]
     if not toys and head == label_key(asked):  # it was ranked already
         return plain
-    (found,) = scene.rank((scene.things.table[toys[0]].label if toys else head,))
+    (found,) = scene.rank((scene.objects.table[toys[0]].label if toys else head,))
     if not found.standing:
         return plain
     unchecked = label_key(asked).removesuffix(head).strip()
@@ -232,7 +233,7 @@ def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
 def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
     """Reason why nothing is decided; None if something is.
 
-    A count requires that each thing is decided and bears the name."""
+    A count requires that each object is decided and bears the name."""
     if question.not_understood:
         return Refusal("not_understood", question.not_understood)
     if solved.refusal is not None:
@@ -240,7 +241,7 @@ def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
     counts, named = question.asks == "count", solved.named
     if counts and solved.undecided:
         return next(iter(solved.undecided.values()))
-    if (counts and named.suggested) or not (solved.things or named.by_name):
+    if (counts and named.suggested) or not (solved.objects or named.by_name):
         return Refusal("not_named", question.readings[0].head)
     return None
 
@@ -253,8 +254,8 @@ def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked
 
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
-    """Ids of the things shown, and of those they were compared with."""
-    return {*phrase.thing_ids, *(other for witness in phrase.witnesses for other in witness.others)}
+    """Ids of the objects shown, and of those they were compared with."""
+    return {*phrase.object_ids, *(other for witness in phrase.witnesses for other in witness.others)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
@@ -264,47 +265,47 @@ def _names_in(phrase: Phrase) -> set[str]:
 
 
 def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
-    """Things that a noun group names, by name or kind, else fitting nameless surfaces."""
+    """Objects that a noun group names, by name or kind, else fitting nameless surfaces."""
     answer, match = ranked.answer, scene.names.match(name)
     below = answer.relation_subject == "question" and answer.relation == "kind_of"
     labels = [
         label_id for label_id in answer.relevant_ids if label_id in ranked.standing or (below and not ranked.standing)
     ]
-    ids = scene.things.of_labels(labels)
+    ids = scene.objects.of_labels(labels)
     kind = "" if ids else surface_kind(name)
     if kind:
-        surfaces = unnamed_surfaces(kind, scene.things.present, scene.open_measures())
+        surfaces = unnamed_surfaces(kind, scene.objects.present, scene.open_measures())
         doubt = f"what is {quoted(name)} is told by shape and place" if kind == "horizontal surface" else ""
         return Named(surfaces, by_name=bool(surfaces), likely=1.0, doubt=doubt)
     return Named(
         ids,
         by_name=ranked.named and ranked.verdict != "undecided",
-        suggested=bool(ids) and not any(map(scene.things.is_borne, labels)),
+        suggested=bool(ids) and not any(map(scene.objects.is_borne, labels)),
         whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
         likely=answer.probability if ids and answer.probability is not None else 1.0,
-        doubt=doubt_of(answer, scene.things) if ranked.verdict == "possible" and ids else "",
+        doubt=doubt_of(answer, scene.objects) if ranked.verdict == "possible" and ids else "",
     )
 
 
 def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     """The common result of all readings, else "ambiguous".
 
-    Readings about absent things, and empty ones if another has results, are discarded."""
+    Readings about absent objects, and empty ones if another has results, are discarded."""
     first = readings[0]
     sensible = [reading for reading in readings if reading.refusal is None or reading.refusal.reason not in _NOT_MEANT]
-    some = [each for each in sensible if each.things or each.refusal is not None or question.asks == "count"]
+    some = [each for each in sensible if each.objects or each.refusal is not None or question.asks == "count"]
     meant = some or sensible or [first]
-    outcomes = {(each.things, frozenset(each.undecided), each.refusal) for each in meant}
+    outcomes = {(each.objects, frozenset(each.undecided), each.refusal) for each in meant}
     if len(outcomes) == 1:
         return meant[0]
     part = " ".join(question.readings[0].said)
-    return replace(first, things=(), undecided={}, refusal=Refusal("ambiguous", part))
+    return replace(first, objects=(), undecided={}, refusal=Refusal("ambiguous", part))
 
 
-def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
-    """Undecided answer about some things: their names first, without the ranking's probabilities."""
+def _about(answer: Answer, objects: ObjectNames, ids: tuple[int, ...]) -> Answer:
+    """Undecided answer about some objects: their names first, without the ranking's probabilities."""
     order = {
-        things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
+        objects.dictionary.id_of(name): -at for at, name in enumerate(objects.called[each] for each in reversed(ids))
     }
 
     def place(match: Match) -> tuple[int, float]:
@@ -315,7 +316,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     return replace(
         answer,
         matches=() if nameless else tuple(sorted(matches, key=place)),  # the first one is the answer's name
-        thing_ids=ids,
+        object_ids=ids,
         relation="undecided",
         relation_subject=None,
         probability=None,
@@ -325,12 +326,12 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     )
 
 
-def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
-    """Final answer for the decided things."""
+def _decided(answer: Answer, objects: ObjectNames, likely: float, doubt: str) -> Ranked:
+    """Final answer for the decided objects."""
     assert answer.phrase is not None
-    ids = answer.phrase.thing_ids
+    ids = answer.phrase.object_ids
     decided = replace(
-        _about(answer, things, ids),
+        _about(answer, objects, ids),
         relation="same" if ids else "absent",
         probability=likely if ids and likely < 1.0 else None,
     )

@@ -1,6 +1,6 @@
 """Parser of questions: head, colors, sizes, relations, order and number (English closed-class words).
 
-A noun group ends at the first preposition; what follows modifies the head or a thing named before it, and both are
+A noun group ends at the first preposition; what follows modifies the head or an object named before it, and both are
 readings. Purposes ("something to drink from") are not parsed: they are questions of meaning for the text encoder."""
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Literal
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.words.name_matching import NameIndex
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase, without_address
+from fastsplat.service.query.objects.color_names import NAMES, SHADES
 from fastsplat.service.query.phrases.phrases import (
     ColorWord,
     Condition,
@@ -28,7 +29,6 @@ from fastsplat.service.query.phrases.phrases import (
     SizeWord,
 )
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
-from fastsplat.service.query.things.color_names import NAMES, SHADES
 from fastsplat_contract.messages.phrases import Asks
 
 MAX_WORDS = 64
@@ -174,7 +174,7 @@ def parse_question(
     A color in a name ("red wine", "orange juice") belongs to it. The cost is linear in the words (at most 64), with at
     most fourteen readings of four conditions."""
     text = without_address(text)
-    asks: Asks = "count" if _COUNTING.match(text) else "things"
+    asks: Asks = "count" if _COUNTING.match(text) else "objects"
     asked = asked_of_writing(_COUNTING.sub("", text))
     words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", asked) if asks == "count" else asked)).split()
     if not words or len(words) > MAX_WORDS:
@@ -192,7 +192,7 @@ def parse_question(
     head, items, leftover = _items(group, parts[1:], is_name)
     leftover += [] if rest is None else [rest.text]
     readings = tuple(_readings(head, items))
-    if asks == "things" and all(reading.is_plain for reading in readings):
+    if asks == "objects" and all(reading.is_plain for reading in readings):
         denied = len(parts) > 1 and all(part.marker is not None and part.marker.kind == "not" for part in parts[1:])
         if described or denied or not leftover:  # "mug, not the glass" is for the names of the dictionary
             return None
@@ -209,7 +209,7 @@ def parsed_questions(
     parsed = []
     for text in texts:
         question = None if names.has(text) else parse_question(text, is_name, written)
-        if question is not None and question.asks == "things":
+        if question is not None and question.asks == "objects":
             match = names.match(text)
             question = None if match.exact and not match.unchecked else question
         parsed.append(question)
@@ -356,7 +356,7 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
     """Parses determiners, modifiers in any order, and the final head.
 
     A leading color may belong to a name (`is_name`). `asking`: adjectives may stand alone ("what is red?");
-    `described`: a description follows, so that "thing" belongs to it and is no wildcard."""
+    `described`: a description follows, so that "object" belongs to it and is no wildcard."""
     left = [word.rstrip(",") if number == len(words) - 1 else word for number, word in enumerate(words)]
     definite = False
     while left and (key := left[0].casefold()) in _DETERMINERS:

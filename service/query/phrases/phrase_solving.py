@@ -1,4 +1,4 @@
-"""Resolves parsed questions to things by measurements, keeping undecided ones."""
+"""Resolves parsed questions to objects by measurements, keeping undecided ones."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
+from fastsplat.service.query.objects.color_names import UNMEASURED, basic_name, color_clearness
+from fastsplat.service.query.objects.object_measures import ObjectMeasures, ObjectShape
 from fastsplat.service.query.phrases.phrases import (
     SEEN_FROM,
     ColorWord,
@@ -37,18 +39,16 @@ from fastsplat.service.query.phrases.relations import (
 )
 from fastsplat.service.query.phrases.stacks import PairBudget, Stacks
 from fastsplat.service.query.phrases.written_words import WrittenWords
-from fastsplat.service.query.things.color_names import UNMEASURED, basic_name, color_clearness
-from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
-from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat.service.scene.artefact.scene import Object
 from fastsplat_contract.messages.phrases import Refusal, RefusalReason, Witness
 
 _MAX_PAIRS = 64
 _MAX_WITNESSES = 200
 READ = "read"
-"""Witness measure: probability that words are written on a thing."""
+"""Witness measure: probability that words are written on an object."""
 
 _Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
-"""Judges a condition of a thing, and names the things it was measured to."""
+"""Judges a condition of an object, and names the objects it was measured to."""
 
 _RATIO = float(np.log(1.1))
 """Least log ratio at which sizes or distances differ."""
@@ -56,11 +56,11 @@ _LARGE, _NOT_LARGE = float(np.log(1.3)), float(np.log(1.1))
 _CLOSEST = 0.5
 """Clearness by which the closest color must lead."""
 _APART = 0.5
-"""Share of two things' half widths below which they overlap in the picture."""
+"""Share of two objects' half widths below which they overlap in the picture."""
 
 _NEED_LEVEL: frozenset[str] = frozenset({"height", "width", "elevation"})
 
-_SIZES: Mapping[str, Callable[[ThingShape], tuple[float, ...]]] = {
+_SIZES: Mapping[str, Callable[[ObjectShape], tuple[float, ...]]] = {
     "size": lambda shape: (float(np.linalg.norm(shape.size)), float(np.prod(shape.size)) ** (1 / 3)),
     "height": lambda shape: (shape.high - shape.low,),
     "length": lambda shape: (max(shape.size),),
@@ -75,12 +75,12 @@ The two are the diagonal and the cube root of the volume; their average must be 
 class Solved:
     """Result of one reading of a question."""
 
-    things: tuple[int, ...]  # ids of those that fulfil everything; in their order, if it asks for one
+    objects: tuple[int, ...]  # ids of those that fulfil everything; in their order, if it asks for one
     undecided: Mapping[int, Refusal]  # by id, what could not be decided of it
     witnesses: tuple[Witness, ...]  # by which measurements
     refusal: Refusal | None  # why nothing at all could be decided; None otherwise
     named: Named  # what the head names
-    doubt: str = ""  # what is not sure of the things; "" for nothing
+    doubt: str = ""  # what is not sure of the objects; "" for nothing
 
 
 class _UndecidableError(Exception):
@@ -97,25 +97,25 @@ class _State:
     why: dict[int, Refusal] = field(default_factory=dict)
 
     def left(self) -> list[int]:
-        return [thing_id for thing_id, clear in self.clear.items() if clear > -1]
+        return [object_id for object_id, clear in self.clear.items() if clear > -1]
 
-    def take(self, thing_id: int, judged: Judged, part: str) -> None:
+    def take(self, object_id: int, judged: Judged, part: str) -> None:
         """Applies a condition."""
-        if -1 < judged.clearness < 1 and thing_id not in self.why:
-            self.why[thing_id] = Refusal(judged.reason, part)
-        self.clear[thing_id] = min(self.clear[thing_id], judged.clearness)
+        if -1 < judged.clearness < 1 and object_id not in self.why:
+            self.why[object_id] = Refusal(judged.reason, part)
+        self.clear[object_id] = min(self.clear[object_id], judged.clearness)
 
 
 @dataclass
 class PhraseSolver:
-    """Solver for the things of one scene, one question and one asker."""
+    """Solver for the objects of one scene, one question and one asker."""
 
-    open_measures: Callable[[], ThingMeasures]  # loads measures; called only if something must be measured
-    things: Mapping[int, Thing]  # of the scene that are there, by id; parts, too
+    open_measures: Callable[[], ObjectMeasures]  # loads measures; called only if something must be measured
+    objects: Mapping[int, Object]  # of the scene that are there, by id; parts, too
     names: Mapping[str, Named]  # what noun groups name, by group and by head; "" is anything
     asker: Asker | None  # where the asker stands; None if that was not said
     unit: str  # of lengths: "m" or "unit"
-    written: WrittenWords  # what is written on the things
+    written: WrittenWords  # what is written on the objects
     _witnesses: list[Witness] = field(default_factory=list)
     _doubt: str = ""
 
@@ -124,28 +124,28 @@ class PhraseSolver:
         self._pairs: dict[tuple[str, int, int], Judged] = {}
 
     @cached_property
-    def measures(self) -> ThingMeasures:
+    def measures(self) -> ObjectMeasures:
         return self.open_measures()
 
     @cached_property
     def _stacks(self) -> Stacks:
-        return Stacks(self.measures, self.things, self._budget)
+        return Stacks(self.measures, self.objects, self._budget)
 
     def solve(self, phrase: Phrase) -> Solved:
         """Solves one reading."""
         self._witnesses, self._doubt = [], ""
         named = self._named(phrase)
         try:
-            things, undecided = self._resolve(phrase, named)
+            objects, undecided = self._resolve(phrase, named)
         except _UndecidableError as error:
             return Solved((), {}, self._kept(()), error.refusal, named)
-        refusal = next(iter(undecided.values())) if undecided and not things else None
-        return Solved(things, undecided, self._kept((*things, *undecided)), refusal, named, self._doubt)
+        refusal = next(iter(undecided.values())) if undecided and not objects else None
+        return Solved(objects, undecided, self._kept((*objects, *undecided)), refusal, named, self._doubt)
 
-    def _kept(self, thing_ids: Iterable[int]) -> tuple[Witness, ...]:
-        """Keeps a limited number of witnesses, those of these things first."""
-        first = set(thing_ids)
-        ordered = sorted(self._witnesses, key=lambda witness: witness.thing_id not in first)
+    def _kept(self, object_ids: Iterable[int]) -> tuple[Witness, ...]:
+        """Keeps a limited number of witnesses, those of these objects first."""
+        first = set(object_ids)
+        ordered = sorted(self._witnesses, key=lambda witness: witness.object_id not in first)
         return tuple(ordered[:_MAX_WITNESSES])
 
     def _named(self, phrase: Phrase) -> Named:
@@ -157,7 +157,7 @@ class PhraseSolver:
 
     def _resolve(self, phrase: Phrase, named: Named | None = None) -> tuple[tuple[int, ...], dict[int, Refusal]]:
         named = named or self._named(phrase)
-        shapes = {thing_id: shape for thing_id in named.ids if (shape := self.measures.shape(thing_id)) is not None}
+        shapes = {object_id: shape for object_id in named.ids if (shape := self.measures.shape(object_id)) is not None}
         if not shapes:
             raise _UndecidableError("not_named", phrase.head)
         state = _State(dict.fromkeys(shapes, 10.0))
@@ -179,22 +179,22 @@ class PhraseSolver:
                 self._relation(state, condition)
         if phrase.rank is not None:
             return self._ranked(phrase.rank, state, shapes)
-        decided = tuple(thing_id for thing_id in state.left() if state.clear[thing_id] >= 1)
-        return decided, {thing_id: state.why[thing_id] for thing_id in state.left() if thing_id not in decided}
+        decided = tuple(object_id for object_id in state.left() if state.clear[object_id] >= 1)
+        return decided, {object_id: state.why[object_id] for object_id in state.left() if object_id not in decided}
 
     def _each(self, state: _State, part: str, judge: _Judge) -> None:
-        for thing_id in state.left():
-            judged, others = judge(thing_id)
-            state.take(thing_id, judged, part)
-            self._witness(part, thing_id, others, judged.measured)
+        for object_id in state.left():
+            judged, others = judge(object_id)
+            state.take(object_id, judged, part)
+            self._witness(part, object_id, others, judged.measured)
 
-    def _witness(self, part: str, thing_id: int, others: tuple[int, ...], measured: Sequence[Measured]) -> None:
+    def _witness(self, part: str, object_id: int, others: tuple[int, ...], measured: Sequence[Measured]) -> None:
         for each in measured:
             unit = self.unit if each.unit == "length" else each.unit
-            self._witnesses.append(Witness(part, thing_id, others, each.measure, each.value, unit, each.clearness))
+            self._witnesses.append(Witness(part, object_id, others, each.measure, each.value, unit, each.clearness))
 
-    def _colored(self, word: ColorWord, thing_id: int) -> tuple[Judged, tuple[int, ...]]:
-        color = self.measures.color(thing_id)
+    def _colored(self, word: ColorWord, object_id: int) -> tuple[Judged, tuple[int, ...]]:
+        color = self.measures.color(object_id)
         if color is None or word.name in UNMEASURED:
             return Judged(0.0, (), "not_measured"), ()
         share = color.shares[basic_name(word.name)]
@@ -210,10 +210,12 @@ class PhraseSolver:
             state.clear |= dict.fromkeys(left, -1.0) | dict.fromkeys(near, 1.0)
             self._doubt = f"nothing here is clearly {phrase.colors[0].text}, and that comes closest"
 
-    def _sized(self, word: SizeWord, shapes: Mapping[int, ThingShape], thing_id: int) -> tuple[Judged, tuple[int, ...]]:
+    def _sized(
+        self, word: SizeWord, shapes: Mapping[int, ObjectShape], object_id: int
+    ) -> tuple[Judged, tuple[int, ...]]:
         self._check_vertical(word.by, word.word)
-        others = tuple(other for other in shapes if other != thing_id)
-        judged = _is_large(word.by, word.more, shapes[thing_id], [shapes[other] for other in others])
+        others = tuple(other for other in shapes if other != object_id)
+        judged = _is_large(word.by, word.more, shapes[object_id], [shapes[other] for other in others])
         return judged, others
 
     def _relation(self, state: _State, relation: Relation) -> None:
@@ -223,33 +225,33 @@ class PhraseSolver:
         if relation.is_of_pose and self.asker is None:
             raise _UndecidableError("pose_needed", part)
         if not relation.anchors:
-            self._each(state, part, lambda thing_id: (self._by_asker(thing_id, relation), ()))
+            self._each(state, part, lambda object_id: (self._by_asker(object_id, relation), ()))
             return
         anchors = [self._anchors(anchor) for anchor in relation.anchors]
         if kind == "between":
-            self._each(state, part, lambda thing_id: self._between(thing_id, relation, anchors))
+            self._each(state, part, lambda object_id: self._between(object_id, relation, anchors))
             return
         ids, one = anchors[0], relation.anchors[0].definite
-        self._each(state, part, lambda thing_id: self._related(thing_id, relation, ids, one))
+        self._each(state, part, lambda object_id: self._related(object_id, relation, ids, one))
 
     def _anchors(self, phrase: Phrase) -> tuple[int, ...]:
-        """Resolves the things that a relation refers to, or raises _UndecidableError."""
+        """Resolves the objects that a relation refers to, or raises _UndecidableError."""
         try:
-            things, undecided = self._resolve(phrase)
+            objects, undecided = self._resolve(phrase)
         except _UndecidableError as error:
             if error.refusal.reason != "not_named":
                 raise
             raise _UndecidableError("referent_absent", error.refusal.part or phrase.group) from None
-        if not things:
+        if not objects:
             refusal = next(iter(undecided.values()), Refusal("referent_absent", phrase.group or phrase.head))
             raise _UndecidableError(*refusal)
-        return things
+        return objects
 
     def _related(
-        self, thing_id: int, relation: Relation, anchors: Sequence[int], only_one: bool
+        self, object_id: int, relation: Relation, anchors: Sequence[int], only_one: bool
     ) -> tuple[Judged, tuple[int, ...]]:
         """Judges a relation to any anchor; for a definite anchor all must agree."""
-        judged = {anchor: self._pair(thing_id, anchor, relation) for anchor in anchors if anchor != thing_id}
+        judged = {anchor: self._pair(object_id, anchor, relation) for anchor in anchors if anchor != object_id}
         if not judged:
             return Judged(-10.0), ()
         best = max(judged, key=lambda anchor: judged[anchor].clearness)
@@ -260,15 +262,15 @@ class PhraseSolver:
                 result = Judged(0.0, result.measured, "ambiguous_referent")
         return negated(result, relation.negated), (best,)
 
-    def _pair(self, thing_id: int, anchor: int, relation: Relation) -> Judged:
-        key = (relation.kind, thing_id, anchor)
+    def _pair(self, object_id: int, anchor: int, relation: Relation) -> Judged:
+        key = (relation.kind, object_id, anchor)
         if key not in self._pairs:
             self._budget.spend()
-            self._pairs[key] = self._judged(thing_id, anchor, relation)
+            self._pairs[key] = self._judged(object_id, anchor, relation)
         return self._pairs[key]
 
-    def _judged(self, thing_id: int, anchor: int, relation: Relation) -> Judged:
-        one, other = self.measures.shape(thing_id), self.measures.shape(anchor)
+    def _judged(self, object_id: int, anchor: int, relation: Relation) -> Judged:
+        one, other = self.measures.shape(object_id), self.measures.shape(anchor)
         assert one is not None and other is not None
         if relation.kind in SEEN_FROM:
             assert self.asker is not None
@@ -278,7 +280,7 @@ class PhraseSolver:
         return PAIRS[relation.kind](one, other)
 
     def _between(
-        self, thing_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]
+        self, object_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]
     ) -> tuple[Judged, tuple[int, ...]]:
         pairs = (
             list(combinations(anchors[0], 2))
@@ -287,11 +289,11 @@ class PhraseSolver:
         )
         if not pairs:
             raise _UndecidableError("referent_absent", relation.text)
-        pairs = [pair for pair in pairs if thing_id not in pair][:_MAX_PAIRS]
+        pairs = [pair for pair in pairs if object_id not in pair][:_MAX_PAIRS]
         if not pairs:
             return Judged(-10.0), ()
         shape = self.measures.shape
-        one = shape(thing_id)
+        one = shape(object_id)
         judged: dict[tuple[int, int], Judged] = {}
         for first, second in pairs:
             self._budget.spend()
@@ -301,8 +303,8 @@ class PhraseSolver:
         best = max(judged, key=lambda pair: judged[pair].clearness)
         return negated(judged[best], relation.negated), best
 
-    def _by_asker(self, thing_id: int, relation: Relation) -> Judged:
-        one = self.measures.shape(thing_id)
+    def _by_asker(self, object_id: int, relation: Relation) -> Judged:
+        one = self.measures.shape(object_id)
         assert one is not None and self.asker is not None
         if relation.kind not in SEEN_FROM:
             return Judged(0.0, (), "not_measured")
@@ -314,27 +316,28 @@ class PhraseSolver:
         if bearing.keys().isdisjoint(state.clear):
             raise _UndecidableError("not_read", says.text)
 
-        def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
-            clear = 10.0 if thing_id in bearing else -10.0
-            measured = (Measured(READ, bearing.get(thing_id, 0.0), "share", clear),)
+        def judge(object_id: int) -> tuple[Judged, tuple[int, ...]]:
+            clear = 10.0 if object_id in bearing else -10.0
+            measured = (Measured(READ, bearing.get(object_id, 0.0), "share", clear),)
             return negated(Judged(clear, measured), says.negated), ()
 
         self._each(state, says.text, judge)
 
     def _possession(self, state: _State, possession: Possession) -> None:
-        """Judges parts, and things in or on a thing.
+        """Judges parts, and objects in or on an object.
 
-        Absence is decided only for "with", if the thing is elsewhere or all parts have other names; never for contents.
+        Absence is decided only for "with", if the object is elsewhere or all parts have other names; never for
+        contents.
         """
-        owned = [thing_id for thing_id in self._named(possession.phrase).ids if self.measures.shape(thing_id)]
+        owned = [object_id for object_id in self._named(possession.phrase).ids if self.measures.shape(object_id)]
 
-        def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
-            own = tuple(part for part in owned if part in self.things and self.things[part].parent == thing_id)
-            if own or (thing_id in self.things and self.things[thing_id].parent in owned):
+        def judge(object_id: int) -> tuple[Judged, tuple[int, ...]]:
+            own = tuple(part for part in owned if part in self.objects and self.objects[part].parent == object_id)
+            if own or (object_id in self.objects and self.objects[object_id].parent in owned):
                 return negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), own
-            judged, other = self._with_other(thing_id, [each for each in owned if not self._parent(each)])
+            judged, other = self._with_other(object_id, [each for each in owned if not self._parent(each)])
             if judged.clearness < 1:
-                parts = [part for part in self.things.values() if part.parent == thing_id]
+                parts = [part for part in self.objects.values() if part.parent == object_id]
                 denied = judged.clearness <= -1 or (bool(parts) and all(part.name for part in parts))
                 if possession.kind != "with" or not denied:
                     judged = Judged(0.0, judged.measured, "not_measured")
@@ -344,14 +347,14 @@ class PhraseSolver:
 
         self._each(state, possession.text, judge)
 
-    def _with_other(self, thing_id: int, owned: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
-        """Judges if one of these things is in or on it."""
-        one = self.measures.shape(thing_id)
+    def _with_other(self, object_id: int, owned: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
+        """Judges if one of these objects is in or on it."""
+        one = self.measures.shape(object_id)
         assert one is not None
         judged = {}
         for each in owned if self.measures.up is not None else ():
             shape = self.measures.shape(each)
-            if shape is not None and each != thing_id:
+            if shape is not None and each != object_id:
                 self._budget.spend()
                 judged[each] = max(is_in(shape, one), self._stacks.direct(shape, one), key=lambda each: each.clearness)
         if not judged:
@@ -359,28 +362,28 @@ class PhraseSolver:
         nearest = max(judged, key=lambda each: judged[each].clearness)
         return judged[nearest], (nearest,)
 
-    def _parent(self, thing_id: int) -> int:
-        return self.things[thing_id].parent if thing_id in self.things else 0
+    def _parent(self, object_id: int) -> int:
+        return self.objects[object_id].parent if object_id in self.objects else 0
 
     def _ranked(
-        self, rank: Rank, state: _State, shapes: Mapping[int, ThingShape]
+        self, rank: Rank, state: _State, shapes: Mapping[int, ObjectShape]
     ) -> tuple[tuple[int, ...], dict[int, Refusal]]:
         """The one of the order, if it is the same with and without undecided candidates."""
         self._check_vertical(rank.by, rank.text)
         if (rank.by == "from_left" or (rank.by == "distance" and not rank.anchors)) and self.asker is None:
             raise _UndecidableError("pose_needed", rank.text)
-        anchors: list[ThingShape] = []
+        anchors: list[ObjectShape] = []
         if rank.anchors:
             others = self._anchors(rank.anchors[0])
             if rank.anchors[0].definite and len(others) > 1:
                 raise _UndecidableError("ambiguous_referent", rank.text)
             anchors = [shape for each in others if (shape := self.measures.shape(each)) is not None]
         self._budget.spend(len(state.left()) * len(anchors))
-        sure = [thing_id for thing_id in state.left() if state.clear[thing_id] >= 1]
+        sure = [object_id for object_id in state.left() if state.clear[object_id] >= 1]
         answers = []
         for candidates in (sure, state.left()):
             own = {anchor.id for anchor in anchors}
-            ids = [thing_id for thing_id in candidates if thing_id not in own or rank.by != "distance"]
+            ids = [object_id for object_id in candidates if object_id not in own or rank.by != "distance"]
             may_be = [shapes[each] for each in ids]
             place, judged = _ranked(rank.by, rank.descending, rank.number, may_be, anchors, self.asker)
             answers.append((None if place is None else ids[place], judged))
@@ -390,12 +393,12 @@ class PhraseSolver:
         if first is not None:
             self._witness(rank.text, first, tuple(anchor.id for anchor in anchors), judged.measured)
         if first != other:
-            unsure = next((thing_id for thing_id in state.left() if thing_id not in sure), None)
+            unsure = next((object_id for object_id in state.left() if object_id not in sure), None)
             why = Refusal("too_close", rank.text) if unsure is None else state.why[unsure]
             return (), dict.fromkeys(state.left(), why)
         least = min((judged, clear), key=lambda each: each.clearness)
         if first is None or least.clearness < 1:
-            return (), {thing_id: Refusal(least.reason, rank.text) for thing_id in state.left()}
+            return (), {object_id: Refusal(least.reason, rank.text) for object_id in state.left()}
         return (first,), {}
 
     def _check_vertical(self, by: str, part: str) -> None:
@@ -403,8 +406,8 @@ class PhraseSolver:
             raise _UndecidableError("vertical_unknown", part)
 
 
-def _is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingShape]) -> Judged:
-    """Judges if a thing is large (or small) compared with the median of the others."""
+def _is_large(by: SizeKind, more: bool, one: ObjectShape, others: Sequence[ObjectShape]) -> Judged:
+    """Judges if an object is large (or small) compared with the median of the others."""
     if not others:
         return Judged(0.0, (), "nothing_to_compare")
     own, rest = np.array(_SIZES[by](one)), np.array([_SIZES[by](other) for other in others])
@@ -418,9 +421,9 @@ def _is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingS
 
 
 def _closest_in_color(clear: Mapping[int, float], among: int, anything: bool) -> tuple[int, ...]:
-    """Ids of things closest to a color none clearly has, closest first; else empty.
+    """Ids of objects closest to a color none clearly has, closest first; else empty.
 
-    `clear` has the clearness of those of `among` things that are not denied the color; `anything`: of any kind."""
+    `clear` has the clearness of those of `among` objects that are not denied the color; `anything`: of any kind."""
     most = max(clear.values(), default=1.0)
     near = sorted(clear, key=lambda each: -clear[each])
     if 0 < most < 1:
@@ -433,8 +436,8 @@ def _ranked(
     by: OrderKind,
     descending: bool,
     number: int,
-    shapes: Sequence[ThingShape],
-    anchors: Sequence[ThingShape],
+    shapes: Sequence[ObjectShape],
+    anchors: Sequence[ObjectShape],
     asker: Asker | None,
 ) -> tuple[int | None, Judged]:
     """Index in `shapes` of the requested one (None if too few), and its clearness.
@@ -468,8 +471,8 @@ def _ranked(
     return place, Judged(clear if clear >= 1 else min(clear, 0.99), tuple(measured))
 
 
-def _heights(one: ThingShape, other: ThingShape) -> float:
-    """Mean height of two things; the scale of differences in elevation."""
+def _heights(one: ObjectShape, other: ObjectShape) -> float:
+    """Mean height of two objects; the scale of differences in elevation."""
     return max((one.high - one.low + other.high - other.low) / 2, 1e-12)
 
 
@@ -477,7 +480,9 @@ def _log_ratio(one: float, other: float) -> float:
     return abs(float(np.log(max(one, 1e-9) / max(other, 1e-9))))
 
 
-def _values(by: OrderKind, shape: ThingShape, anchors: Sequence[ThingShape], asker: Asker | None) -> tuple[float, ...]:
+def _values(
+    by: OrderKind, shape: ObjectShape, anchors: Sequence[ObjectShape], asker: Asker | None
+) -> tuple[float, ...]:
     if by in _SIZES:
         return _SIZES[by](shape)
     if by == "elevation":
@@ -495,8 +500,8 @@ def _values(by: OrderKind, shape: ThingShape, anchors: Sequence[ThingShape], ask
     return nearest, float(np.linalg.norm(shape.center - asker.position))
 
 
-def _from_left(descending: bool, number: int, shapes: Sequence[ThingShape], asker: Asker) -> tuple[int | None, Judged]:
-    """Orders things as in the asker's picture."""
+def _from_left(descending: bool, number: int, shapes: Sequence[ObjectShape], asker: Asker) -> tuple[int | None, Judged]:
+    """Orders objects as in the asker's picture."""
     ends = []
     for shape in shapes:
         offsets = shape.points - asker.position

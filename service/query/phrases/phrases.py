@@ -41,7 +41,7 @@ class SizeWord:
 
 @dataclass(frozen=True)
 class Relation:
-    """A relation to other things: "on the table", "between the lamp and the mug"."""
+    """A relation to other objects: "on the table", "between the lamp and the mug"."""
 
     kind: RelationKind  # of the relation
     anchors: tuple[Phrase, ...]  # what it is related to; none: the asker
@@ -56,7 +56,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class Possession:
-    """A part or another thing ("with a handle"), or a content ("of water")."""
+    """A part or another object ("with a handle"), or a content ("of water")."""
 
     kind: Literal["with", "of"]  # "with" or "of"
     phrase: Phrase  # what it has
@@ -66,7 +66,7 @@ class Possession:
 
 @dataclass(frozen=True)
 class Says:
-    """Writing on a thing: "that says oat milk", "by Woolf"."""
+    """Writing on an object: "that says oat milk", "by Woolf"."""
 
     words: str  # that are written there
     negated: bool  # whether the phrase denies it
@@ -135,7 +135,7 @@ class Phrase:
 class ParsedQuestion:
     """A question that says more than a name."""
 
-    asks: Asks  # whether it asks which things, or how many
+    asks: Asks  # whether it asks which objects, or how many
     readings: tuple[Phrase, ...]  # with one head; "the mug on the table next to the lamp" has two
     not_understood: str  # the words that were left over; "" without
 
@@ -146,17 +146,17 @@ class ParsedQuestion:
 
     @property
     def of_writing(self) -> bool:
-        """True if it may ask for writing on things."""
+        """True if it may ask for writing on objects."""
         return any(isinstance(condition, Says) for reading in self.readings for condition in reading.conditions)
 
 
 @dataclass(frozen=True)
 class Named:
-    """The things that a noun group names."""
+    """The objects that a noun group names."""
 
-    ids: tuple[int, ...]  # of things and parts
+    ids: tuple[int, ...]  # of objects and parts
     by_name: bool  # whether it is their name, or an alias; False for what was found by meaning
     whole: bool = False  # whether the name has the colors and sizes of the group in it: "red mug" is a name here
     suggested: bool = False  # whether the name is merely suggested for them
-    likely: float = 1.0  # 0..1, that the things are called so
+    likely: float = 1.0  # 0..1, that the objects are called so
     doubt: str = ""  # what is taken for what the group calls, where that is not sure; "" where it is

@@ -1,7 +1,7 @@
-"""Spatial relations between things from their Gaussians, with clearness.
+"""Spatial relations between objects from their Gaussians, with clearness.
 
-Every bound has an undecided range beside it. Lengths are relative to the sizes of the things, so that they work without
-a known scale."""
+Every bound has an undecided range beside it. Lengths are relative to the sizes of the objects, so that they work
+without a known scale."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.query.objects.object_measures import ObjectShape
 from fastsplat.service.query.phrases.phrases import RelationKind
-from fastsplat.service.query.things.thing_measures import ThingShape
 from fastsplat_contract.messages.phrases import RefusalReason
 
 F64 = NDArray[np.float64]
@@ -24,11 +24,11 @@ _SECTORS = 16
 _SPACINGS = 3.0
 _SURFACES = (0.5, 0.75, 0.95)
 _STRAYS = 0.2
-"""Least share of a thing's points that makes a surface."""
+"""Least share of an object's points that makes a surface."""
 _LEVEL = 0.17
 """Sine of the angle to the vertical below which a direction has no side."""
 _REST = 0.12
-"""Tolerance of contact, as a share of a thing's height or width."""
+"""Tolerance of contact, as a share of an object's height or width."""
 _REST_DEVIATIONS = 2.0
 
 
@@ -83,14 +83,14 @@ def all_of(*measured: Measured) -> Judged:
     return Judged(min(each.clearness for each in measured), measured)
 
 
-def gap_between(one: ThingShape, other: ThingShape) -> float:
-    """Distance between the surfaces of two things."""
+def gap_between(one: ObjectShape, other: ObjectShape) -> float:
+    """Distance between the surfaces of two objects."""
     small, large = sorted((one, other), key=lambda shape: len(shape.points))
     return float(large.tree.query(small.points)[0].min())
 
 
-def is_on(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if one thing rests on another's surface, but not in it."""
+def is_on(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if one object rests on another's surface, but not in it."""
     overlap = _overlap(one, other)
     surface = _surface_below(one, other)
     if surface is None:
@@ -104,8 +104,8 @@ def is_on(one: ThingShape, other: ThingShape) -> Judged:
     return judged
 
 
-def is_in(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if one thing is within another's outline, below its rim and walled in."""
+def is_in(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if one object is within another's outline, below its rim and walled in."""
     overlap = float((other.outside(one.points[:, :2]) <= 0).mean())
     depth = (other.high - one.low) / max(one.high - one.low, np.finfo(np.float64).tiny)
     middle = np.median(one.points[:, :2], axis=0)
@@ -120,8 +120,8 @@ def is_in(one: ThingShape, other: ThingShape) -> Judged:
     )
 
 
-def is_under(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if one thing is below another, with overlapping outlines."""
+def is_under(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if one object is below another, with overlapping outlines."""
     overlap = _overlap(one, other)
     over = _around(other, one)
     above = over[over > (one.low + one.high) / 2]
@@ -135,13 +135,13 @@ def is_under(one: ThingShape, other: ThingShape) -> Judged:
     return judged
 
 
-def is_above(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if the other thing is below."""
+def is_above(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if the other object is below."""
     return is_under(other, one)
 
 
-def is_next_to(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if two things are near for their sizes, level, and not stacked."""
+def is_next_to(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if two objects are near for their sizes, level, and not stacked."""
     gap = gap_between(one, other)
     ratio = gap / _common_size(one, other)
     heights = min(one.high - one.low, other.high - other.low)
@@ -154,14 +154,14 @@ def is_next_to(one: ThingShape, other: ThingShape) -> Judged:
     )
 
 
-def is_near(one: ThingShape, other: ThingShape) -> Judged:
-    """Judges if two things are near each other for their sizes."""
+def is_near(one: ObjectShape, other: ObjectShape) -> Judged:
+    """Judges if two objects are near each other for their sizes."""
     gap = gap_between(one, other)
     return all_of(Measured("gap", gap, "length", clearness(gap / _common_size(one, other), 1.0, 2.0)))
 
 
-def is_between(one: ThingShape, first: ThingShape, second: ThingShape, level: bool) -> Judged:
-    """Judges if a thing is between others: a nearly straight angle between their nearest places."""
+def is_between(one: ObjectShape, first: ObjectShape, second: ObjectShape, level: bool) -> Judged:
+    """Judges if an object is between others: a nearly straight angle between their nearest places."""
     count = 2 if level else 3
     middle = one.points[:, :count].mean(axis=0)
     towards = []
@@ -173,11 +173,11 @@ def is_between(one: ThingShape, first: ThingShape, second: ThingShape, level: bo
     return all_of(Measured("angle", angle, "deg", clearness(angle, 145.0, 115.0)))
 
 
-def is_seen(kind: RelationKind, one: ThingShape, other: ThingShape | None, asker: Asker) -> Judged:
+def is_seen(kind: RelationKind, one: ObjectShape, other: ObjectShape | None, asker: Asker) -> Judged:
     """Judges left, right, in front and behind as the asker sees them.
 
-    Directions are level and relative to the line from the asker to the other thing: left and right as in the asker's
-    picture, in front is nearer. Offsets are relative to the sizes of the things in that direction. If `other` is None
+    Directions are level and relative to the line from the asker to the other object: left and right as in the asker's
+    picture, in front is nearer. Offsets are relative to the sizes of the objects in that direction. If `other` is None
     it is the asker: in front is where the asker looks."""
     start = asker.position if other is None else other.points.mean(axis=0)
     line = asker.forward if other is None else start - asker.position
@@ -197,7 +197,7 @@ def is_seen(kind: RelationKind, one: ThingShape, other: ThingShape | None, asker
     )
 
 
-PAIRS: Mapping[RelationKind, Callable[[ThingShape, ThingShape], Judged]] = {
+PAIRS: Mapping[RelationKind, Callable[[ObjectShape, ObjectShape], Judged]] = {
     "on": is_on,
     "in": is_in,
     "under": is_under,
@@ -205,16 +205,16 @@ PAIRS: Mapping[RelationKind, Callable[[ThingShape, ThingShape], Judged]] = {
     "next_to": is_next_to,
     "near": is_near,
 }
-"""Relations between two things that do not depend on the asker."""
+"""Relations between two objects that do not depend on the asker."""
 
 
-def _in_front(asker: Asker, one: ThingShape, other: ThingShape, length: float) -> bool:
+def _in_front(asker: Asker, one: ObjectShape, other: ObjectShape, length: float) -> bool:
     """True if both are ahead of an asker outside of the other one."""
     ahead = [float((shape.points.mean(axis=0) - asker.position) @ asker.forward) for shape in (one, other)]
     return min(ahead) > 0 and length > other.width / 2
 
 
-def _offset(one: ThingShape, other: ThingShape | None, start: F64, axis: F64) -> float:
+def _offset(one: ObjectShape, other: ObjectShape | None, start: F64, axis: F64) -> float:
     """Offset of centers along an axis, in sums of half extents."""
     ends = [np.quantile(shape.points @ axis, [0.02, 0.98]) for shape in (one, other) if shape is not None]
     middles = [float(low + high) / 2 for low, high in ends]
@@ -223,14 +223,14 @@ def _offset(one: ThingShape, other: ThingShape | None, start: F64, axis: F64) ->
     return (middles[0] - second) / max(half, np.finfo(np.float64).tiny)
 
 
-def _common_size(one: ThingShape, other: ThingShape) -> float:
+def _common_size(one: ObjectShape, other: ObjectShape) -> float:
     """Geometric mean of the boxes' diagonals, so that long walls do not dominate."""
     sizes = float(np.linalg.norm(one.size)) * float(np.linalg.norm(other.size))
     return max(float(np.sqrt(sizes)), np.finfo(np.float64).tiny)
 
 
-def _overlap(one: ThingShape, other: ThingShape) -> float:
-    """Larger share of one thing's points within the other's outline."""
+def _overlap(one: ObjectShape, other: ObjectShape) -> float:
+    """Larger share of one object's points within the other's outline."""
     return max(
         float((other.outside(one.points[:, :2]) <= 0).mean()), float((one.outside(other.points[:, :2]) <= 0).mean())
     )
@@ -240,21 +240,21 @@ def _share(overlap: float) -> Measured:
     return Measured("overlap", overlap, "share", clearness(overlap, 0.4, 0.15))
 
 
-def _tolerance(one: ThingShape, other: ThingShape) -> float:
+def _tolerance(one: ObjectShape, other: ObjectShape) -> float:
     own = _REST * min(one.high - one.low, one.width)
     return max(own, _REST_DEVIATIONS * max(one.deviation, other.deviation), np.finfo(np.float64).tiny)
 
 
-def _around(one: ThingShape, other: ThingShape) -> F64:
-    """Heights of a thing's points in the other's outline, or half its width around.
+def _around(one: ObjectShape, other: ObjectShape) -> F64:
+    """Heights of an object's points in the other's outline, or half its width around.
 
-    The surface right below a thing is unseen."""
+    The surface right below an object is unseen."""
     reach = max(other.width / 2, _SPACINGS * one.spacing)
     return np.asarray(one.points[other.outside(one.points[:, :2]) <= reach, 2])
 
 
-def _surface_below(one: ThingShape, other: ThingShape) -> float | None:
-    """Height of the other's surface around and below one thing; None for none.
+def _surface_below(one: ObjectShape, other: ObjectShape) -> float | None:
+    """Height of the other's surface around and below one object; None for none.
 
     The nearest of several quantiles, as the highest points may be strays."""
     heights = _around(other, one)

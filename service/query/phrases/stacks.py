@@ -1,4 +1,4 @@
-"""Support relations: directly, through other things, or on a wall."""
+"""Support relations: directly, through other objects, or on a wall."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.objects.object_measures import ObjectMeasures, ObjectShape
 from fastsplat.service.query.phrases.relations import Judged, Measured, clearness, gap_between, is_in, is_on
-from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
-from fastsplat.service.scene.artefact.scene import Thing
+from fastsplat.service.scene.artefact.scene import Object
 from fastsplat_contract.errors import LimitExceededError
 
 _MOST_BETWEEN = 3
 _MAX_PAIRS = 4_000
 _TOUCHING, _DEVIATIONS = 0.05, 3.0
-"""Contact tolerance to a wall: share of the thing's width, and deviations of the surfaces."""
+"""Contact tolerance to a wall: share of the object's width, and deviations of the surfaces."""
 
 
 class PairBudget:
@@ -29,35 +29,35 @@ class PairBudget:
         self._left -= count
         if self._left < 0:
             raise LimitExceededError(
-                "a question about too many pairs of things",
+                "a question about too many pairs of objects",
                 field="texts",
                 limit=f"{_MAX_PAIRS} pairs",
-                hint="Say what things they are, or what they are related to.",
+                hint="Say what objects they are, or what they are related to.",
             )
 
 
 @dataclass
 class Stacks:
-    """Support relations among the things of one scene."""
+    """Support relations among the objects of one scene."""
 
-    measures: ThingMeasures  # of the things
-    things: Mapping[int, Thing]  # that are there, by id; parts, too
+    measures: ObjectMeasures  # of the objects
+    objects: Mapping[int, Object]  # that are there, by id; parts, too
     budget: PairBudget  # of pairs
     _direct: dict[tuple[int, int], Judged] = field(default_factory=dict)
 
-    def direct(self, one: ThingShape, other: ThingShape) -> Judged:
-        """Judges if one thing rests on another, see `is_on`; cached."""
+    def direct(self, one: ObjectShape, other: ObjectShape) -> Judged:
+        """Judges if one object rests on another, see `is_on`; cached."""
         key = (one.id, other.id)
         if key not in self._direct:
             self.budget.spend()
             self._direct[key] = is_on(one, other)
         return self._direct[key]
 
-    def rests_on(self, one: ThingShape, other: ThingShape) -> Judged:
-        """Judges if one thing is on another, or hangs on a wall or ceiling.
+    def rests_on(self, one: ObjectShape, other: ObjectShape) -> Judged:
+        """Judges if one object is on another, or hangs on a wall or ceiling.
 
-        A hanging thing touches it while nothing else carries it. Undecided if something between rests on the other."""
-        surface = self.things[other.id].surface if other.id in self.things else ""
+        A hanging object touches it while nothing else carries it. Undecided if something between rests on the other."""
+        surface = self.objects[other.id].surface if other.id in self.objects else ""
         if surface in ("wall", "ceiling"):
             return self._hangs_on(one, other)
         direct = self.direct(one, other)
@@ -65,7 +65,7 @@ class Stacks:
             return Judged(0.0, direct.measured, "indirect")
         return direct
 
-    def _hangs_on(self, one: ThingShape, wall: ThingShape) -> Judged:
+    def _hangs_on(self, one: ObjectShape, wall: ObjectShape) -> Judged:
         gap = gap_between(one, wall)
         near = _DEVIATIONS * max(one.deviation, wall.deviation) + _TOUCHING * one.width
         touches = Measured("gap", gap, "length", clearness(gap, near, 3 * near))
@@ -76,8 +76,8 @@ class Stacks:
         )
         return Judged(min(touches.clearness, -1.0) if carried else touches.clearness, (touches,))
 
-    def _carried(self, one: ThingShape, other: ThingShape, most: int) -> bool:
-        """True if a thing may rest on the other through at most `most` things."""
+    def _carried(self, one: ObjectShape, other: ObjectShape, most: int) -> bool:
+        """True if an object may rest on the other through at most `most` objects."""
         if most == 0 or one.low <= other.low or not _may_touch(one, other):
             return False
         for carrier in self._carriers():
@@ -88,13 +88,13 @@ class Stacks:
                 return True
         return False
 
-    def _carriers(self) -> list[ThingShape]:
-        """Whole things that may carry others: all but walls and ceilings."""
+    def _carriers(self) -> list[ObjectShape]:
+        """Whole objects that may carry others: all but walls and ceilings."""
         sides = ("wall", "ceiling")
-        ids = (thing.id for thing in self.things.values() if not thing.parent and thing.surface not in sides)
-        return [shape for thing_id in ids if (shape := self.measures.shape(thing_id)) is not None]
+        ids = (obj.id for obj in self.objects.values() if not obj.parent and obj.surface not in sides)
+        return [shape for object_id in ids if (shape := self.measures.shape(object_id)) is not None]
 
 
-def _may_touch(one: ThingShape, other: ThingShape) -> bool:
+def _may_touch(one: ObjectShape, other: ObjectShape) -> bool:
     """True if the outlines along the axes overlap."""
     return bool((one.bounds[0] <= other.bounds[1]).all() and (other.bounds[0] <= one.bounds[1]).all())

@@ -1,4 +1,4 @@
-"""Search for words in what photos show written on things, tolerating misread letters."""
+"""Search for words in what photos show written on objects, tolerating misread letters."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from fastsplat.service.common.edit_distance import text_difference
-from fastsplat.service.scene.artefact.scene import Thing
-from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
+from fastsplat.service.scene.artefact.scene import Object
+from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 
 _ALIKE = 0.2
 """Largest share of differing letters of the same word: one of five."""
@@ -35,20 +35,18 @@ def asked_of_writing(text: str) -> str:
 
 @dataclass(frozen=True)
 class WrittenWords:
-    """Writing on one scene's things; thread-safe."""
+    """Writing on one scene's objects; thread-safe."""
 
-    things: tuple[Thing, ...] = field(repr=False)  # of the scene; only those with reads count
+    objects: tuple[Object, ...] = field(repr=False)  # of the scene; only those with reads count
 
     @cached_property
     def _lines(self) -> tuple[tuple[int, tuple[tuple[float, tuple[str, ...]], ...]], ...]:
-        """Probability and words of each read, by thing."""
-        with_reads = [thing for thing in self.things if thing.reads]
-        return tuple(
-            (thing.id, tuple((read.probability, _words(read)) for read in thing.reads)) for thing in with_reads
-        )
+        """Probability and words of each read, by object."""
+        with_reads = [obj for obj in self.objects if obj.reads]
+        return tuple((obj.id, tuple((read.probability, _words(read)) for read in obj.reads)) for obj in with_reads)
 
     def bearing(self, text: str) -> Mapping[int, float]:
-        """Things with all words of a text, likeliest first, with probabilities 0..1.
+        """Objects with all words of a text, likeliest first, with probabilities 0..1.
 
         Lines and order do not matter; the least probable word counts. Numbers must be equal; other words may differ in
         one letter of five, which lowers the probability by that share."""
@@ -56,13 +54,13 @@ class WrittenWords:
         if not asked:
             return {}
         likely = {
-            thing: min(max(probability * _likeness(word, own) for probability, own in lines) for word in asked)
-            for thing, lines in self._lines
+            obj: min(max(probability * _likeness(word, own) for probability, own in lines) for word in asked)
+            for obj, lines in self._lines
         }
         return dict(sorted(((each, own) for each, own in likely.items() if own), key=lambda each: -each[1]))
 
     def leading(self, words: Sequence[str]) -> int:
-        """Largest number of leading words that are written on one thing."""
+        """Largest number of leading words that are written on one object."""
         most = 0
         for count in range(1, len(words) + 1):
             if not self.bearing(" ".join(words[:count])):
@@ -71,7 +69,7 @@ class WrittenWords:
         return most
 
 
-def _words(read: ThingRead) -> tuple[str, ...]:
+def _words(read: ObjectRead) -> tuple[str, ...]:
     own = _WORD.findall(read.text.casefold())
     return (*_KINDS[read.kind], *own, "".join(own))
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.objects.floors import LEAST_BELOW, meters_below
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, REACH, surface_points, thinned
 from fastsplat.service.query.surfaces.surface_views import SurfaceSamples, SurfaceView, back_projected
-from fastsplat.service.query.things.floors import LEAST_BELOW, meters_below
 from fastsplat.service.scene.artefact.scene import F32, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.goals import FloorSource
@@ -83,8 +83,8 @@ def check_map_frame(scene: Scene) -> None:
 
 def occupancy_map(
     views: Sequence[SurfaceView],
-    floors: Collection[int],  # ids of floor things; the one with the most points counts
-    others: Mapping[int, str],  # names of things that are no floors, by id
+    floors: Collection[int],  # ids of floor objects; the one with the most points counts
+    others: Mapping[int, str],  # names of objects that are no floors, by id
     *,
     resolution: float,  # width of a cell, meters
     height: float,  # of the robot, meters above the floor
@@ -142,10 +142,10 @@ def occupancy_map(
 
 def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, FloorSource]:
     """Estimates the floor's z and names its source."""
-    counts = {thing: int((samples.things == thing).sum()) for thing in floors}
+    counts = {obj: int((samples.objects == obj).sum()) for obj in floors}
     if counts and max(counts.values()):
-        largest = max(counts, key=lambda thing: counts[thing])
-        return float(np.median(samples.points[samples.things == largest, 2])), "surface"
+        largest = max(counts, key=lambda obj: counts[obj])
+        return float(np.median(samples.points[samples.objects == largest, 2])), "surface"
     heights = samples.points[samples.normals[:, 2] > _FACING_UP, 2].astype(np.float64)
     if not len(heights):
         raise InvalidInputError(
@@ -160,12 +160,12 @@ def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, Flo
 
 
 def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, others: Mapping[int, str]) -> str:
-    """Reason to doubt the floor: another thing's surface, or too near the cameras."""
-    level = samples.things[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
+    """Reason to doubt the floor: another object's surface, or too near the cameras."""
+    level = samples.objects[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
     ids, counts = np.unique(level, return_counts=True)
     most = int(ids[counts.argmax()]) if len(ids) else 0
     if most in others and 2 * counts.max() > len(level):
-        return f"it is the upper side of thing {most}, {others[most]!r}"
+        return f"it is the upper side of object {most}, {others[most]!r}"
     below = meters_below([view.posed for view in views], np.array([0.0, 0.0, 1.0]), floor)
     return f"it lies {below:.2f} m below the cameras, as table tops do" if below < LEAST_BELOW else ""
 

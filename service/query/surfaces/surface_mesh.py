@@ -40,11 +40,11 @@ _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a
 
 @dataclass(frozen=True)
 class LabelledMesh:
-    """A mesh with labels, things, colors and confidence at its vertices."""
+    """A mesh with labels, objects, colors and confidence at its vertices."""
 
     vertices: SurfaceSamples  # see `SurfaceSamples`; normals are those of the mesh
     faces: I64  # int64 [F, 3], counter-clockwise seen from outside
-    things: NDArray[np.uint16]  # uint16 [F], the thing of each face, 0 for none
+    objects: NDArray[np.uint16]  # uint16 [F], the object of each face, 0 for none
     voxel: float  # its width, scene units
 
 
@@ -67,7 +67,7 @@ def surface_mesh(
     seen = observed(points, views, BAND * voxel)
     normals = _vertex_normals(points, faces)
     vertices = SurfaceSamples(**{**vars(seen), "normals": normals})
-    return LabelledMesh(vertices, faces, _face_things(seen.things, faces), voxel)
+    return LabelledMesh(vertices, faces, _face_objects(seen.objects, faces), voxel)
 
 
 def fused(points: F32, views: Sequence[SurfaceView], truncation: float) -> F32:
@@ -174,7 +174,7 @@ def _vertex_normals(points: F32, faces: I64) -> F32:
     return np.asarray(summed / np.maximum(np.linalg.norm(summed, axis=1, keepdims=True), 1e-30), np.float32)
 
 
-def _face_things(things: NDArray[np.uint16], faces: I64) -> NDArray[np.uint16]:
-    """Majority thing of each face's vertices, else its first vertex's, uint16 [F]."""
-    first, second, third = (things[faces[:, corner]] for corner in range(3))
+def _face_objects(objects: NDArray[np.uint16], faces: I64) -> NDArray[np.uint16]:
+    """Majority object of each face's vertices, else its first vertex's, uint16 [F]."""
+    first, second, third = (objects[faces[:, corner]] for corner in range(3))
     return np.where(second == third, second, first)

@@ -39,7 +39,7 @@ class SurfaceView:
     normals: NDArray[np.float16]  # float16 [H, W, 3], world frame, towards the camera
     confidence: NDArray[np.float16]  # float16 [H, W], 0..1, see `ViewGeometry`
     colors: NDArray[np.uint8]  # uint8 [H, W, 3]
-    things: NDArray[np.uint16]  # uint16 [H, W], ids of things, 0 for none
+    objects: NDArray[np.uint16]  # uint16 [H, W], ids of objects, 0 for none
     labels: NDArray[np.uint16]  # uint16 [H, W], dictionary ids, 0 for undetected
 
 
@@ -50,7 +50,7 @@ class SurfaceSamples:
     points: F32  # float32 [P, 3], world frame, scene units
     normals: F32  # float32 [P, 3], unit length, or zero where no view sees the point
     colors: NDArray[np.uint8]  # uint8 [P, 3], sRGB
-    things: NDArray[np.uint16]  # uint16 [P], ids of things, 0 for none
+    objects: NDArray[np.uint16]  # uint16 [P], ids of objects, 0 for none
     labels: NDArray[np.uint16]  # uint16 [P], dictionary ids, 0 for undetected
     confidence: F32  # float32 [P], 0..1: mean of the views that see it × their share of those that see (through) it
     views: NDArray[np.int32]  # int32 [P], how many views see the point
@@ -91,7 +91,7 @@ def surface_views(index: SceneIndex) -> tuple[SurfaceView, ...]:
                 normals=seen.normals.astype(np.float16),
                 confidence=seen.confidence.astype(np.float16),
                 colors=np.asarray((seen.image.clip(0, 1) * 255).round(), np.uint8),
-                things=index.thing_map(posed),
+                objects=index.object_map(posed),
                 labels=index.label_map(posed),
             )
         )
@@ -153,7 +153,7 @@ def _observed(points: F32, views: Sequence[SurfaceView], band: float) -> Surface
         weights[rows] += weight
         colors[rows] += weight[:, None] * view.colors.reshape(-1, 3)[pixels]
         normals[rows] += weight[:, None] * view.normals.reshape(-1, 3)[pixels]
-        both = view.things.reshape(-1)[pixels].astype(np.uint32) << np.uint32(16)
+        both = view.objects.reshape(-1)[pixels].astype(np.uint32) << np.uint32(16)
         votes.append((rows, both | view.labels.reshape(-1)[pixels], weight))
     winners = _most_voted(votes, count)
     divisor = np.maximum(weights, 1e-9)[:, None]
@@ -163,7 +163,7 @@ def _observed(points: F32, views: Sequence[SurfaceView], band: float) -> Surface
         points=points,
         normals=np.asarray(normals / lengths, np.float32),
         colors=np.asarray((colors / divisor).round().clip(0, 255), np.uint8),
-        things=np.asarray(winners >> np.uint32(16), np.uint16),
+        objects=np.asarray(winners >> np.uint32(16), np.uint16),
         labels=np.asarray(winners & np.uint32(0xFFFF), np.uint16),
         confidence=np.asarray(agreement * weights / np.maximum(seen, 1), np.float32),
         views=seen,

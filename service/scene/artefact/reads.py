@@ -1,13 +1,13 @@
-"""Normalizes and bounds text read on things."""
+"""Normalizes and bounds text read on objects."""
 
 from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterable, Mapping
 
-from fastsplat_contract.messages.thing_reads import ThingRead
+from fastsplat_contract.messages.object_reads import ObjectRead
 
-MOST_READS = 24  # per thing
+MOST_READS = 24  # per object
 MAX_READ_CHARS = 200  # per read
 
 
@@ -17,18 +17,18 @@ def one_line(text: str) -> str:
     return " ".join(unicodedata.normalize("NFC", "".join(seen)).split())
 
 
-def tags_of(reads: Iterable[ThingRead]) -> Mapping[str, float]:
+def tags_of(reads: Iterable[ObjectRead]) -> Mapping[str, float]:
     """Returns the probability of each printed tag by its number."""
     tags = [read for read in reads if read.kind == "tag"]
     return {read.text: read.probability for read in sorted(tags, key=lambda one: one.probability)}
 
 
-def bounded_reads(reads: Iterable[ThingRead]) -> tuple[ThingRead, ...]:
+def bounded_reads(reads: Iterable[ObjectRead]) -> tuple[ObjectRead, ...]:
     """Keeps the `MOST_READS` likeliest distinct reads.
 
     Texts longer than `MAX_READ_CHARS` are dropped, not cut: half a code means something else.
     """
-    kept: dict[tuple[str, str], ThingRead] = {}
+    kept: dict[tuple[str, str], ObjectRead] = {}
     for read in sorted(reads, key=lambda one: -one.probability):
         line = one_line(read.text)
         if 0 < len(line) <= MAX_READ_CHARS and len(kept) < MOST_READS:

@@ -19,9 +19,9 @@ from fastsplat.service.scene.artefact.suggestions import SaidName
 from fastsplat.service.scene.artefact.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.artefact.upright import up_of, vertical_of
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.messages.object_reads import ObjectRead
+from fastsplat_contract.messages.objects import NameSource as NameSource
 from fastsplat_contract.messages.scenes import Scale, SceneVertical
-from fastsplat_contract.messages.thing_reads import ThingRead
-from fastsplat_contract.messages.things import NameSource as NameSource
 from fastsplat_contract.photos.observations import Observation
 
 F32 = NDArray[np.float32]
@@ -104,27 +104,27 @@ STATED_FROM = 0.95
 """Probability from which a detected name is stated without qualification."""
 
 SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
-"""Geometric kind of a thing: "" is no surface, "surface" has no known orientation."""
+"""Geometric kind of an object: "" is no surface, "surface" has no known orientation."""
 
 
 class Looks(NamedTuple):
-    """Image-text embedding of a thing."""
+    """Image-text embedding of an object."""
 
     sha256: str  # of the model, in hex; embeddings of different models are not comparable
-    embedding: bytes  # float16 [E] of unit length, the mean over the best pictures of the thing
+    embedding: bytes  # float16 [E] of unit length, the mean over the best pictures of the object
 
 
 @dataclass(frozen=True)
-class Thing:
+class Object:
     """A physical object or surface, or a part of one.
 
     Attributes:
-        id: 1..65535, never reused by another thing or part in any version of the scene.
-        consensus: share of the views seeing it in which it was proposed, 0..1; 1 for a thing added by an edit.
-        suggestions: unconfirmed names, most probable first. Kept after a person names the thing, to rate the sources.
+        id: 1..65535, never reused by another object or part in any version of the scene.
+        consensus: share of the views seeing it in which it was proposed, 0..1; 1 for an object added by an edit.
+        suggestions: unconfirmed names, most probable first. Kept after a person names the object, to rate the sources.
         appearance: descriptor, float16 of unit length (`service.perception.appearance`). Empty, like `picture` and
-            `looks`, if no photo shows the thing well, or it was made by an edit.
-        proposed_in: camera indices in which discovery proposed it; empty if not recorded, e.g. for things added by an
+            `looks`, if no photo shows the object well, or it was made by an edit.
+        proposed_in: camera indices in which discovery proposed it; empty if not recorded, e.g. for objects added by an
             edit.
         missed_in: camera indices that saw most of it during discovery without proposing it.
     """
@@ -136,12 +136,12 @@ class Thing:
     consensus: float = 1.0
     surface: SurfaceKind = ""
     suggestions: tuple[Suggestion, ...] = ()
-    parent: int = 0  # of a part, its thing's id
+    parent: int = 0  # of a part, its object's id
     appearance: bytes = field(default=b"", repr=False)
     picture: bytes = field(default=b"", repr=False)  # small JPEG
     proposed_in: tuple[int, ...] = ()
     missed_in: tuple[int, ...] = ()
-    reads: tuple[ThingRead, ...] = ()  # surest first
+    reads: tuple[ObjectRead, ...] = ()  # surest first
     looks: Looks | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
@@ -152,7 +152,7 @@ class Thing:
 
     @property
     def said(self) -> tuple[SaidName, ...]:
-        """Other sources' suggestions for a thing that a person named; otherwise empty."""
+        """Other sources' suggestions for an object that a person named; otherwise empty."""
         if self.source != "person":
             return ()
         name = label_key(self.name)
@@ -170,9 +170,9 @@ class Thing:
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts of things; a part's Gaussians belong to its thing as well."""
+    """Parts of objects; a part's Gaussians belong to its object as well."""
 
-    table: tuple[Thing, ...]  # by ascending id, each with its `parent`
+    table: tuple[Object, ...]  # by ascending id, each with its `parent`
     membership: Evidence  # labels are part ids, 0 = no part, as for Gaussians without entries
 
     def __post_init__(self) -> None:
@@ -181,10 +181,10 @@ class Parts:
 
 
 @dataclass(frozen=True)
-class ThingGroup:
-    """Things that views proposed as one, e.g. a stack of books."""
+class ObjectGroup:
+    """Objects that views proposed as one, e.g. a stack of books."""
 
-    id: int  # 1..65535, distinct from ids of things and parts
+    id: int  # 1..65535, distinct from ids of objects and parts
     members: tuple[int, ...]  # two or more, ascending
     consensus: float  # share of the views seeing it in which it was proposed, 0..1
 
@@ -194,37 +194,37 @@ class ThingGroup:
 
 
 @dataclass(frozen=True)
-class Things:
-    """Things of a scene and their Gaussians.
+class Objects:
+    """Objects of a scene and their Gaussians.
 
     Attributes:
-        membership: of G Gaussians; labels are thing ids, 0 = no thing, counts the strength of the evidence.
-        next_id: above all ids of things, parts and groups of this version and its predecessors; 0 derives it from the
+        membership: of G Gaussians; labels are object ids, 0 = no object, counts the strength of the evidence.
+        next_id: above all ids of objects, parts and groups of this version and its predecessors; 0 derives it from the
             present ids.
-        head: maps codes to logits over things and decides a pixel's owner (`codes_of_things`). None without trained
+        head: maps codes to logits over objects and decides a pixel's owner (`codes_of_objects`). None without trained
             codes: then the blended membership decides.
     """
 
-    table: tuple[Thing, ...]  # by ascending id
+    table: tuple[Object, ...]  # by ascending id
     membership: Evidence
     next_id: int = 0
     parts: Parts | None = None
     head: SemanticHead | None = None
-    groups: tuple[ThingGroup, ...] = ()  # by ascending id; a thing may be in several
+    groups: tuple[ObjectGroup, ...] = ()  # by ascending id; an object may be in several
 
     def __post_init__(self) -> None:
-        ids = [thing.id for thing in self.table]
-        assert ids == sorted(set(ids)) and not any(thing.parent for thing in self.table)
+        ids = [obj.id for obj in self.table]
+        assert ids == sorted(set(ids)) and not any(obj.parent for obj in self.table)
         if self.parts is not None:
             assert len(self.parts.membership) == len(self.membership)
             assert not {part.id for part in self.parts.table} & set(ids)
             assert {part.parent for part in self.parts.table} <= set(ids)
         group_ids = [group.id for group in self.groups]
-        assert group_ids == sorted(set(group_ids)) and not {thing.id for thing in self.everything} & set(group_ids)
+        assert group_ids == sorted(set(group_ids)) and not {obj.id for obj in self.everything} & set(group_ids)
         assert all(set(group.members) <= set(ids) for group in self.groups)
 
     @property
-    def everything(self) -> tuple[Thing, ...]:
+    def everything(self) -> tuple[Object, ...]:
         return self.table if self.parts is None else (*self.table, *self.parts.table)
 
 
@@ -237,19 +237,19 @@ class CodeSemantics:
 
 
 @dataclass(frozen=True)
-class ThingSemantics:
-    """Labels of Gaussians by the names of their things."""
+class ObjectSemantics:
+    """Labels of Gaussians by the names of their objects."""
 
-    things: Things
-    codes: F32  # [G, D], see `Things.head`
-    label_ids: NDArray[np.int32]  # [I + 1], dictionary id by thing id up to the largest, I; 0 if unnamed or no thing
+    objects: Objects
+    codes: F32  # [G, D], see `Objects.head`
+    label_ids: NDArray[np.int32]  # [I + 1], dictionary id by object id up to the largest, I; 0 if unnamed or no object
 
 
-Semantics = CodeSemantics | Evidence | ThingSemantics
+Semantics = CodeSemantics | Evidence | ObjectSemantics
 """Source of the Gaussians' labels."""
 
-LabelMode = Literal["codes", "evidence", "things"]
-"""Source of a Gaussian's label: its code, label map evidence, or its thing's name."""
+LabelMode = Literal["codes", "evidence", "objects"]
+"""Source of a Gaussian's label: its code, label map evidence, or its object's name."""
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class Scene:
 
     Attributes:
         label_templates: sentences the labels were embedded in (mean over them); "{}" is the bare label.
-        things: None if none are stored; see `fastsplat.service.query.things.labeled_things` for that case.
+        objects: None if none are stored; see `fastsplat.service.query.objects.labeled_objects` for that case.
         observations: from photos of other days, in order of arrival, in the trained version's frame
             (`fastsplat.service.scene.artefact.observations`).
     """
@@ -275,7 +275,7 @@ class Scene:
     facts: SceneFacts = field(default_factory=SceneFacts)
     label_templates: tuple[str, ...] = ("{}",)
     evidence: Evidence | None = None
-    things: Things | None = None
+    objects: Objects | None = None
     scaling: Scaling | None = None  # by known lengths since training
     alignment: Alignment | None = None  # to a map since training
     observations: tuple[Observation, ...] = ()
@@ -285,32 +285,32 @@ class Scene:
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
-        if self.things is not None:
-            assert len(self.things.membership) == len(self.gaussians)
-            head = self.things.head
+        if self.objects is not None:
+            assert len(self.objects.membership) == len(self.gaussians)
+            head = self.objects.head
             assert head is None or head.weight.shape == (len(head.bias), self.gaussians.codes.shape[1] or -1)
 
     @property
     def label_mode(self) -> LabelMode:
-        """Things if the scene stores them, else evidence, else codes."""
-        return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
+        """Objects if the scene stores them, else evidence, else codes."""
+        return "objects" if self.objects is not None else "codes" if self.evidence is None else "evidence"
 
     @property
     def frame_id(self) -> str:
         """Name of the world frame, see `frame_name`."""
         return frame_name(self.alignment)
 
-    def with_things(self, things: Things) -> ThingScene:
-        """Stores things in the scene, in place of its own."""
-        return ThingScene(**{**vars(self), "things": things})
+    def with_objects(self, objects: Objects) -> ObjectScene:
+        """Stores objects in the scene, in place of its own."""
+        return ObjectScene(**{**vars(self), "objects": objects})
 
     def semantics(self) -> Semantics:
         """Returns the source of the Gaussians' labels selected by `label_mode`."""
-        if self.things is not None:
-            label_ids = np.zeros(max((thing.id for thing in self.things.table), default=0) + 1, np.int32)
-            for thing in self.things.table:
-                label_ids[thing.id] = (self.dictionary.id_of(thing.name) or 0) if thing.name else 0
-            return ThingSemantics(self.things, self.gaussians.codes, label_ids)
+        if self.objects is not None:
+            label_ids = np.zeros(max((obj.id for obj in self.objects.table), default=0) + 1, np.int32)
+            for obj in self.objects.table:
+                label_ids[obj.id] = (self.dictionary.id_of(obj.name) or 0) if obj.name else 0
+            return ObjectSemantics(self.objects, self.gaussians.codes, label_ids)
         if self.evidence is not None:
             return self.evidence
         return CodeSemantics(self.gaussians.codes, self.head)
@@ -325,10 +325,10 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class ThingScene(Scene):
-    """A scene version that stores its things."""
+class ObjectScene(Scene):
+    """A scene version that stores its objects."""
 
-    things: Things = field(kw_only=True)
+    objects: Objects = field(kw_only=True)
 
 
 SceneT = TypeVar("SceneT", bound=Scene)

@@ -1,7 +1,7 @@
 """Reads and writes scene folders, which are immutable once written.
 
 Files: `scene.json`, `gaussians.safetensors`, `cameras.json`, and optionally `evidence.safetensors`,
-`things.safetensors` and `parts.safetensors`.
+`objects.safetensors` and `parts.safetensors`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from safetensors import SafetensorError, safe_open
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.scene.artefact.alignment import frame_name
-from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Parts, Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Object, Objects, Parts, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_manifest import (
     Manifest,
     cameras_from_bytes,
@@ -34,7 +34,8 @@ _MANIFEST = "scene.json"
 _ARRAYS = "gaussians.safetensors"
 _CAMERAS = "cameras.json"
 _EVIDENCE = "evidence.safetensors"
-_THINGS = "things.safetensors"
+_OBJECTS = "objects.safetensors"
+_EARLIER_OBJECTS = "things.safetensors"
 _PARTS = "parts.safetensors"
 _MAX_JSON_BYTES = 256 << 20
 
@@ -80,15 +81,17 @@ def write_scene(scene: Scene, folder: Path) -> None:
             arrays_sha256=_digest_arrays(arrays),
             evidence_entries=len(evidence["counts"]) if evidence else None,
             evidence_sha256=_digest_arrays(evidence) if evidence else "",
-            things=None if scene.things is None else scene.things.table,
-            things_entries=len(membership["counts"]) if membership else 0,
-            things_sha256=_digest_arrays(membership) if membership else "",
-            things_classes=None if scene.things is None or scene.things.head is None else len(scene.things.head.bias),
-            next_thing_id=0 if scene.things is None else scene.things.next_id,
-            parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
+            objects=None if scene.objects is None else scene.objects.table,
+            objects_entries=len(membership["counts"]) if membership else 0,
+            objects_sha256=_digest_arrays(membership) if membership else "",
+            objects_classes=None
+            if scene.objects is None or scene.objects.head is None
+            else len(scene.objects.head.bias),
+            next_object_id=0 if scene.objects is None else scene.objects.next_id,
+            parts=None if scene.objects is None or scene.objects.parts is None else scene.objects.parts.table,
             parts_entries=len(parts["counts"]) if parts else 0,
             parts_sha256=_digest_arrays(parts) if parts else "",
-            groups=() if scene.things is None else scene.things.groups,
+            groups=() if scene.objects is None else scene.objects.groups,
             scaling=scene.scaling,
             alignment=scene.alignment,
             observations=scene.observations,
@@ -101,7 +104,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             if evidence:
                 _save_arrays(evidence, beside / _EVIDENCE)
             if membership:
-                _save_arrays(membership, beside / _THINGS)
+                _save_arrays(membership, beside / _OBJECTS)
             if parts:
                 _save_arrays(parts, beside / _PARTS)
             (beside / _CAMERAS).write_bytes(cameras)
@@ -146,7 +149,7 @@ def _read_scene(folder: Path) -> Scene:
         quality=manifest.quality,
         facts=manifest.facts,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
-        things=_read_things(folder, manifest),
+        objects=_read_objects(folder, manifest),
         scaling=manifest.scaling,
         alignment=manifest.alignment,
         observations=manifest.observations,
@@ -174,26 +177,26 @@ def _evidence_of(scene: Scene) -> dict[str, _Array]:
 
 
 def _membership_of(scene: Scene) -> dict[str, _Array]:
-    if scene.things is None:
+    if scene.objects is None:
         return {}
-    if wrong := _check_membership(scene.things.membership, [thing.id for thing in scene.things.table]):
-        raise InvalidInputError(f"the things contradict the scene: {wrong}", field="things")
-    arrays = {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
-    head = scene.things.head
+    if wrong := _check_membership(scene.objects.membership, [obj.id for obj in scene.objects.table]):
+        raise InvalidInputError(f"the objects contradict the scene: {wrong}", field="objects")
+    arrays = {field.name: getattr(scene.objects.membership, field.name) for field in fields(Evidence)}
+    head = scene.objects.head
     if head is None:
         return arrays
     of_head: dict[str, _Array] = {"head.weight": head.weight, "head.bias": head.bias}
     if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
-        raise InvalidInputError(f"the things' {bad} holds NaN or infinite numbers", field="things.head")
+        raise InvalidInputError(f"the objects' {bad} holds NaN or infinite numbers", field="objects.head")
     return arrays | of_head
 
 
 def _parts_of(scene: Scene) -> dict[str, _Array]:
-    parts = None if scene.things is None else scene.things.parts
+    parts = None if scene.objects is None else scene.objects.parts
     if parts is None:
         return {}
     if wrong := _check_membership(parts.membership, [part.id for part in parts.table]):
-        raise InvalidInputError(f"the parts contradict the scene: {wrong}", field="things")
+        raise InvalidInputError(f"the parts contradict the scene: {wrong}", field="objects")
     return {field.name: getattr(parts.membership, field.name) for field in fields(Evidence)}
 
 
@@ -207,30 +210,30 @@ def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     return evidence
 
 
-def _read_things(folder: Path, manifest: Manifest) -> Things | None:
-    if manifest.things is None:
+def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
+    if manifest.objects is None:
         return None
-    path = folder / _THINGS
-    classes, shapes = manifest.things_classes, _evidence_shapes(manifest.gaussians, manifest.things_entries)
+    path = folder / (_OBJECTS if (folder / _OBJECTS).exists() else _EARLIER_OBJECTS)
+    classes, shapes = manifest.objects_classes, _evidence_shapes(manifest.gaussians, manifest.objects_entries)
     arrays = _mapped(
-        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.things_sha256
+        path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.objects_sha256
     )
     head = None
     if classes is not None:
         head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
         if bad := _first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
             raise _damaged(path, f"{bad} has NaN or infinite numbers")
-    membership = _members(path, _sparse_counts(path, arrays), manifest.things)
+    membership = _members(path, _sparse_counts(path, arrays), manifest.objects)
     parts = None
     if manifest.parts is not None:
         path = folder / _PARTS
         arrays = _mapped(path, _evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
         parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
-    return Things(manifest.things, membership, manifest.next_thing_id, parts, head, manifest.groups)
+    return Objects(manifest.objects, membership, manifest.next_object_id, parts, head, manifest.groups)
 
 
-def _members(path: Path, membership: Evidence, table: tuple[Thing, ...]) -> Evidence:
-    if wrong := _check_membership(membership, [thing.id for thing in table]):
+def _members(path: Path, membership: Evidence, table: tuple[Object, ...]) -> Evidence:
+    if wrong := _check_membership(membership, [obj.id for obj in table]):
         raise _damaged(path, wrong)
     return membership
 
@@ -305,12 +308,12 @@ def _check_evidence(evidence: Evidence, labels: int) -> str:
 
 
 def _check_membership(membership: Evidence, ids: Sequence[int]) -> str:
-    """Describes the first error in a membership of these things; "" if it is valid."""
+    """Describes the first error in a membership of these objects; "" if it is valid."""
     if (np.diff(membership.starts) < 0).any():
         return "its rows do not ascend"
     strangers = np.setdiff1d(membership.labels, [0, *ids])
     if len(strangers):
-        return f"it holds the thing {int(strangers[0])}, which the table does not have"
+        return f"it holds the object {int(strangers[0])}, which the table does not have"
     return _check_entries(membership) if len(membership.labels) else ""
 
 

@@ -14,17 +14,18 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.scene.artefact.alignment import Alignment, alignment_from_json, alignment_to_json
 from fastsplat.service.scene.artefact.observations import observations_from_json, observations_to_json
 from fastsplat.service.scene.artefact.reads import MAX_READ_CHARS, MOST_READS
 from fastsplat.service.scene.artefact.scaling import Scaling, scaling_from_json, scaling_to_json
-from fastsplat.service.scene.artefact.scene import SH_COUNTS, Looks, NameSource, SurfaceKind, Thing, ThingGroup
+from fastsplat.service.scene.artefact.scene import SH_COUNTS, Looks, NameSource, Object, ObjectGroup, SurfaceKind
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 from fastsplat_contract.messages.scenes import Scale
-from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
 from fastsplat_contract.photos.observations import Observation
 
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -59,8 +60,8 @@ class _StrictRow(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
-class _ThingRow(_StrictRow):
-    """A thing, or a part of one."""
+class _ObjectRow(_StrictRow):
+    """An object, or a part of one."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
     name: str
@@ -78,14 +79,14 @@ class _ThingRow(_StrictRow):
     looks: Annotated[tuple[str, _Base64], Field(strict=False)] | None = None
 
     @model_validator(mode="after")
-    def _names_have_a_source(self) -> _ThingRow:
+    def _names_have_a_source(self) -> _ObjectRow:
         if bool(self.name) != (self.source is not None):
-            raise ValueError(f"the thing {self.id} has a name without a source, or the other way round")
+            raise ValueError(f"the object {self.id} has a name without a source, or the other way round")
         return self
 
 
 class _GroupRow(_StrictRow):
-    """A group of things."""
+    """A group of objects."""
 
     id: Annotated[int, Field(ge=1, le=65535)]
     members: Annotated[tuple[int, ...], Field(strict=False, min_length=2)]
@@ -93,15 +94,15 @@ class _GroupRow(_StrictRow):
 
 
 class _Parts(_StrictRow):
-    table: list[_ThingRow]
+    table: list[_ObjectRow]
     entries: Annotated[int, Field(ge=0)]
     sha256: str
 
 
-class _ThingsRow(_StrictRow):
-    """Things of a scene with their parts and groups."""
+class _ObjectsRow(_StrictRow):
+    """Objects of a scene with their parts and groups."""
 
-    table: list[_ThingRow]
+    table: list[_ObjectRow]
     next_id: Annotated[int, Field(ge=0, le=65536)]
     entries: Annotated[int, Field(ge=0)]
     sha256: str
@@ -110,64 +111,64 @@ class _ThingsRow(_StrictRow):
     groups: list[_GroupRow]
 
     @model_validator(mode="after")
-    def _ids_ascend(self) -> _ThingsRow:
-        ids = [thing.id for thing in self.table]
+    def _ids_ascend(self) -> _ObjectsRow:
+        ids = [obj.id for obj in self.table]
         if ids != sorted(set(ids)):
-            raise ValueError("the things' ids do not ascend")
+            raise ValueError("the objects' ids do not ascend")
         return self
 
     @model_validator(mode="after")
-    def _parts_are_of_things(self) -> _ThingsRow:
-        own = [thing.id for thing in self.table]
+    def _parts_are_of_objects(self) -> _ObjectsRow:
+        own = [obj.id for obj in self.table]
         parts = [] if self.parts is None else self.parts.table
         ids = [part.id for part in parts]
         if ids != sorted(set(ids)) or set(ids) & set(own):
-            raise ValueError("the parts' ids do not ascend, or are those of things")
-        if any(thing.parent for thing in self.table) or not {part.parent for part in parts} <= set(own):
-            raise ValueError("a part is of no thing, or a thing of another")
+            raise ValueError("the parts' ids do not ascend, or are those of objects")
+        if any(obj.parent for obj in self.table) or not {part.parent for part in parts} <= set(own):
+            raise ValueError("a part is of no object, or an object of another")
         return self
 
     @model_validator(mode="after")
-    def _groups_are_of_things(self) -> _ThingsRow:
-        own = {thing.id for thing in self.table}
+    def _groups_are_of_objects(self) -> _ObjectsRow:
+        own = {obj.id for obj in self.table}
         parts = set() if self.parts is None else {part.id for part in self.parts.table}
         ids = [group.id for group in self.groups]
         if ids != sorted(set(ids)) or set(ids) & (own | parts):
-            raise ValueError("the groups' ids do not ascend, or are those of things or parts")
+            raise ValueError("the groups' ids do not ascend, or are those of objects or parts")
         for group in self.groups:
             if list(group.members) != sorted(set(group.members)) or not set(group.members) <= own:
-                raise ValueError(f"the members of group {group.id} do not ascend, or are no things")
+                raise ValueError(f"the members of group {group.id} do not ascend, or are no objects")
         return self
 
 
-def _thing_row(thing: Thing) -> dict[str, Any]:
-    """Encodes a thing as JSON with base64 bytes; omits most empty fields."""
-    row = asdict(replace(thing, looks=None))
+def _object_row(obj: Object) -> dict[str, Any]:
+    """Encodes an object as JSON with base64 bytes; omits most empty fields."""
+    row = asdict(replace(obj, looks=None))
     del row["looks"]
-    if thing.looks is not None:
-        row["looks"] = thing.looks.sha256, base64.b64encode(thing.looks.embedding).decode()
+    if obj.looks is not None:
+        row["looks"] = obj.looks.sha256, base64.b64encode(obj.looks.embedding).decode()
     for name in ("appearance", "picture"):
         if coded := base64.b64encode(row.pop(name)).decode():
             row[name] = coded
     for name in ("proposed_in", "missed_in", "reads"):
         if not row[name]:
             del row[name]
-    row["suggestions"] = [tuple(each) if each.source else each[:2] for each in thing.suggestions]
+    row["suggestions"] = [tuple(each) if each.source else each[:2] for each in obj.suggestions]
     return row
 
 
-def _thing_of_row(row: _ThingRow) -> Thing:
-    """Decodes the output of `_thing_row`."""
+def _object_of_row(row: _ObjectRow) -> Object:
+    """Decodes the output of `_object_row`."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     suggestions = tuple(Suggestion(*each) for each in row.suggestions)
-    reads = tuple(ThingRead(*each) for each in row.reads)
+    reads = tuple(ObjectRead(*each) for each in row.reads)
     looks = None if row.looks is None else Looks(row.looks[0], base64.b64decode(row.looks[1]))
-    return Thing(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
+    return Object(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
 
 
-def _group_of_row(row: _GroupRow) -> ThingGroup:
+def _group_of_row(row: _GroupRow) -> ObjectGroup:
     """Decodes a group from its `asdict` form."""
-    return ThingGroup(row.id, row.members, row.consensus)
+    return ObjectGroup(row.id, row.members, row.consensus)
 
 
 @dataclass(frozen=True)
@@ -188,15 +189,15 @@ class Manifest:
     arrays_sha256: str  # digest, also of the row order
     evidence_entries: int | None = None  # M; None without evidence
     evidence_sha256: str = ""
-    things: tuple[Thing, ...] | None = None  # table; None for a scene without
-    things_entries: int = 0  # M of the membership
-    things_sha256: str = ""  # of membership and head
-    things_classes: int | None = None  # C of the head; None for things without codes
-    next_thing_id: int = 0
-    parts: tuple[Thing, ...] | None = None  # table; None for things without
+    objects: tuple[Object, ...] | None = None  # table; None for a scene without
+    objects_entries: int = 0  # M of the membership
+    objects_sha256: str = ""  # of membership and head
+    objects_classes: int | None = None  # C of the head; None for objects without codes
+    next_object_id: int = 0
+    parts: tuple[Object, ...] | None = None  # table; None for objects without
     parts_entries: int = 0
     parts_sha256: str = ""
-    groups: tuple[ThingGroup, ...] = ()
+    groups: tuple[ObjectGroup, ...] = ()
     scaling: Scaling | None = None
     alignment: Alignment | None = None
     observations: tuple[Observation, ...] = ()
@@ -238,18 +239,18 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "evidence": None
         if manifest.evidence_entries is None
         else {"entries": manifest.evidence_entries, "sha256": manifest.evidence_sha256},
-        "things": None
-        if manifest.things is None
+        "objects": None
+        if manifest.objects is None
         else {
-            "table": [_thing_row(thing) for thing in manifest.things],
-            "next_id": manifest.next_thing_id,
-            "entries": manifest.things_entries,
-            "sha256": manifest.things_sha256,
-            "classes": manifest.things_classes,
+            "table": [_object_row(obj) for obj in manifest.objects],
+            "next_id": manifest.next_object_id,
+            "entries": manifest.objects_entries,
+            "sha256": manifest.objects_sha256,
+            "classes": manifest.objects_classes,
             "parts": None
             if manifest.parts is None
             else {
-                "table": [_thing_row(part) for part in manifest.parts],
+                "table": [_object_row(part) for part in manifest.parts],
                 "entries": manifest.parts_entries,
                 "sha256": manifest.parts_sha256,
             },
@@ -288,14 +289,14 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     if seal != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
     try:
-        checked = _Body.model_validate(body)
+        checked = _Body.model_validate(renamed_keys(body))
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
         observations = observations_from_json(checked.observations)
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
-    parts = None if checked.things is None else checked.things.parts
+    parts = None if checked.objects is None else checked.objects.parts
     facts, quality = split_quality(checked.quality)
     return Manifest(
         dictionary=dictionary,
@@ -312,15 +313,15 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         arrays_sha256=checked.arrays_sha256,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
-        things=None if checked.things is None else tuple(_thing_of_row(row) for row in checked.things.table),
-        things_entries=0 if checked.things is None else checked.things.entries,
-        things_sha256="" if checked.things is None else checked.things.sha256,
-        things_classes=None if checked.things is None else checked.things.classes,
-        next_thing_id=0 if checked.things is None else checked.things.next_id,
-        parts=None if parts is None else tuple(_thing_of_row(row) for row in parts.table),
+        objects=None if checked.objects is None else tuple(_object_of_row(row) for row in checked.objects.table),
+        objects_entries=0 if checked.objects is None else checked.objects.entries,
+        objects_sha256="" if checked.objects is None else checked.objects.sha256,
+        objects_classes=None if checked.objects is None else checked.objects.classes,
+        next_object_id=0 if checked.objects is None else checked.objects.next_id,
+        parts=None if parts is None else tuple(_object_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
-        groups=() if checked.things is None else tuple(_group_of_row(row) for row in checked.things.groups),
+        groups=() if checked.objects is None else tuple(_group_of_row(row) for row in checked.objects.groups),
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
         alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
         observations=observations,
@@ -437,7 +438,7 @@ class _Body(_StrictRow):
     sizes: _Sizes
     arrays_sha256: str
     evidence: _Evidence | None
-    things: _ThingsRow | None
+    objects: _ObjectsRow | None
     cameras_sha256: str
     scaling: _Scaling | None
     alignment: _Alignment | None

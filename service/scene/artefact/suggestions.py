@@ -1,4 +1,4 @@
-"""Suggested names of things that nobody has confirmed."""
+"""Suggested names of objects that nobody has confirmed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 MOST_SUGGESTED = 5
-"""Suggested names per source and thing."""
+"""Suggested names per source and object."""
 
 
 class Suggestion(NamedTuple):
@@ -20,7 +20,7 @@ class Suggestion(NamedTuple):
 
 
 class SaidName(NamedTuple):
-    """A source's suggestion for a thing that a person named."""
+    """A source's suggestion for an object that a person named."""
 
     source: str
     probability: float

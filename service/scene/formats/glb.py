@@ -120,7 +120,7 @@ class GlbBuilder:
         size = _HEADER.size + sum(map(len, chunks))
         if size > LARGEST:
             raise LimitExceededError(
-                f"a GLB of {size} bytes", field="format", limit=f"{LARGEST} bytes", hint="Export some things alone."
+                f"a GLB of {size} bytes", field="format", limit=f"{LARGEST} bytes", hint="Export some objects alone."
             )
         return b"".join([_HEADER.pack(b"glTF", 2, size), *chunks])
 

@@ -1,4 +1,4 @@
-"""Exports labelled triangle meshes as glTF with a node per thing and unlit colors."""
+"""Exports labelled triangle meshes as glTF with a node per object and unlit colors."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ _ROW = np.dtype(
     [
         *((name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")),
         *((name, "u1") for name in ("red", "green", "blue")),
-        *((name, "<u2") for name in ("label", "thing")),
+        *((name, "<u2") for name in ("label", "object")),
         ("confidence", "<f4"),
     ]
 )
@@ -27,7 +27,7 @@ def point_ply(
     normals: F32,  # [P, 3], unit length
     colors: NDArray[np.uint8],  # [P, 3], sRGB
     labels: NDArray[np.uint16],  # [P], 0 for none
-    things: NDArray[np.uint16],  # [P], 0 for none
+    objects: NDArray[np.uint16],  # [P], 0 for none
     confidence: F32,  # [P], 0..1
     comments: Mapping[str, str | float | Mapping[int, str]],
 ) -> bytes:
@@ -35,7 +35,7 @@ def point_ply(
 
     Args:
         comments: header lines by their first word. Texts, and names by id, are written as ASCII JSON strings, so that
-            no name can end its line: `comment thing 7 "banana"`.
+            no name can end its line: `comment object 7 "banana"`.
     """
     rows = np.empty(len(points), _ROW)
     for names, columns in (
@@ -45,7 +45,7 @@ def point_ply(
     ):
         for axis, name in enumerate(names):
             rows[name] = columns[:, axis]
-    rows["label"], rows["thing"], rows["confidence"] = labels, things, confidence
+    rows["label"], rows["object"], rows["confidence"] = labels, objects, confidence
     lines: list[str] = []
     for word, value in comments.items():
         if isinstance(value, Mapping):

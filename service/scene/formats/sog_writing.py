@@ -69,7 +69,7 @@ def sog_bytes(gaussians: Gaussians) -> bytes:
             f"a SOG file of {count} Gaussians",
             field="format",
             limit=f"{MOST_GAUSSIANS} Gaussians",
-            hint="Export it as ply or spz, or some of its things alone.",
+            hint="Export it as ply or spz, or some of its objects alone.",
         )
     order = morton_order(gaussians.means)
     files: dict[str, bytes] = {}

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.artefact.scene import Gaussians, SceneT
 from fastsplat.service.scene.objects.label_evidence import rows_of
-from fastsplat.service.scene.objects.things import things_of_rows
+from fastsplat.service.scene.objects.objects import objects_of_rows
 
 
 def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
@@ -47,5 +47,5 @@ def scene_of_rows(scene: SceneT, rows: NDArray[np.integer]) -> SceneT:
         scene,
         gaussians=gaussians_of_rows(scene.gaussians, rows),
         evidence=None if scene.evidence is None else rows_of(scene.evidence, rows),
-        things=things_of_rows(scene.things, rows),
+        objects=objects_of_rows(scene.objects, rows),
     )

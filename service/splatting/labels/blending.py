@@ -1,4 +1,4 @@
-"""Renders label and thing maps from blended codes or posteriors."""
+"""Renders label and object maps from blended codes or posteriors."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.scene.artefact.scene import F32, Evidence, Scene, SemanticHead, Things, ThingSemantics
+from fastsplat.service.scene.artefact.scene import F32, Evidence, Objects, ObjectSemantics, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import posterior
-from fastsplat.service.scene.objects.thing_codes import codes_of_things
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.object_codes import codes_of_objects
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.image_formation import Backend, LabelMap, Splats
@@ -38,28 +38,28 @@ class LabelBlend(Protocol):
 def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = None) -> LabelBlend:
     """Selects the blend by `Scene.semantics`; `before` is an earlier one of the same Gaussians."""
     semantics = scene.semantics()
-    if isinstance(semantics, ThingSemantics):
-        return ThingBlend(semantics, device, before if isinstance(before, ThingBlend) else None)
+    if isinstance(semantics, ObjectSemantics):
+        return ObjectBlend(semantics, device, before if isinstance(before, ObjectBlend) else None)
     if isinstance(semantics, Evidence):
         return EvidenceBlend(semantics, len(scene.dictionary) + 1, device)
     return CodeBlend(semantics.codes, semantics.head, device)
 
 
 @torch.no_grad()
-def thing_map(
+def object_map(
     scene: Scene, posed: PosedCamera, *, alpha_min: float = 0.5, backend: Backend = "cpu"
 ) -> NDArray[np.int32]:
-    """Renders the most probable thing id of each pixel, int32 [H, W], by `things_blend`.
+    """Renders the most probable object id of each pixel, int32 [H, W], by `objects_blend`.
 
-    0 means no thing, or alpha below `alpha_min`.
+    0 means no object, or alpha below `alpha_min`.
 
     Raises:
-        InvalidInputError: a scene without things.
+        InvalidInputError: a scene without objects.
     """
-    if scene.things is None:
-        raise InvalidInputError("this scene has no things", field="things", hint="Discover them first.")
+    if scene.objects is None:
+        raise InvalidInputError("this scene has no objects", field="objects", hint="Discover them first.")
     device = device_of(backend)
-    blend = things_blend(scene.things, scene.gaussians.codes, device)
+    blend = objects_blend(scene.objects, scene.gaussians.codes, device)
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
     splats = splats_of(scene.gaussians, device=device)
     drawn = blend.render(splats, viewmat, posed.camera, alpha_min=alpha_min, relevancy=None, backend=backend)
@@ -116,11 +116,11 @@ class EvidenceBlend:
         return replace(labels, image=image[..., :own], relevancy=None if relevancy is None else image[..., own])
 
 
-def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend:
-    """Selects the blend for thing ids: composited codes if trained, else membership."""
-    if things.head is None:
-        return EvidenceBlend(things.membership, max((thing.id for thing in things.table), default=0) + 1, device)
-    coded = codes_of_things(codes, things.head, thing_rows(things))
+def objects_blend(objects: Objects, codes: F32, device: torch.device) -> LabelBlend:
+    """Selects the blend for object ids: composited codes if trained, else membership."""
+    if objects.head is None:
+        return EvidenceBlend(objects.membership, max((obj.id for obj in objects.table), default=0) + 1, device)
+    coded = codes_of_objects(codes, objects.head, object_rows(objects))
     return _Renamed(CodeBlend(coded.codes, coded.head, device), coded.ids)
 
 
@@ -138,16 +138,17 @@ class _Renamed:
         return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
 
 
-class ThingBlend(_Renamed):
-    """Labels pixels by the name of their thing.
+class ObjectBlend(_Renamed):
+    """Labels pixels by the name of their object.
 
-    A label's mask is the union of its things' masks. Reuses the blend of `before` if the membership is the same object.
+    A label's mask is the union of its objects' masks. Reuses the blend of `before` if the membership is the same
+    object.
     """
 
-    def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:
-        self.members = semantics.things.membership
+    def __init__(self, semantics: ObjectSemantics, device: torch.device, before: ObjectBlend | None = None) -> None:
+        self.members = semantics.objects.membership
         same = before is not None and before.members is self.members
-        self.things: LabelBlend = (
-            before.things if same and before else things_blend(semantics.things, semantics.codes, device)
+        self.objects: LabelBlend = (
+            before.objects if same and before else objects_blend(semantics.objects, semantics.codes, device)
         )
-        super().__init__(self.things, semantics.label_ids)
+        super().__init__(self.objects, semantics.label_ids)

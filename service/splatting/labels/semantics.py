@@ -26,7 +26,7 @@ _STARTS, _STEPS = 6, 100
 def code_size(labels: int, setting: Literal["auto"] | int) -> int:
     """Returns the code dimension; 0 for a scene without labels.
 
-    With short codes the blend of two things may be classified as a third ("ghost label"). `min(n − 1, ⌊2√n⌋)` keeps
+    With short codes the blend of two objects may be classified as a third ("ghost label"). `min(n − 1, ⌊2√n⌋)` keeps
     every pair's midpoint 0.15 or more away from any third of n classes. The limit 13 fills 16 channels together with
     color.
     """

@@ -90,7 +90,7 @@ def require_likeness(
             f"after the last step the scene's pictures have a PSNR of {found:.1f} dB",
             field="quality.psnr",
             limit=f"at least {min(mean, _UNLIKE_DB):.1f} dB, as one color for each photo has",
-            hint="Check that poses belong to their photos, and leave out photos in which things moved.",
+            hint="Check that poses belong to their photos, and leave out photos in which objects moved.",
         )
 
 

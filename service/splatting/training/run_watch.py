@@ -116,6 +116,6 @@ def return_warnings(state: SplatState) -> tuple[str, ...]:
     corrected = " and with each photo's exposure corrected" if CORRECTIONS in state.parameters else ""
     return tuple(
         f"Training went astray: at step {at:.0f} it went back to step {good:.0f}, with lower learning rates{corrected}."
-        " Look whether photos differ in light, things moved or poses are wrong."
+        " Look whether photos differ in light, objects moved or poses are wrong."
         for at, good in state.parameters.get(_RETURNS, torch.zeros(0, 2)).tolist()
     )

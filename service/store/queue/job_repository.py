@@ -332,7 +332,7 @@ def _publish_made_within(
     values: dict[str, Any] = {
         "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
         "dictionary": [dict(row) for row in summary.dictionary], "cameras": [dict(row) for row in summary.cameras],
-        "quality": dict(summary.quality), "scaling": None, "alignment": None, "things": summary.things,
+        "quality": dict(summary.quality), "scaling": None, "alignment": None, "objects": summary.objects,
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
     if draft and records:

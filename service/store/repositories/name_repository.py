@@ -1,4 +1,4 @@
-"""Known names: names that people gave to things of a project's scenes, with their appearance.
+"""Known names: names that people gave to objects of a project's scenes, with their appearance.
 
 Every version of a scene has its rows, and those of the current version count: undoing, unnaming and deleting a scene
 take names back without further steps.
@@ -20,18 +20,18 @@ from fastsplat.service.store.rows.schema import known_names, scenes
 from fastsplat_contract.errors import NotFoundError
 
 if TYPE_CHECKING:
-    from fastsplat.service.scene.artefact.scene import Things
+    from fastsplat.service.scene.artefact.scene import Objects
 
 
 Said = tuple[str, float, bool]
-"""An earlier suggestion of a name for the thing, see `SaidName`."""
+"""An earlier suggestion of a name for the object, see `SaidName`."""
 
 
 @dataclass(frozen=True)
 class NewName:
-    """A name given by a person in a new version; other fields as in `Thing`."""
+    """A name given by a person in a new version; other fields as in `Object`."""
 
-    thing_id: int
+    object_id: int
     name: str
     appearance: bytes = field(repr=False)
     picture: bytes = field(repr=False)
@@ -44,7 +44,7 @@ class VersionNames:
     """The names of a new version of a scene."""
 
     given: Sequence[NewName] = ()  # by the version's edits
-    unchanged: Sequence[int] = ()  # ids of things that keep their name; one forgotten meanwhile stays forgotten
+    unchanged: Sequence[int] = ()  # ids of objects that keep their name; one forgotten meanwhile stays forgotten
     limit: int = 0  # of names kept in the project, the newest ones
 
 
@@ -55,7 +55,7 @@ class KnownNameRecord:
     id: str
     scene_id: str
     version: str
-    thing_id: int
+    object_id: int
     name: str
     named_at: float
     appearance: bytes = field(repr=False)
@@ -65,31 +65,31 @@ class KnownNameRecord:
 
 
 def names_between(
-    before: Things | None, after: Things | None, appearances: Mapping[int, bytes], limit: int
+    before: Objects | None, after: Objects | None, appearances: Mapping[int, bytes], limit: int
 ) -> VersionNames:
     """Finds the names given and kept by a version.
 
-    Things with neither appearance nor tag are left out.
+    Objects with neither appearance nor tag are left out.
 
     Args:
-        before, after: things of the previous version and of this one.
-        appearances: by thing id, for recognition in other scenes; see `described`.
+        before, after: objects of the previous version and of this one.
+        appearances: by object id, for recognition in other scenes; see `described`.
     """
-    known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
-    by_person = [thing for thing in after.table if thing.source == "person"] if after else []
-    named = [thing for thing in by_person if thing.appearance or tags_of(thing.reads)]
-    unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
+    known = {obj.id: obj.name for obj in before.table if obj.source == "person"} if before else {}
+    by_person = [obj for obj in after.table if obj.source == "person"] if after else []
+    named = [obj for obj in by_person if obj.appearance or tags_of(obj.reads)]
+    unchanged = [obj.id for obj in named if known.get(obj.id) == obj.name]
     given = [
         NewName(
-            thing.id,
-            thing.name,
-            appearances.get(thing.id, b""),
-            thing.picture,
-            thing.said,
-            tuple(tags_of(thing.reads).items()),
+            obj.id,
+            obj.name,
+            appearances.get(obj.id, b""),
+            obj.picture,
+            obj.said,
+            tuple(tags_of(obj.reads).items()),
         )
-        for thing in named
-        if known.get(thing.id) != thing.name
+        for obj in named
+        if known.get(obj.id) != obj.name
     ]
     return VersionNames(given, unchanged, limit)
 
@@ -106,11 +106,11 @@ def record_names(connection: Connection, scene_id: str, parent: str, version: st
     if names.unchanged:
         columns = [literal(version) if column is _ROWS.version else column for column in _ROWS]
         of_parent = select(*columns).where(
-            _ROWS.scene_id == scene_id, _ROWS.version == parent, _ROWS.thing_id.in_(names.unchanged)
+            _ROWS.scene_id == scene_id, _ROWS.version == parent, _ROWS.object_id.in_(names.unchanged)
         )
         connection.execute(insert(known_names).from_select([column.name for column in _ROWS], of_parent))
     for given in names.given:
-        row = {"id": f"{scene_id}-{given.thing_id}", "scene_id": scene_id, "version": version, "named_at": now}
+        row = {"id": f"{scene_id}-{given.object_id}", "scene_id": scene_id, "version": version, "named_at": now}
         connection.execute(insert(known_names).values(**row, **vars(given)))
     if names.given:
         _leave(connection, scene_id, names.limit)

@@ -39,7 +39,7 @@ class VersionRecord:
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
-    things: int
+    objects: int
     current_at: float | None = None  # when it last ceased to be current; None: never
     author: str = ""  # name of its access key
     scaling: Mapping[str, Any] | None = None
@@ -60,7 +60,7 @@ class VersionRecord:
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
             quality=is_object(self.quality),
-            things=isinstance(self.things, int),
+            objects=isinstance(self.objects, int),
         )
 
 
@@ -81,7 +81,7 @@ class NewVersion:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
-    things: int
+    objects: int
     names: VersionNames = field(default_factory=VersionNames)
     author: str = ""
     scaling: Mapping[str, Any] | None = None
@@ -288,7 +288,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
     values = {
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
-        "alignment": None if to.alignment is None else dict(to.alignment), "things": to.things,
+        "alignment": None if to.alignment is None else dict(to.alignment), "objects": to.objects,
         "quality": dict(to.quality),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
@@ -322,5 +322,5 @@ def no_version(version: str) -> NotFoundError:
 def trained_version(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
-        scene.quality, scene.things, current=True,
+        scene.quality, scene.objects, current=True,
     )  # fmt: skip

@@ -41,7 +41,7 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    things: int = 0
+    objects: int = 0
 
     def __post_init__(self) -> None:
         require(
@@ -58,7 +58,7 @@ class SceneRecord:
             quality=is_object(self.quality),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            things=isinstance(self.things, int),
+            objects=isinstance(self.objects, int),
         )
 
 
@@ -176,7 +176,7 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
-    things: int
+    objects: int
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ projects = Table(
     metadata,
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
-    Column("namer_host", String(300), nullable=False, default=""),  # may receive pictures of things; "": none
+    Column("namer_host", String(300), nullable=False, default=""),  # may receive pictures of objects; "": none
 )
 
 scenes = Table(
@@ -51,7 +51,7 @@ scenes = Table(
     # Change of lengths from the trained version to the current one; null: none.
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
-    Column("things", Integer, nullable=False, default=0),
+    Column("objects", Integer, nullable=False, default=0),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
 )
@@ -117,18 +117,18 @@ scene_versions = Table(
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
     Column("quality", JSON, nullable=False),
-    Column("things", Integer, nullable=False),
+    Column("objects", Integer, nullable=False),
     UniqueConstraint("scene_id", "request_id"),
 )
 
-# Names given by people, with the appearance of the thing, for each version of a scene.
+# Names given by people, with the appearance of the object, for each version of a scene.
 known_names = Table(
     "known_names",
     metadata,
     Column("id", String(60), primary_key=True),
     Column("version", String(80), primary_key=True),
     Column("scene_id", String(40), nullable=False),
-    Column("thing_id", Integer, nullable=False),
+    Column("object_id", Integer, nullable=False),
     Column("name", String(1000), nullable=False),
     Column("named_at", Double, nullable=False),
     Column("appearance", LargeBinary, nullable=False),

@@ -35,8 +35,8 @@ _FOR_ONE_UPLOAD = {
     *(f"{method} /v1/uploads/{{upload_id}}" for method in ("HEAD", "PATCH", "DELETE")),
 }
 _FOR_SUGGESTERS = {
-    *("GetThingSheet", "SuggestNames", "POST /mcp", "GetServerStatus", "GET /v1/server/status"),
-    *("GET /v1/scenes/{scene_id}/things/sheet", "POST /v1/scenes/{scene_id}/name-suggestions"),
+    *("GetObjectSheet", "SuggestNames", "POST /mcp", "GetServerStatus", "GET /v1/server/status"),
+    *("GET /v1/scenes/{scene_id}/objects/sheet", "POST /v1/scenes/{scene_id}/name-suggestions"),
 }
 _ASKING = {
     *(

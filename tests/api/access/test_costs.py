@@ -41,7 +41,7 @@ def test_too_many_sentences_or_pixels_are_refused_before_any_work(
     opened: list[Any] = []
     monkeypatch.setattr(service._context.scenes, "open", lambda *arguments: opened.append(arguments))
     templates = tuple(f"{{}} number {number}" for number in range(64))
-    texts = tuple(f"thing {number}" for number in range(64))
+    texts = tuple(f"object {number}" for number in range(64))
     encodings = _refused(faces, QueryRequest(scene_id, texts, templates=templates), protocol)
     assert (encodings.reason, encodings.details["field"]) == ("LIMIT_EXCEEDED", "templates")
     posed = turned(0.0)

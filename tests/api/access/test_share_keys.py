@@ -25,12 +25,12 @@ from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _SHOWN = {
-    *("GetScene", "ListScenes", "ListLabels", "ListThings", "PickThing", "ListVersions", "Query"),
+    *("GetScene", "ListScenes", "ListLabels", "ListObjects", "PickObject", "ListVersions", "Query"),
     *("StreamQuery", "RenderView", "ExportScene"),
     *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
-    "GetThingSheet",
+    "GetObjectSheet",
     *("Localize", "ListObservations", "GetObservation"),
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""
@@ -107,8 +107,8 @@ def test_names_of_other_scenes_are_not_suggested_to_a_link(guarded: Guarded, lin
     add_known_name(guarded.service, other, "a secret")
     assert shown.only_scene and not store.only_scene
     with _client(guarded, link) as client:
-        for thing in client.things(guarded.shared["scene_id"]):
-            assert not [each for each in thing.suggestions if each.scene_id]
+        for obj in client.objects(guarded.shared["scene_id"]):
+            assert not [each for each in obj.suggestions if each.scene_id]
 
 
 def test_a_link_shows_nobody_s_key_name(guarded: Guarded) -> None:

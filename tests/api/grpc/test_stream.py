@@ -69,7 +69,7 @@ class _Robot:
 
 
 @pytest.mark.parametrize(
-    ("texts", "rankings"), [(("mug", "moon"), 1), (("mug left of the ball", "how many things are red"), 2)]
+    ("texts", "rankings"), [(("mug", "moon"), 1), (("mug left of the ball", "how many objects are red"), 2)]
 )
 def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
     faces: Faces, service: SceneService, own: str, texts: tuple[str], rankings: int, monkeypatch: pytest.MonkeyPatch
@@ -89,7 +89,7 @@ def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
             assert {answer.version for answer in found.answers} == {version}
             if number == len(_ANGLES):
-                version = service.versions.edit(own, [Edit("name", thing_ids=(1,), name="violin")]).version
+                version = service.versions.edit(own, [Edit("name", object_ids=(1,), name="violin")]).version
                 ranked.clear()
             answered.release()
 

@@ -24,15 +24,15 @@ def room(models_dir: Path, tmp_path: Path) -> Iterator[Nameless]:
 
 def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None:
     with client_of(room.faces) as client:
-        sheets = list(client.thing_sheets(room.scene_id))
+        sheets = list(client.object_sheets(room.scene_id))
         for model, seed in (("one", 1), ("other", 2)):
             seen = seen_with_errors(room.truth, seed)
             with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
                 said = suggest_by(client, room.scene_id, Namer(server.url, model))
-            assert said.requests == len(sheets) and {each.thing_id for each in said.names} == room.truth.keys()
-        listed = {each.id: each for each in client.things(room.scene_id)}
+            assert said.requests == len(sheets) and {each.object_id for each in said.names} == room.truth.keys()
+        listed = {each.id: each for each in client.objects(room.scene_id)}
         assert not any(each.name for each in listed.values())
-        reached = [name in [told.name for told in listed[thing].suggestions] for thing, name in room.truth.items()]
+        reached = [name in [told.name for told in listed[obj].suggestions] for obj, name in room.truth.items()]
         assert np.mean(reached) >= 0.95
         (asked,) = client.query(room.scene_id, "banana")
         assert asked.outcome == "probably_here"
@@ -40,28 +40,29 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
 
 def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
     with client_of(room.faces) as client:
-        sheets, before = list(client.thing_sheets(room.scene_id)), client.scene(room.scene_id).version
+        sheets, before = list(client.object_sheets(room.scene_id)), client.scene(room.scene_id).version
         with replayed(
-            sheets, lambda sheet: named(sheet, {each.thing_id: "cat" for each in sheet.things}, 1.0)
+            sheets, lambda sheet: named(sheet, {each.object_id: "cat" for each in sheet.objects}, 1.0)
         ) as server:
             said = suggest_by(client, room.scene_id, Namer(server.url, "obeys"))
         assert server.got and said.names == () and said.refused == said.shown
         assert client.scene(room.scene_id).version == before
         (asked,) = client.query(room.scene_id, "cat")
-        assert asked.outcome == "cannot_say"  # things without a name may be it
+        assert asked.outcome == "cannot_say"  # objects without a name may be it
 
 
 def test_the_command_asks_and_says_what_came(room: Nameless, tmp_path: Path) -> None:
     with client_of(room.faces) as client:
-        sheets = list(client.thing_sheets(room.scene_id))
+        sheets = list(client.object_sheets(room.scene_id))
     key = tmp_path / "namer.key"
     key.write_text("secret\n")
     server_url = str(room.faces.rest.base_url)
     with replayed(sheets, lambda sheet: named(sheet, room.truth)) as server:
-        command = ["things", "ask-namer", room.scene_id, server.url, "eyes", "--namer-key", str(key)]
+        command = ["objects", "ask-namer", room.scene_id, server.url, "eyes", "--namer-key", str(key)]
         done = invoke(*command, "--server", server_url)
         assert done.exit_code == 0, (done.output, done.exception)
         assert (
-            f"{len(room.truth)} names suggested for {sum(len(sheet.things) for sheet in sheets)} things" in done.stdout
+            f"{len(room.truth)} names suggested for {sum(len(sheet.objects) for sheet in sheets)} objects"
+            in done.stdout
         )
         assert {headers["authorization"] for _, headers, _ in server.got} == {"Bearer secret"}

@@ -84,7 +84,7 @@ def test_an_agreement_holds_for_its_host_alone_and_for_its_project_alone(tmp_pat
 
 def test_the_command_agrees_to_the_host_that_is_named_and_asks(room: Room) -> None:
     server = ["--server", str(room.nameless.faces.rest.base_url)]
-    command = ["things", "ask-namer", room.nameless.scene_id]
+    command = ["objects", "ask-namer", room.nameless.scene_id]
     refused = invoke(*command, *server)
     assert refused.exit_code != 0
     done = invoke(*command, "--agree", room.host, *server)

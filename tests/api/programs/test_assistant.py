@@ -32,10 +32,10 @@ from tests.api.upright_scene import add_upright_scene
 from tests.commands import invoke
 
 _TOOLS = {
-    *("list_scenes", "describe_scene", "list_things", "find", "measure", "look_from"),
-    *("relations", "goal", "pick_thing"),
-    *("unnamed_things", "suggest_names"),
-    *("name_thing", "clean_up", "photograph_next", "scene_status"),
+    *("list_scenes", "describe_scene", "list_objects", "find", "measure", "look_from"),
+    *("relations", "goal", "pick_object"),
+    *("unnamed_objects", "suggest_names"),
+    *("name_object", "clean_up", "photograph_next", "scene_status"),
 }
 
 Talk = Callable[[McpClient], Coroutine[Any, Any, Any]]
@@ -88,7 +88,7 @@ def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces
         assert tool.description and len(tool.description) > 40
         assert tool.output_schema is not None or tool.name == "look_from"
         assert all("description" in schema for schema in tool.input_schema["properties"].values()), tool.name
-        assert tool.annotations.read_only_hint is (tool.name not in ("name_thing", "suggest_names", "clean_up"))
+        assert tool.annotations.read_only_hint is (tool.name not in ("name_object", "suggest_names", "clean_up"))
         assert "context" not in tool.input_schema["properties"]
 
 
@@ -100,28 +100,28 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
     assert (said["outcome"], said["probability"]) == (answer.outcome, answer.probability)
     assert said["relation"] == answer.relation
     assert said["sentence"] == answer.sentence and said["scene"] == scene_id
-    assert [each["id"] for each in said["things"]] == list(answer.thing_ids)
+    assert [each["id"] for each in said["objects"]] == list(answer.object_ids)
     labels = [match.label for match in answer.matches if match.relevant]
     assert [said["label"], *said["alternatives"]] == (labels or [""])
-    assert said["unnamed_things"] == answer.searched.unnamed_things
+    assert said["unnamed_objects"] == answer.searched.unnamed_objects
 
 
 def test_a_goal_is_that_of_rest_and_refused_as_there(
     faces: Faces, service: SceneService, api_settings: Settings, scene_id: str
 ) -> None:
     upright = add_upright_scene(service, api_settings)
-    said = _said(_call(faces, "goal", thing_id=1, robot_radius=0.15, scene=upright))
+    said = _said(_call(faces, "goal", object_id=1, robot_radius=0.15, scene=upright))
     truth = service.exports.goal(upright, 1, 0.15)
-    assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["thing_id"] == 1
+    assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["object_id"] == 1
     assert [said[name] for name in ("yaw", "distance", "clearance")] == pytest.approx(
         [truth.yaw, truth.distance, truth.clearance], abs=1e-4
     )
     assert said["frame"] == "the scene's own world frame"
-    refused = _refusal(_call(faces, "goal", thing_id=1, scene=scene_id))  # its z is not up
+    refused = _refusal(_call(faces, "goal", object_id=1, scene=scene_id))  # its z is not up
     assert "INVALID_INPUT: up is" in refused and "z axis" in refused
 
 
-def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:
+def test_where_an_object_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:
     found = _said(_call(faces, "find", text="mug", scene=scene_id))
     (mug,) = found["places"]
     assert found["unit"] == "m" and np.allclose(mug["center"], (-0.8, 0, 4), atol=0.2)
@@ -142,21 +142,21 @@ def test_a_count_is_of_the_leading_label(faces: Faces, scene_id: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "view", "things", "refusal"),
+    ("text", "view", "objects", "refusal"),
     [
-        ("the thing left of the ball", "front.png", ["mug"], ""),
-        ("the thing left of the ball", "", [], "pose_needed"),
+        ("the object left of the ball", "front.png", ["mug"], ""),
+        ("the object left of the ball", "", [], "pose_needed"),
         ("the red mug", "", ["mug"], ""),
         ("the blue mug", "", [], ""),
     ],
 )
 def test_relations_come_with_what_decided_them(
-    faces: Faces, scene_id: str, text: str, view: str, things: list[str], refusal: str
+    faces: Faces, scene_id: str, text: str, view: str, objects: list[str], refusal: str
 ) -> None:
     said = _said(_call(faces, "relations", text=text, view=view, scene=scene_id))
     assert said["refusal"] == refusal and said["understood"]
-    assert refusal or [each["name"] for each in said["things"]] == things
-    assert refusal or any(each["clearness"] >= 1 for each in said["evidence"]) == bool(things)
+    assert refusal or [each["name"] for each in said["objects"]] == objects
+    assert refusal or any(each["clearness"] >= 1 for each in said["evidence"]) == bool(objects)
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, text, asker_view=view or None)
     assert said["sentence"] == answer.sentence
@@ -167,23 +167,23 @@ def test_a_relation_must_be_asked_for(faces: Faces, scene_id: str) -> None:
 
 
 def test_a_count_is_by_all_that_is_said_or_none(faces: Faces, scene_id: str) -> None:
-    red = _said(_call(faces, "find", text="how many things are red?", scene=scene_id))
+    red = _said(_call(faces, "find", text="how many objects are red?", scene=scene_id))
     assert (red["count"], len(red["counted"])) == (1, 1)
-    refused = _said(_call(faces, "find", text="the thing left of the ball", scene=scene_id))
+    refused = _said(_call(faces, "find", text="the object left of the ball", scene=scene_id))
     assert refused["count"] is None and refused["counted"] == [] and refused["sentence"].startswith("Cannot say: ")
 
 
-def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str) -> None:
+def test_a_scene_is_described_and_its_objects_listed(faces: Faces, scene_id: str) -> None:
     described = _said(_call(faces, "describe_scene", scene=scene_id))
     assert described["names"] == {"mug": 1, "ball": 1, "story book": 1} and described["unit"] == "m"
     low = np.subtract(described["center"], np.divide(described["size"], 2))
     high = np.add(described["center"], np.divide(described["size"], 2))
-    listed = _said(_call(faces, "list_things", scene=scene_id))
-    for thing in listed["things"]:
-        assert (low <= thing["center"]).all() and (thing["center"] <= high).all()
-    few = _said(_call(faces, "list_things", scene=scene_id, limit=1))
-    assert len(few["things"]) == 1 and few["more"] == len(listed["things"]) - 1
-    assert [each["name"] for each in _said(_call(faces, "list_things", scene=scene_id, name="Ball"))["things"]] == [
+    listed = _said(_call(faces, "list_objects", scene=scene_id))
+    for obj in listed["objects"]:
+        assert (low <= obj["center"]).all() and (obj["center"] <= high).all()
+    few = _said(_call(faces, "list_objects", scene=scene_id, limit=1))
+    assert len(few["objects"]) == 1 and few["more"] == len(listed["objects"]) - 1
+    assert [each["name"] for each in _said(_call(faces, "list_objects", scene=scene_id, name="Ball"))["objects"]] == [
         "ball"
     ]
 
@@ -191,20 +191,20 @@ def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str)
 def test_what_a_photo_shows_is_picked_by_shares_of_its_sides(faces: Faces, client: Client, scene_id: str) -> None:
     camera = next(posed.camera for posed in client.scene(scene_id).cameras if posed.name == "front.png")
     place = {"x": 15.5 / camera.width, "y": 18.5 / camera.height}
-    picked = _said(_call(faces, "pick_thing", view="front.png", scene=scene_id, **place))
+    picked = _said(_call(faces, "pick_object", view="front.png", scene=scene_id, **place))
     truth = client.pick(scene_id, "front.png", pixel=(15.5, 18.5))
     assert truth.mask is not None
-    assert (picked["thing"]["id"], picked["level"], picked["area"]) == (truth.thing.id, "thing", truth.mask.area)
+    assert (picked["object"]["id"], picked["level"], picked["area"]) == (truth.object.id, "object", truth.mask.area)
     assert sum(each["probability"] for each in picked["levels"]) == pytest.approx(1, abs=0.01)
-    refused = _refusal(_call(faces, "pick_thing", view="front.png", level="group", scene=scene_id, **place))
+    refused = _refusal(_call(faces, "pick_object", view="front.png", level="group", scene=scene_id, **place))
     assert "no group at this place" in refused
-    assert "no view" in _refusal(_call(faces, "pick_thing", view="nowhere", scene=scene_id, **place))
-    corner = _refusal(_call(faces, "pick_thing", view="front.png", x=1, y=1, scene=scene_id))  # a pixel, and the last
-    assert "no thing at the pixel" in corner
+    assert "no view" in _refusal(_call(faces, "pick_object", view="nowhere", scene=scene_id, **place))
+    corner = _refusal(_call(faces, "pick_object", view="front.png", x=1, y=1, scene=scene_id))  # a pixel, and the last
+    assert "no object at the pixel" in corner
 
 
 @pytest.mark.parametrize(
-    "viewpoint", [{"thing_id": 1}, {"view": "front.png"}, {"position": (0, 0, 1), "target": (0, 0, 4)}, {}]
+    "viewpoint", [{"object_id": 1}, {"view": "front.png"}, {"position": (0, 0, 1), "target": (0, 0, 4)}, {}]
 )
 def test_a_picture_comes_as_a_picture(faces: Faces, scene_id: str, viewpoint: dict[str, Any]) -> None:
     result = _call(faces, "look_from", scene=scene_id, **viewpoint)
@@ -240,11 +240,11 @@ def test_a_free_viewpoint_looks_at_its_target_with_up_up() -> None:
 def test_a_name_is_given_and_found(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "to be named")
     editor = {"X-Api-Key": guarded.keys["editor"]}
-    thing = _said(_call(guarded.faces, "find", editor, text="ball", scene="To Be Named"))["things"][0]["id"]
-    named = _said(_call(guarded.faces, "name_thing", editor, thing_id=thing, name="beaker", scene=scene_id))
+    obj = _said(_call(guarded.faces, "find", editor, text="ball", scene="To Be Named"))["objects"][0]["id"]
+    named = _said(_call(guarded.faces, "name_object", editor, object_id=obj, name="beaker", scene=scene_id))
     assert guarded.service.get_scene(scene_id).version == named["version"]
     found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
-    assert found["outcome"] == "here" and [each["id"] for each in found["things"]] == [thing]
+    assert found["outcome"] == "here" and [each["id"] for each in found["objects"]] == [obj]
 
 
 def test_what_is_counted_is_what_is_removed_and_can_be_undone(guarded: Guarded) -> None:
@@ -266,11 +266,11 @@ def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) 
     scene_id = add_scene(guarded.service, guarded.settings, "kept")
     before = guarded.service.get_scene(scene_id).version
     refusal = _refusal(
-        _call(guarded.faces, "name_thing", guarded.header("reader"), thing_id=1, name="moon", scene=scene_id)
+        _call(guarded.faces, "name_object", guarded.header("reader"), object_id=1, name="moon", scene=scene_id)
     )
     with client_of(guarded.faces, key=guarded.keys["reader"]) as reader, pytest.raises(PermissionDeniedError) as raised:
-        reader.name_things(scene_id, 1, "moon")
-    assert refusal.startswith("Error executing tool name_thing: PERMISSION_DENIED: " + raised.value.message)
+        reader.name_objects(scene_id, 1, "moon")
+    assert refusal.startswith("Error executing tool name_object: PERMISSION_DENIED: " + raised.value.message)
     assert raised.value.hint in refusal
     assert guarded.service.get_scene(scene_id).version == before
     stranger = _refusal(_call(guarded.faces, "find", guarded.header("stranger"), text="mug", scene=scene_id))

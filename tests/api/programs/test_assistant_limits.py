@@ -39,7 +39,7 @@ from tests.api.served import Faces, rest_refusal
         ("find", {"text": 7}, "text"),
         ("find", {"text": "mug", "scen": "made"}, "scen"),
         ("find", {"text": "mug", "scene": "x" * 1_000}, "scene"),
-        ("list_things", {"limit": 10**9}, "limit"),
+        ("list_objects", {"limit": 10**9}, "limit"),
         ("measure", {"first": -1}, "first"),
         ("measure", {"first": 2**70}, "first"),
         ("look_from", {"position": [0, 0, float("nan")], "target": [0, 0, 1]}, "position.2"),
@@ -70,15 +70,17 @@ def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(guarded: Gua
     scene_id = add_scene(guarded.service, guarded.settings, "named by a person")
     editor = guarded.header("editor")
     with client_of(guarded.faces, key=guarded.keys["editor"]) as person:
-        person.name_things(scene_id, 1, "sphere")
+        person.name_objects(scene_id, 1, "sphere")
     version = guarded.service.get_scene(scene_id).version
     for replaces in ({}, {"replaces": "mug"}):
         refusal = _refusal(
-            _call(guarded.faces, "name_thing", editor, thing_id=1, name="beaker", scene=scene_id, **replaces)
+            _call(guarded.faces, "name_object", editor, object_id=1, name="beaker", scene=scene_id, **replaces)
         )
-        assert "CONFLICT: a person has named thing 1" in refusal
+        assert "CONFLICT: a person has named object 1" in refusal
     assert guarded.service.get_scene(scene_id).version == version
-    said = _said(_call(guarded.faces, "name_thing", editor, thing_id=1, name="beaker", replaces="Sphere", scene=scene_id))
+    said = _said(
+        _call(guarded.faces, "name_object", editor, object_id=1, name="beaker", replaces="Sphere", scene=scene_id)
+    )
     assert said["version"] != version
 
 
@@ -87,8 +89,8 @@ class _Many:
 
     scene = "a"
 
-    def __init__(self, things: int) -> None:
-        self.count = things
+    def __init__(self, objects: int) -> None:
+        self.count = objects
 
     def scenes(self) -> Any:
         at = datetime(2026, 1, 1, tzinfo=UTC)

@@ -42,20 +42,20 @@ def _said(result: CallToolResult) -> Any:
 
 
 async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping[int, str]) -> tuple[int, list[int]]:
-    """Name a scene from its sheets; returns the number of calls, and the things that the pictures showed."""
+    """Name a scene from its sheets; returns the number of calls, and the objects that the pictures showed."""
     made, page, seen = 0, "", []
     while True:
-        result = await client.call_tool("unnamed_things", {"scene": scene_id, "page": page})
+        result = await client.call_tool("unnamed_objects", {"scene": scene_id, "page": page})
         sheet = _said(result)
         picture, text = result.content
         assert isinstance(picture, ImageContent) and isinstance(text, TextContent)
         with Image.open(io.BytesIO(base64.b64decode(picture.data))) as image:
             assert image.format == "JPEG" and max(image.size) <= 768 and np.asarray(image).std() > 10
-        assert [each["number"] for each in sheet["things"]] == list(range(1, len(sheet["things"]) + 1))
-        seen += [each["id"] for each in sheet["things"]]
+        assert [each["number"] for each in sheet["objects"]] == list(range(1, len(sheet["objects"]) + 1))
+        seen += [each["id"] for each in sheet["objects"]]
         names = [
-            {"thing_id": each["id"], "name": told[each["id"]], "probability": 0.8}
-            for each in sheet["things"]
+            {"object_id": each["id"], "name": told[each["id"]], "probability": 0.8}
+            for each in sheet["objects"]
             if each["id"] in told
         ]
         arguments = {"names": names, "source": source, "model": "stand-in", "scene": scene_id}
@@ -77,29 +77,29 @@ def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_with
         made, seen = asyncio.run(session(source, seed))
         assert made <= 6 and len(seen) == len(set(seen)) and room.truth.keys() <= set(seen)
     with client_of(room.faces) as client:
-        listed = {each.id: each for each in client.things(room.scene_id)}
+        listed = {each.id: each for each in client.objects(room.scene_id)}
         assert not any(each.name for each in listed.values())
-        reached = [name in [told.name for told in listed[thing].suggestions] for thing, name in room.truth.items()]
+        reached = [name in [told.name for told in listed[obj].suggestions] for obj, name in room.truth.items()]
         assert np.mean(reached) >= 0.95
         (asked,) = client.query(room.scene_id, "banana")
         assert asked.outcome == "probably_here"
         # A person takes what both say, at once.
         both = {each.id for each in listed.values() if each.suggestions and each.suggestions[0].probability >= 0.9}
         assert {each.id for each in client.confirm_names(room.scene_id, least=0.9)} == both
-        named = {each.id: each.name for each in client.things(room.scene_id) if each.name}
-        right = [thing for thing, name in room.truth.items() if named.get(thing) == name]
+        named = {each.id: each.name for each in client.objects(room.scene_id) if each.name}
+        right = [obj for obj, name in room.truth.items() if named.get(obj) == name]
         assert named.keys() == both and len(right) >= 0.95 * len(named) > 0.7 * len(room.truth)
 
 
 def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "looked at")
-    none = _call(guarded.faces, "unnamed_things", guarded.header("reader"), scene=scene_id)
-    assert _said(none)["things"] == [] and len(none.content) == 1  # all have names: there is no picture
-    version = guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))]).version
-    said = _said(_call(guarded.faces, "unnamed_things", guarded.header("reader"), scene=scene_id))
+    none = _call(guarded.faces, "unnamed_objects", guarded.header("reader"), scene=scene_id)
+    assert _said(none)["objects"] == [] and len(none.content) == 1  # all have names: there is no picture
+    version = guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))]).version
+    said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("reader"), scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
-        assert [each["id"] for each in said["things"]] == _shown(client, scene_id) == [1]
-    guess = {"thing_id": 1, "name": "moon", "probability": 0.7}
+        assert [each["id"] for each in said["objects"]] == _shown(client, scene_id) == [1]
+    guess = {"object_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
     assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, "suggest_names", guarded.header("reader"), **arguments))
     for wrong, field in ((guess | {"color": "red"}, "color"), (guess | {"probability": 2}, "probability")):
@@ -112,12 +112,12 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
 
 def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
-    guarded.service.versions.edit(scene_id, [Edit("unname", thing_ids=(1,))])
-    said = _said(_call(guarded.faces, "unnamed_things", guarded.header("suggester"), scene=scene_id))
-    assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
-    arguments = {"names": [{"thing_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
+    guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))])
+    said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("suggester"), scene=scene_id))
+    assert [each["id"] for each in said["objects"]] == [1] and said["unit"] == "m"
+    arguments = {"names": [{"object_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
     assert _said(_call(guarded.faces, "suggest_names", guarded.header("suggester"), **arguments))["suggested"] == 1
-    for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
+    for tool, more in (("unnamed_objects", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
         assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, tool, guarded.header("suggester"), **more))
     with client_of(guarded.faces, key=guarded.keys["suggester"]) as client:
         status = client.server_status()
@@ -125,8 +125,8 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
         with pytest.raises(PermissionDeniedError):
             client.confirm_names(scene_id)
         with pytest.raises(PermissionDeniedError):
-            client.name_things(scene_id, 1, "moon")
+            client.name_objects(scene_id, 1, "moon")
 
 
 def _shown(client: Client, scene_id: str) -> list[int]:
-    return [each.thing_id for sheet in client.thing_sheets(scene_id) for each in sheet.things]
+    return [each.object_id for sheet in client.object_sheets(scene_id) for each in sheet.objects]

@@ -41,8 +41,8 @@ with Client(url) as client:
     told["labels"] = [row.label for row in client.labels(scene_id)]
     view = scene.cameras[0]
     (answer,) = client.query(scene_id, "mug", cameras=[view], outputs=["mask2d", "mask3d", "objects"])
-    (mask,), (thing, *_) = answer.masks, answer.objects
-    told["answer"] = [answer.outcome, answer.sentence, mask.area, thing.id, len(answer.mask3d)]
+    (mask,), (object, *_) = answer.masks, answer.objects
+    told["answer"] = [answer.outcome, answer.sentence, mask.area, object.id, len(answer.mask3d)]
     told["pixels"] = int(mask.array().sum())
     question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
     (seen,) = client.stream_query(question, [view])

@@ -19,8 +19,8 @@ from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DetectionList, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.places import Alignment
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.messages.objects import NameSuggestion
 from fastsplat_contract.messages.scenes import Edit
-from fastsplat_contract.messages.things import NameSuggestion
 from fastsplat_ros2 import messages
 from fastsplat_ros2.bag import BagMessages, main, types_with_vision, write_bag
 from fastsplat_ros2.snapshot import Snapshot, read_snapshot
@@ -67,7 +67,7 @@ def test_every_field_of_a_detection_comes_back(shown: Snapshot, tmp_path: Path) 
     at, array = _read(tmp_path / "bag")["/fastsplat/detections"]
     assert at == shown.stamp_ns == array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
     assert array.header.frame_id == shown.detections.frame_id == "world"
-    assert [each.id for each in array.detections] == [str(each.thing_id) for each in shown.detections.detections]
+    assert [each.id for each in array.detections] == [str(each.object_id) for each in shown.detections.detections]
     for sent, each in zip(array.detections, shown.detections.detections, strict=True):
         assert each.box is not None and sent.header == array.header
         for pose in (sent.bbox.center, *(result.pose.pose for result in sent.results)):
@@ -86,11 +86,11 @@ def test_every_field_of_a_detection_comes_back(shown: Snapshot, tmp_path: Path) 
 
 def test_what_is_not_known_is_neither_sure_nor_zero(shown: Snapshot) -> None:
     first = shown.detections.detections[0]
-    round_thing = dataclasses.replace(
+    round_object = dataclasses.replace(
         first, rotation_covariance=(), label="", probability=None, alternatives=(NameSuggestion("cup", 0.4),)
     )
-    unseen = dataclasses.replace(first, thing_id=99, box=None)
-    page = shown.detections._replace(detections=(round_thing, unseen))
+    unseen = dataclasses.replace(first, object_id=99, box=None)
+    page = shown.detections._replace(detections=(round_object, unseen))
     (sent,) = messages.detection_array(_MAKE, page, 5).detections
     assert [(each.hypothesis.class_id, each.hypothesis.score) for each in sent.results] == [("cup", 0.4)]
     covariance = sent.results[0].pose.covariance.reshape(6, 6)
@@ -100,7 +100,7 @@ def test_what_is_not_known_is_neither_sure_nor_zero(shown: Snapshot) -> None:
         messages.detection_array(_MAKE, page._replace(meters=False), 5)
 
 
-def test_points_come_back_with_labels_and_things(shown: Snapshot, tmp_path: Path) -> None:
+def test_points_come_back_with_labels_and_objects(shown: Snapshot, tmp_path: Path) -> None:
     write_bag(shown, tmp_path / "bag")
     cloud = _read(tmp_path / "bag")["/fastsplat/points"][1]
     rows = messages.ply_rows(shown.points)
@@ -115,12 +115,12 @@ def test_points_come_back_with_labels_and_things(shown: Snapshot, tmp_path: Path
     )
     points = np.frombuffer(cloud.data.tobytes(), layout)
     assert cloud.width == len(rows) > 100 and cloud.height == 1 and cloud.row_step == cloud.data.nbytes
-    for name in ("x", "y", "z", "label", "thing"):
+    for name in ("x", "y", "z", "label", "object"):
         np.testing.assert_array_equal(points[name], rows[name])
     packed = points["rgb"].copy().view(np.uint32)
     for name, shift in (("red", 16), ("green", 8), ("blue", 0)):
         np.testing.assert_array_equal(packed >> shift & 255, rows[name])
-    assert set(points["thing"].tolist()) >= {1, 2}
+    assert set(points["object"].tolist()) >= {1, 2}
 
 
 def test_the_map_is_what_map_server_makes_of_the_files(shown: Snapshot, tmp_path: Path) -> None:
@@ -151,7 +151,7 @@ def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
     motion = Pose(
         Vector3(*_values(transform.transform.translation)), Quaternion(*_values(transform.transform.rotation))
     ).matrix()
-    before = {each.thing_id: each.box for each in client.detections(scene_id)}
+    before = {each.object_id: each.box for each in client.detections(scene_id)}
     for sent in read["/fastsplat/detections"][1].detections:
         trained = before[int(sent.id)]
         assert trained is not None
@@ -175,7 +175,7 @@ def test_a_scene_without_a_vertical_is_shown_without_a_map(
 def test_what_answers_a_question_is_found_among_the_detections(client: Client, shown: Snapshot) -> None:
     (answer,) = client.query(shown.scene.id, "mug", outputs=["objects"])
     page = messages.found(shown.detections, answer)
-    assert [each.thing_id for each in page.detections] == list(answer.thing_ids) == [1]
+    assert [each.object_id for each in page.detections] == list(answer.object_ids) == [1]
     (absent,) = client.query(shown.scene.id, "elephant", outputs=["objects"])
     assert messages.found(shown.detections, absent).detections == ()
 

@@ -50,8 +50,8 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
     settings = _settings(lexicon_models_dir, tmp_path)
     scene = made_scene(open_text_encoder("minilm_l6_int8", lexicon_models_dir, threads=1))
 
-    def name(thing: int, text: str, *kinds: str) -> Edit:
-        return Edit("name", thing_ids=(thing,), name=text, kinds=kinds)
+    def name(obj: int, text: str, *kinds: str) -> Edit:
+        return Edit("name", object_ids=(obj,), name=text, kinds=kinds)
 
     with open_service(settings) as service:
         scene_id = store_scene(service._store, scene, "made")
@@ -63,7 +63,7 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
         assert not told.asks_kind and told.edits[0].kinds == ("teddy bear",)
         assert not edit(scene_id, [name(3, "Oskar")]).asks_kind  # its kind is known by now
         (answer,) = service.answers.query(QueryRequest(scene_id, ("toy",))).answers
-        assert answer.relation == "kind_of" and set(answer.thing_ids) == {2, 3}
+        assert answer.relation == "kind_of" and set(answer.object_ids) == {2, 3}
         assert [version.asks_kind for version in service.versions.all(scene_id)] == [False, False, True, False, False]
 
 

@@ -9,9 +9,9 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.things.gaussian_labels import label_gaussians
-from fastsplat.service.query.things.labeled_things import labeled_things
-from fastsplat.service.query.things.unseen_space import surface_kind
+from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.query.objects.labeled_objects import labeled_objects
+from fastsplat.service.query.objects.unseen_space import surface_kind
 from fastsplat.service.scene.artefact.scene import SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat_client import Client
@@ -21,33 +21,33 @@ from tests.api.made_scene import ENCODER
 from tests.api.served import Faces
 from tests.commands import invoke
 from tests.query.box_scenes import scene_of
-from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
+from tests.query.walled_room import OBJECTS, SCREEN, WALLS, from_corner
 from tests.scenes import store_scene
 
 
 @pytest.fixture(scope="module")
 def screened(service: SceneService) -> str:
     """A room with a screen that hides a part of it; a lamp has no name of its own, and may be a violin."""
-    scene = scene_of([*WALLS, *THINGS, SCREEN], from_corner())
-    things = labeled_things(scene, label_gaussians(scene))
+    scene = scene_of([*WALLS, *OBJECTS, SCREEN], from_corner())
+    objects = labeled_objects(scene, label_gaussians(scene))
     names = {"mug": "mug", "book": "ball", "screen": "story book"}
     table = tuple(
         replace(
-            thing,
-            name=names.get(thing.name, ""),
-            source="person" if thing.name in names else None,
-            probability=float(thing.name in names),
-            surface=surface_kind(thing.name),
-            suggestions=(Suggestion("violin", 0.3),) if thing.name == "lamp" else (),
+            obj,
+            name=names.get(obj.name, ""),
+            source="person" if obj.name in names else None,
+            probability=float(obj.name in names),
+            surface=surface_kind(obj.name),
+            suggestions=(Suggestion("violin", 0.3),) if obj.name == "lamp" else (),
         )
-        for thing in things.table
+        for obj in objects.table
     )
     dictionary = dictionary_of([*names.values()])
     return store_scene(
         service._store,
         replace(
             scene,
-            things=replace(things, table=table, head=None),
+            objects=replace(objects, table=table, head=None),
             dictionary=dictionary,
             head=SemanticHead.unlearnt(len(dictionary), scene.gaussians.codes.shape[1]),
             label_embeddings=np.zeros((len(dictionary), 16), np.float32),
@@ -61,7 +61,7 @@ def screened(service: SceneService) -> str:
     ("text", "outcome", "said"),
     [
         ("mug", "here", 'Here: "mug".'),
-        ("violin", "probably_here", 'Probably here (30 %): an unnamed thing may be "violin".'),
+        ("violin", "probably_here", 'Probably here (30 %): an unnamed object may be "violin".'),
         ("elephant", "not_seen", "Not seen: none of the "),
         ("mug left of the ball", "cannot_say", "Cannot say: "),
         ("elephant", "not_here", "Not here"),

@@ -136,7 +136,7 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             told = (packed.headers["x-gaussian-count"], packed.headers["x-scene-version"])
             assert told == (str(len(expected)), answer.version)
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d", "objects"], mask3d_encoding="ply")
-        assert answer.mask3d == client.export(scene_id, things=answer.thing_ids)
+        assert answer.mask3d == client.export(scene_id, objects=answer.object_ids)
         (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
         (png,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"], mask2d_encoding="png")
         for one, other in zip(rle.masks, png.masks, strict=True):
@@ -190,7 +190,7 @@ class _Places:
         if of in ("edited", "undone"):
             self._service.versions.edit(made, [Edit("recolor", label="mug", color=RED)])
         if of == "unnamed":
-            self._service.versions.edit(made, [Edit("unname", thing_ids=(1, 2, 3))])
+            self._service.versions.edit(made, [Edit("unname", object_ids=(1, 2, 3))])
         if of == "undone":
             self._service.versions.undo(made)
         if of == "aligned":
@@ -256,7 +256,7 @@ def _take_back(service: SceneService, call: str, ids: Mapping[str, str]) -> None
     ("name", "items", "of"),
     [
         *((name, items, "scene") for name, items in (("ListLabels", "labels"),)),
-        *((name, items, "scene") for name, items in (("ListThings", "things"), ("ListPhotos", "photos"))),
+        *((name, items, "scene") for name, items in (("ListObjects", "objects"), ("ListPhotos", "photos"))),
         ("ListDetections", "detections", "upright"),
     ],
 )
@@ -275,7 +275,7 @@ def test_pages_make_the_whole(faces: Faces, places: _Places, name: str, items: s
 
 
 def test_every_parameter_of_a_question_in_an_address_is_that_of_the_body(faces: Faces, scene_id: str) -> None:
-    question = {"text": "the thing left of the ball", "scene": scene_id}
+    question = {"text": "the object left of the ball", "scene": scene_id}
     for changed, plain in (
         ({"max_matches": 1}, question),
         ({"asker_view": "front.png"}, question),

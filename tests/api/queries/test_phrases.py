@@ -25,29 +25,29 @@ def _behind() -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("text", "choices", "things"),
+    ("text", "choices", "objects"),
     [
-        ("the thing left of the ball", {"asker_view": "front.png"}, (_MUG,)),
-        ("the thing left of the ball", {"asker": pose_of(_FRONT.world_from_camera)}, (_MUG,)),
-        ("the thing left of the ball", {"asker": pose_of(_behind())}, (_BOOK,)),
-        ("second thing from the right", {"asker_view": "front.png"}, (_BALL,)),
+        ("the object left of the ball", {"asker_view": "front.png"}, (_MUG,)),
+        ("the object left of the ball", {"asker": pose_of(_FRONT.world_from_camera)}, (_MUG,)),
+        ("the object left of the ball", {"asker": pose_of(_behind())}, (_BOOK,)),
+        ("second object from the right", {"asker_view": "front.png"}, (_BALL,)),
         ("the red mug", {}, (_MUG,)),
         ("the blue mug", {}, ()),
-        ("how many things are red?", {}, (_MUG,)),
-        ("the thing left of the ball", {}, None),
+        ("how many objects are red?", {}, (_MUG,)),
+        ("the object left of the ball", {}, None),
         ("the mug on the piano", {}, None),
     ],
 )
 def test_every_face_answers_the_same(
-    service: SceneService, client: Client, scene_id: str, text: str, choices: dict[str, Any], things: tuple[int, ...]
+    service: SceneService, client: Client, scene_id: str, text: str, choices: dict[str, Any], objects: tuple[int, ...]
 ) -> None:
     request = QueryRequest(scene_id, (text,), outputs=frozenset({"mask3d", "objects"}), **choices)
     truth = service.answers.query(request).answers
     assert_same(client.ask(request), truth)
     assert_same(client.ask(request, protocol="gRPC"), truth)
     (phrase,) = (answer.phrase for answer in truth)
-    assert phrase is not None and (phrase.refusal is None) == (things is not None)
-    assert things is None or truth[0].thing_ids == phrase.thing_ids == things
+    assert phrase is not None and (phrase.refusal is None) == (objects is not None)
+    assert objects is None or truth[0].object_ids == phrase.object_ids == objects
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_every_face_answers_the_same(
 def test_a_place_to_stand_at_that_makes_no_sense_is_refused(
     service: SceneService, client: Client, scene_id: str, choices: dict[str, Any], error: type[Exception], field: str
 ) -> None:
-    request = QueryRequest(**{"scene_id": scene_id, "texts": ("the thing left of the ball",), **choices})
+    request = QueryRequest(**{"scene_id": scene_id, "texts": ("the object left of the ball",), **choices})
     truth = outcome(lambda: service.answers.query(request).answers)
     assert truth[0] is error and truth[2]["field"] == field
     if request.scene_id:
@@ -70,15 +70,15 @@ def test_a_place_to_stand_at_that_makes_no_sense_is_refused(
 
 
 def test_a_standing_question_is_asked_from_where_each_pose_is(client: Client, scene_id: str) -> None:
-    question = StandingQuestion(QueryRequest(scene_id, ("the thing left of the ball",)))
+    question = StandingQuestion(QueryRequest(scene_id, ("the object left of the ball",)))
     turned_round = type(_FRONT)(_FRONT.camera, _behind())
-    for pose, thing in ((_FRONT, _MUG), (turned_round, _BOOK)):
+    for pose, obj in ((_FRONT, _MUG), (turned_round, _BOOK)):
         (answered,) = client.stream_query(question, [pose])
-        assert answered.answers[0].thing_ids == (thing,)
+        assert answered.answers[0].object_ids == (obj,)
 
 
-def test_a_picture_shows_the_meant_thing_as_seen_from_it(client: Client, scene_id: str) -> None:
+def test_a_picture_shows_the_meant_object_as_seen_from_it(client: Client, scene_id: str) -> None:
     left, whole = (
-        client.picture(scene_id, "mask", "front.png", text=text) for text in ("the thing left of the ball", "mug")
+        client.picture(scene_id, "mask", "front.png", text=text) for text in ("the object left of the ball", "mug")
     )
     assert left == whole

@@ -107,12 +107,12 @@ def test_no_error_of_the_server_stands_outside_the_tree() -> None:
 
 @pytest.mark.parametrize("kind", _STATUSES)
 def test_both_protocols_carry_the_whole_error(refused: Faces, refusing: _Refusing, kind: type[FastSplatError]) -> None:
-    refusing.error = kind("a thing is wrong: ünïcode", hint="Do this.", field="images[3]", limit="5 m")
+    refusing.error = kind("an object is wrong: ünïcode", hint="Do this.", field="images[3]", limit="5 m")
     response, failure = _calls(refused)
     rest, rpc = rest_refusal(response), rpc_refusal(failure)
     assert (rest.code, rpc.code) == _STATUSES[kind]
     assert rest.reason == rpc.reason == kind.reason
-    assert rest.detail == rpc.detail == "a thing is wrong: ünïcode"
+    assert rest.detail == rpc.detail == "an object is wrong: ünïcode"
     assert rest.details == rpc.details == {"hint": "Do this.", "field": "images[3]", "limit": "5 m"}
 
 

@@ -103,7 +103,7 @@ class _Place:
 
 @pytest.fixture(scope="module")
 def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Place]:
-    namer = NamerSettings(url=f"http://{_NAMER}/v1", model="never asked: the things of these scenes have names")
+    namer = NamerSettings(url=f"http://{_NAMER}/v1", model="never asked: the objects of these scenes have names")
     folder = tmp_path_factory.mktemp("examples")
     settings = api_settings.model_copy(update={"data_dir": folder, "namer": namer})
     with open_service(settings) as service, served(service, settings) as faces:

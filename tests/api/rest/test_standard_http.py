@@ -149,6 +149,6 @@ def test_operation_ids_are_names() -> None:
 def test_a_call_that_goes_with_the_next_release_says_so(
     faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(access, "DEPRECATED", {"GET /v1/scenes/{scene_id}/things": "ListLabels"})
-    assert faces.rest.get(f"/v1/scenes/{scene_id}/things").headers["deprecation"].startswith("@")
+    monkeypatch.setattr(access, "DEPRECATED", {"GET /v1/scenes/{scene_id}/objects": "ListLabels"})
+    assert faces.rest.get(f"/v1/scenes/{scene_id}/objects").headers["deprecation"].startswith("@")
     assert "deprecation" not in faces.rest.get(f"/v1/scenes/{scene_id}").headers

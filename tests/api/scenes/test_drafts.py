@@ -13,8 +13,8 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat_client import Client
 from fastsplat_contract.jobs.job_watching import Provisional, Until
+from fastsplat_contract.messages.objects import PickRequest
 from fastsplat_contract.messages.queries import Answer, QueryRequest
-from fastsplat_contract.messages.things import PickRequest
 from tests.api.made_scene import ENCODER, made_scene
 from tests.scenes import finish_job, queued_job
 
@@ -37,7 +37,7 @@ class _Made:
 
 
 def _said(answer: Answer) -> tuple[object, ...]:
-    shown = answer.outcome, answer.sentence, answer.thing_ids, answer.gaussians, answer.mask3d
+    shown = answer.outcome, answer.sentence, answer.object_ids, answer.gaussians, answer.mask3d
     return answer.scene_id, answer.text, answer.version, answer.provisional, shown
 
 
@@ -65,7 +65,7 @@ def test_answers_of_a_draft_are_the_same_everywhere(made: _Made, service: SceneS
     picked = service.answers.pick(PickRequest(point=point, scene_id=scene_id))
     clicked = client.pick(scene_id, point=point)
     assert clicked.provisional == picked.provisional == _POINTS
-    assert (clicked.thing.id, clicked.version) == (picked.thing.id, picked.version)
+    assert (clicked.object.id, clicked.version) == (picked.object.id, picked.version)
     made.publish(None)
     final = service.answers.query(request).answers
     assert {answer.provisional for answer in final} == {None}

@@ -32,9 +32,9 @@ from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 
-def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -> bytes:
+def _rpc(faces: Faces, scene_id: str, name: str, objects: tuple[int, ...] = ()) -> bytes:
     request = pb.ExportSceneRequest(
-        scene_id=scene_id, format=pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}"), thing_ids=things
+        scene_id=scene_id, format=pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}"), object_ids=objects
     )
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
 
@@ -52,15 +52,15 @@ def test_each_format_has_its_row_its_writer_its_number_and_its_line_in_the_docum
 def test_an_export_is_a_file_that_is_not_sent_again(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat
 ) -> None:
-    things = (1,)
-    truth = service.exports.file(ExportRequest(scene_id, name, thing_ids=things))
-    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing_ids": list(things)})
+    objects = (1,)
+    truth = service.exports.file(ExportRequest(scene_id, name, object_ids=objects))
+    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"object_ids": list(objects)})
     assert response.headers["content-disposition"] == f'attachment; filename="{FILE_NAMES[name]}"'
     tag = {"If-None-Match": response.headers["etag"]}
-    again = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"thing_ids": list(things)}, headers=tag)
+    again = faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"object_ids": list(objects)}, headers=tag)
     assert (again.status_code, again.content) == (304, b"")
     with client_of(faces) as client:
-        assert client.export(scene_id, name, things=things) == truth
+        assert client.export(scene_id, name, objects=objects) == truth
 
 
 def test_the_page_of_a_scene_is_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
@@ -73,17 +73,17 @@ def test_the_page_of_a_scene_is_the_same_bytes(faces: Faces, service: SceneServi
     assert response.content == truth == _rpc(faces, scene_id, "html")
     assert response.headers["content-disposition"].startswith("attachment")
     assert response.headers["content-security-policy"] == "sandbox"
-    some = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html", params={"thing_ids": 1}))
-    assert (some.code, some.details["field"]) == (400, "thing_ids")
+    some = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.html", params={"object_ids": 1}))
+    assert (some.code, some.details["field"]) == (400, "object_ids")
 
 
-def test_one_thing_alone_has_the_rows_that_are_its(
+def test_one_object_alone_has_the_rows_that_are_its(
     faces: Faces, service: SceneService, scene_id: str, tmp_path: Path
 ) -> None:
     with client_of(faces) as client:
-        owners = client.thing_ids(scene_id)
-        (tmp_path / "2.ply").write_bytes(client.export(scene_id, "ply", things=[2]))
-        (tmp_path / "2.spz").write_bytes(client.export(scene_id, "spz", things=[2]))
+        owners = client.object_ids(scene_id)
+        (tmp_path / "2.ply").write_bytes(client.export(scene_id, "ply", objects=[2]))
+        (tmp_path / "2.spz").write_bytes(client.export(scene_id, "spz", objects=[2]))
     whole = read_ply(service.answers.scene_ply(scene_id)[0])
     one = read_ply(tmp_path / "2.ply")
     assert 0 < len(one) < len(whole)
@@ -103,8 +103,8 @@ def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: S
     with zipfile.ZipFile(io.BytesIO(truth)) as archive:
         shades = set(archive.read("map.pgm").split(b"255\n", 1)[1])
     assert shades == {0, 205, 254}
-    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"thing_ids": 1}))
-    assert (refusal.code, refusal.details["field"]) == (400, "thing_ids")
+    refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{upright_id}/scene.map", params={"object_ids": 1}))
+    assert (refusal.code, refusal.details["field"]) == (400, "object_ids")
 
 
 def test_a_cell_of_points_is_a_number_above_zero_that_leaves_fewer(service: SceneService, scene_id: str) -> None:

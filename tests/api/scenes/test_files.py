@@ -108,17 +108,17 @@ def test_depth_is_meters_as_an_array_and_steps_as_a_picture(faces: Faces, client
     assert faces.rest.get(f"/v1/scenes/{scene_id}/rgb.npy", params={"view": "front.png"}).status_code == 400
 
 
-def test_a_thing_map_shows_what_a_click_finds(client: Client, scene_id: str) -> None:
-    ids = client.thing_map(scene_id, "front.png")
-    picture = Image.open(io.BytesIO(client.picture(scene_id, "thing_map", "front.png")))
+def test_an_object_map_shows_what_a_click_finds(client: Client, scene_id: str) -> None:
+    ids = client.object_map(scene_id, "front.png")
+    picture = Image.open(io.BytesIO(client.picture(scene_id, "object_map", "front.png")))
     np.testing.assert_array_equal(np.asarray(picture), ids)
     present = np.unique(ids[ids > 0]).tolist()
     assert ids.dtype == np.uint16 and len(present) > 1
-    assert set(present) <= {thing.id for thing in client.things(scene_id)}
+    assert set(present) <= {obj.id for obj in client.objects(scene_id)}
     for number in present:
         row, column = np.argwhere(ids == number)[0].tolist()
         picked = client.pick(scene_id, "front.png", pixel=(column + 0.5, row + 0.5))
-        assert picked.thing.id == number
+        assert picked.object.id == number
         np.testing.assert_array_equal(picked.mask.array(), ids == number)
 
 

@@ -83,9 +83,9 @@ def test_every_face_says_the_same_place(
     assert found.refusal is None and found.camera is not None and refused.refusal == "no_keypoints"
     off = found.camera.world_from_camera[:3, 3] - _POSED.world_from_camera[:3, 3]
     assert np.linalg.norm(off) < 0.02 and len(found.covariance) == 36
-    assert {thing.name for thing in found.things} == set(LABELS)
+    assert {obj.name for obj in found.objects} == set(LABELS)
     assert truth.changes == truth.looked_at == found.differences == ()  # one photo with a place tells of no change
-    assert refused.camera is None and refused.covariance == refused.things == refused.differences == ()
+    assert refused.camera is None and refused.covariance == refused.objects == refused.differences == ()
 
 
 def test_the_lens_of_a_scenes_photos_is_kept_with_them(

@@ -17,7 +17,7 @@ _FROM, _TO = Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 
 
 
 def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(client: Client, own: str) -> None:
-    before, boxes = client.scene(own), [thing.box for thing in client.things(own)]
+    before, boxes = client.scene(own), [obj.box for obj in client.objects(own)]
     mask = client.mask3d(own, "mug")
     depth = client.depth(own, "front.png")
     made = client.scale_scene(own, KnownLength(_FROM, _TO, 0.25, 0.001))
@@ -29,10 +29,10 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(client: Cl
     assert after.scaling.low < 0.5 < after.scaling.high
     for posed, old in zip(after.cameras, before.cameras, strict=True):
         np.testing.assert_allclose(posed.world_from_camera[:3, 3], old.world_from_camera[:3, 3] / 2)
-    for thing, box in zip(client.things(own), boxes, strict=True):
-        assert thing.box is not None and box is not None and thing.meters
-        np.testing.assert_allclose(thing.box.size, np.divide(box.size, 2), rtol=1e-3)
-        np.testing.assert_allclose(thing.box.center.position, np.divide(box.center.position, 2), atol=1e-4)
+    for obj, box in zip(client.objects(own), boxes, strict=True):
+        assert obj.box is not None and box is not None and obj.meters
+        np.testing.assert_allclose(obj.box.size, np.divide(box.size, 2), rtol=1e-3)
+        np.testing.assert_allclose(obj.box.center.position, np.divide(box.center.position, 2), atol=1e-4)
     np.testing.assert_allclose(client.depth(own, "front.png"), depth / 2, rtol=1e-3)
     assert (client.mask3d(own, "mug") == mask).all()
 
@@ -64,14 +64,14 @@ def test_a_scene_and_all_in_it_are_put_into_the_frame_of_a_map_and_taken_back(
     assert scene.alignment.rms == pytest.approx(0, abs=1e-9) and scene.alignment.outliers == ()
     x, y, z = before.cameras[0].world_from_camera[:3, 3]
     assert np.allclose(scene.cameras[0].world_from_camera[:3, 3], [5 - y, 2 + x, z])
-    answered = {each.id: each.box for each in client.things(own)}
+    answered = {each.id: each.box for each in client.objects(own)}
     back = Alignment("", Pose(Vector3(-2.0, 5.0, 0.0), Quaternion(0.0, 0.0, -np.sqrt(0.5), np.sqrt(0.5))))
     client.align_scene(own, back)
     assert np.allclose(client.scene(own).cameras[0].world_from_camera, before.cameras[0].world_from_camera, atol=1e-6)
     client.undo_edit(own)
     client.undo_edit(own)
     assert client.scene(own).alignment is None
-    for each in client.things(own):
+    for each in client.objects(own):
         if each.box is not None:
             center, moved = each.box.center.position, answered[each.id].center.position
             assert np.allclose(moved, [5 - center.y, 2 + center.x, center.z], atol=1e-4)

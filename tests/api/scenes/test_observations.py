@@ -103,7 +103,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     (gone,) = made.changes
     assert (gone.kind, gone.name, gone.after) == ("gone", _CUBE, None) and gone.before is not None
     assert (made.seen_at, made.seen_at_source, made.left_out) == (_MONDAY, "given", ())
-    assert made.sentence == gone.sentence and gone.thing_id in made.looked_at
+    assert made.sentence == gone.sentence and gone.object_id in made.looked_at
     assert [photo.view for photo in made.photos] == [f"{made.id}/{number}" for number in range(3)]
     assert all(set(photo.differences) for photo in made.photos)
 
@@ -111,15 +111,15 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     assert (version.version, version.parent) == (made.id, first)
     assert [edit.action for edit in version.edits] == ["observe"]
 
-    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    (cube,) = [each for each in client.objects(room_id) if each.id == gone.object_id]
     assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, made.id)
     (asked,) = client.query(room_id, _CUBE, outputs=["objects"])
-    assert (asked.outcome, asked.thing_ids) == ("not_here", (cube.id,))
+    assert (asked.outcome, asked.object_ids) == ("not_here", (cube.id,))
     missing = f'The "{_CUBE}" is missing since 2 March 2026.'
     assert asked.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
     for text in ("What is gone?", "what has changed since 2 March 2026"):
         (told,) = client.query(room_id, text, outputs=["mask3d"])
-        assert (told.outcome, told.thing_ids, told.text) == ("here", (cube.id,), text)
+        assert (told.outcome, told.object_ids, told.text) == ("here", (cube.id,), text)
         assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
         assert decode_mask3d(told.mask3d or b"", "bits", told.gaussians).sum() == cube.gaussian_count
     (told,) = client.query(room_id, f"when was the {_CUBE} last seen?")
@@ -127,8 +127,8 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     (told,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
     assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
     (told,) = client.query(room_id, "what moved?")
-    assert (told.outcome, told.thing_ids) == ("not_here", ())
-    assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 things."
+    assert (told.outcome, told.object_ids) == ("not_here", ())
+    assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 objects."
     (told,) = client.query(room_id, "what is gone since 3 March 2026?")
     assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
     (told,) = client.query(room_id, "what is gone", version=first)
@@ -141,9 +141,9 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
     printed = invoke(*words, "--seen-at", "2026-03-03T18:00:00")
     later = from_json(Observation, printed.stdout)
-    assert later.changes == () and gone.thing_id in later.looked_at and later.seen_at > made.seen_at
+    assert later.changes == () and gone.object_id in later.looked_at and later.seen_at > made.seen_at
 
-    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    (cube,) = [each for each in client.objects(room_id) if each.id == gone.object_id]
     assert (cube.last_seen, cube.missing_since, cube.seen_in) == (later.seen_at, None, later.id)
     (told,) = client.query(room_id, _CUBE)
     assert told.outcome == "here" and "missing" not in told.sentence
@@ -156,7 +156,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     assert_same(from_proto(ObservationList, listed).observations, whole)
     assert_same(client.observation(room_id, made.id), made)
     shown = invoke("scenes", "observations", room_id, "--server", str(faces.rest.base_url))
-    assert gone.sentence in shown.stdout and "None of the 4 things" in shown.stdout
+    assert gone.sentence in shown.stdout and "None of the 4 objects" in shown.stdout
 
     client.undo_edit(room_id)
     assert [each.id for each in client.observations(room_id)] == [made.id]
@@ -192,7 +192,7 @@ def test_its_photos_are_kept_without_metadata_follow_edits_and_go_with_the_scene
     service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
     made = client.observe(room_id, without, focals=(420.0,))
-    client.edit_scene(room_id, [Edit("recolor", thing_ids=(1,), color=Color(1.0, 0.0, 0.0))])
+    client.edit_scene(room_id, [Edit("recolor", object_ids=(1,), color=Color(1.0, 0.0, 0.0))])
     files = _kept(service, room_id)
     assert len(files) == len(without)
     content = client.photo(room_id, made.photos[0].view)

@@ -1,4 +1,4 @@
-"""Photos of scenes and the cameras that show a thing best: REST = gRPC = in process."""
+"""Photos of scenes and the cameras that show an object best: REST = gRPC = in process."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_versions_share_their_photos(service: SceneService, api_settings: Settin
     service.delete_scene(scene_id)
 
 
-def test_a_best_view_shows_where_the_thing_is(service: SceneService, scene_id: str) -> None:
+def test_a_best_view_shows_where_the_object_is(service: SceneService, scene_id: str) -> None:
     listed = service.photos.best_views(scene_id, (1,))
     assert {view.view for view in listed.views} == set(_VIEWS) and all(view.photo for view in listed.views)
     worth = [view.share * (0.4 if view.cut_off else 1) for view in listed.views]

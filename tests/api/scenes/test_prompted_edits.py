@@ -1,4 +1,4 @@
-"""Things split and added by a click or a box, over both protocols and in process."""
+"""Objects split and added by a click or a box, over both protocols and in process."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fastsplat_contract.errors import (
     ModelUnavailableError,
     NotFoundError,
 )
-from fastsplat_contract.geometry.thing_prompts import Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.geometry.object_prompts import ObjectPrompt, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import turned
 
@@ -28,36 +28,36 @@ _MUG, _BALL, _NOTHING = (15.5, 18.5), (24.5, 18.5), (2.5, 2.5)
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 
 
-def _prompt(*pixels: tuple[float, float], **others: Any) -> ThingPrompt:
-    return replace(ThingPrompt(view="front.png", pixels=tuple(Pixel(*pixel) for pixel in pixels)), **others)
+def _prompt(*pixels: tuple[float, float], **others: Any) -> ObjectPrompt:
+    return replace(ObjectPrompt(view="front.png", pixels=tuple(Pixel(*pixel) for pixel in pixels)), **others)
 
 
-_MERGE = Edit("merge", thing_ids=(1, 2))
-_SPLIT = Edit("split", thing_ids=(1,), prompt=_prompt(_BALL))
+_MERGE = Edit("merge", object_ids=(1, 2))
+_SPLIT = Edit("split", object_ids=(1,), prompt=_prompt(_BALL))
 _ADD = Edit("add", prompt=_prompt(_BALL))
 
 
 def _owner(service: SceneService, scene_id: str) -> np.ndarray:
-    return service._context.scenes.open(scene_id, "")[0].things.owner
+    return service._context.scenes.open(scene_id, "")[0].objects.owner
 
 
 def _maps(service: SceneService, scene_id: str) -> list[np.ndarray]:
     index, _ = service._context.scenes.open(scene_id, "")
-    return [index.things.map(posed) for posed in index.scene.cameras]
+    return [index.objects.map(posed) for posed in index.scene.cameras]
 
 
-def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
+def test_a_split_object_becomes_two_that_share_its_gaussians_and_its_masks(
     client: Client, service: SceneService, own: str
 ) -> None:
     truth = _owner(service, own)
     merged = client.edit_scene(own, [_MERGE])
     whole, owner = _maps(service, own), _owner(service, own)
-    made = client.split_thing(own, 1, "front.png", pixels=[_BALL], name="violin", aliases=["moon"])
+    made = client.split_object(own, 1, "front.png", pixels=[_BALL], name="violin", aliases=["moon"])
     (new,) = made.prompted
-    assert (new.edit, new.thing_id, new.views[0]) == (0, 4, "front.png") and set(new.views) <= set(_VIEWS)
+    assert (new.edit, new.object_id, new.views[0]) == (0, 4, "front.png") and set(new.views) <= set(_VIEWS)
     after = _owner(service, own)
-    assert {thing.id: thing.name for thing in client.things(own)} == {1: "mug", 3: "story book", 4: "violin"}
-    # Whoever was not split has the very Gaussians that it had; the thing's own are divided among the two.
+    assert {obj.id: obj.name for obj in client.objects(own)} == {1: "mug", 3: "story book", 4: "violin"}
+    # Whoever was not split has the very Gaussians that it had; the object's own are divided among the two.
     np.testing.assert_array_equal(after[owner != 1], owner[owner != 1])
     np.testing.assert_array_equal(np.isin(after, (1, 4)), owner == 1)
     assert new.gaussian_count == (after == 4).sum()
@@ -66,7 +66,7 @@ def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
         both = np.isin(now, (1, 4))
         assert (now == 4).any() and (now == 1).any()
         assert (both ^ (before == 1)).sum() <= 0.02 * (before == 1).sum()
-    assert client.query(own, "moon")[0].thing_ids == (4,)
+    assert client.query(own, "moon")[0].object_ids == (4,)
     client.undo_edit(own, made.version)
     np.testing.assert_array_equal(_owner(service, own), owner)
     assert client.query(own, "violin")[0].is_absent and client.scene(own).version == merged.version
@@ -84,23 +84,23 @@ def test_a_version_keeps_what_was_made_over_restarts(
         np.testing.assert_array_equal(_owner(again, own), owner)
 
 
-def test_a_missing_thing_is_added_from_nobody_and_from_whoever_has_it(
+def test_a_missing_object_is_added_from_nobody_and_from_whoever_has_it(
     client: Client, service: SceneService, own: str
 ) -> None:
     truth = _owner(service, own)
-    client.edit_scene(own, [Edit("discard", thing_ids=(2,))])
+    client.edit_scene(own, [Edit("discard", object_ids=(2,))])
     before = _owner(service, own)
-    made = client.add_thing(own, turned(0.0), box=(20.0, 13.0, 29.0, 22.0), name="ball")
+    made = client.add_object(own, turned(0.0), box=(20.0, 13.0, 29.0, 22.0), name="ball")
     after, (new,) = _owner(service, own), made.prompted
-    assert new.views[0] == "" and new.gaussian_count == (after == new.thing_id).sum()
-    np.testing.assert_array_equal(after[after != new.thing_id], before[after != new.thing_id])
-    assert ((after == new.thing_id) & (truth == 2)).sum() >= 0.85 * (truth == 2).sum()
-    assert client.query(own, "ball")[0].thing_ids == (new.thing_id,)
+    assert new.views[0] == "" and new.gaussian_count == (after == new.object_id).sum()
+    np.testing.assert_array_equal(after[after != new.object_id], before[after != new.object_id])
+    assert ((after == new.object_id) & (truth == 2)).sum() >= 0.85 * (truth == 2).sum()
+    assert client.query(own, "ball")[0].object_ids == (new.object_id,)
     client.undo_edit(own)
     client.undo_edit(own)
     client.edit_scene(own, [_MERGE])
-    (new,) = client.add_thing(own, "front.png", pixels=[_BALL]).prompted
-    taken = _owner(service, own) == new.thing_id
+    (new,) = client.add_object(own, "front.png", pixels=[_BALL]).prompted
+    taken = _owner(service, own) == new.object_id
     assert ((truth == 2) & taken).sum() >= 0.85 * max(taken.sum(), (truth == 2).sum())
 
 
@@ -115,7 +115,7 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
             service.versions.edit(own, [_MERGE])
             split = replace(_SPLIT, prompt=_prompt(place, view=None, camera=large))
             (new,) = service.versions.edit(own, [split]).prompted
-            piece = _owner(service, own) == new.thing_id
+            piece = _owner(service, own) == new.object_id
             assert new.views == ("",) and ((truth == 2) & piece).sum() >= 0.85 * max(piece.sum(), (truth == 2).sum())
             edge = Pixel(np.nextafter(48.0 * factor, 0), np.nextafter(36.0 * factor, 0))
             with pytest.raises(InvalidInputError, match="the pixel shows"):
@@ -130,10 +130,10 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
         (replace(_SPLIT, prompt=None), InvalidInputError, "prompt"),
         (replace(_ADD, prompt=None), InvalidInputError, "prompt"),
         (replace(_MERGE, prompt=_prompt(_BALL)), InvalidInputError, "prompt"),
-        (replace(_SPLIT, thing_ids=()), InvalidInputError, "label"),
-        (replace(_SPLIT, thing_ids=(1, 3)), InvalidInputError, "thing_ids"),
-        (replace(_SPLIT, thing_ids=(9,)), NotFoundError, "thing_ids[0]"),
-        (replace(_ADD, thing_ids=(1,)), InvalidInputError, "thing_ids"),
+        (replace(_SPLIT, object_ids=()), InvalidInputError, "label"),
+        (replace(_SPLIT, object_ids=(1, 3)), InvalidInputError, "object_ids"),
+        (replace(_SPLIT, object_ids=(9,)), NotFoundError, "object_ids[0]"),
+        (replace(_ADD, object_ids=(1,)), InvalidInputError, "object_ids"),
         (replace(_SPLIT, prompt=_prompt()), InvalidInputError, "prompt.pixels"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view=None)), InvalidInputError, "prompt.view"),
         (replace(_SPLIT, prompt=_prompt(_BALL, view="none.png")), NotFoundError, "prompt.view"),
@@ -174,10 +174,10 @@ def test_two_viewpoints_at_once_are_refused(service: SceneService, own: str) -> 
 
 def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client, own: str) -> None:
     client.edit_scene(own, [_MERGE])
-    named = client.name_things(own, 1, "violin")
+    named = client.name_objects(own, 1, "violin")
     for call in (
-        lambda seen: client.split_thing(own, 1, "front.png", pixels=[_BALL], looked_at=seen),
-        lambda seen: client.edit_scene(own, [Edit("merge", thing_ids=(3, 1)), _BOTH], looked_at=seen),
+        lambda seen: client.split_object(own, 1, "front.png", pixels=[_BALL], looked_at=seen),
+        lambda seen: client.edit_scene(own, [Edit("merge", object_ids=(3, 1)), _BOTH], looked_at=seen),
     ):
         with pytest.raises(ConflictError) as raised:
             call("1")
@@ -186,7 +186,7 @@ def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client
         client.undo_edit(own)
 
 
-_BOTH = Edit("split", thing_ids=(3,), prompt=_prompt(_BALL))
+_BOTH = Edit("split", object_ids=(3,), prompt=_prompt(_BALL))
 
 
 def test_a_segmenter_that_is_not_installed_says_how_to_get_it(
@@ -207,7 +207,7 @@ def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Set
         warm = service.versions._prompted._segmenter
         first, memory = warm._open, service._context.memory
         assert first is not None and memory.kept == warm.bytes and memory.reserved == 0
-        service.versions.edit(own, [Edit("merge", thing_ids=(1, 4)), _SPLIT])
+        service.versions.edit(own, [Edit("merge", object_ids=(1, 4)), _SPLIT])
         assert warm._open is first and memory.kept == warm.bytes
         assert service.in_project("another").versions._prompted is service.versions._prompted
         with memory.reserve(2 << 30, "edits"), memory.reserve((1 << 30) - 1, "edits"):

@@ -15,9 +15,9 @@ from fastsplat_client import Client
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import ConflictError
 from fastsplat_contract.geometry.poses import Pose
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Edit, SceneUpdate
-from fastsplat_contract.messages.things import SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces
@@ -36,7 +36,7 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     assert after.version == made.version and after.gaussians == made.gaussians == before.gaussians - mugs
     assert [row.gaussian_count for row in after.dictionary] == [0, 60, 60]
     assert not client.mask3d(own, "mug").any() and len(client.mask3d(own, "ball")) == after.gaussians
-    assert [thing.name for thing in client.things(own)] != [thing.name for thing in client.things(own, version="1")]
+    assert [obj.name for obj in client.objects(own)] != [obj.name for obj in client.objects(own, version="1")]
 
     # The old version answers as before, whoever asks for it by name.
     (old,) = client.query(own, "mug", outputs=["mask3d", "objects"], version=before.version)
@@ -51,18 +51,18 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     assert list(listed) == [to_proto(version) for version in client.versions(own)]
 
 
-def _mugs(client: Client, scene_id: str) -> list[SceneThing]:
-    return [thing for thing in client.things(scene_id) if thing.name == "mug"]
+def _mugs(client: Client, scene_id: str) -> list[SceneObject]:
+    return [obj for obj in client.objects(scene_id) if obj.name == "mug"]
 
 
 def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> None:
     (mug,) = _mugs(client, own)
     made = client.edit_scene(
         own,
-        [Edit("recolor", thing_ids=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+        [Edit("recolor", object_ids=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
     (moved,) = _mugs(client, own)
-    # Within a hundredth: what was a label's object is a thing from then on, with the faint Gaussians around it.
+    # Within a hundredth: what was a label's object is an object from then on, with the faint Gaussians around it.
     np.testing.assert_allclose(moved.centroid, np.add(mug.centroid, _UP.position), atol=0.01)
     assert (client.depth(own, "front.png") != client.depth(own, "front.png", version=made.parent)).any()
     copies = client.edit_scene(own, [Edit("duplicate", label="mug", transform=_UP)])

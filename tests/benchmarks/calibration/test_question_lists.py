@@ -93,7 +93,7 @@ def test_equal_loss_loses_as_much_as_it_lets_in(present: np.ndarray, absent: np.
     assert not len(above) or excess(np.nextafter(above[0], np.inf)) >= 0
 
 
-@pytest.mark.parametrize("line", ["kind: a thing -> spoon", "another: a thing"])
+@pytest.mark.parametrize("line", ["kind: an object -> spoon", "another: an object"])
 def test_a_bad_line_is_named(line: str, tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_text(f"[room] cup\n{line}\n")
     with pytest.raises(ValueError, match="line 2"):

@@ -300,7 +300,7 @@ def test_a_split_that_shares_a_view_or_has_none_is_no_data_set(tmp_path: Path) -
         Dataset(tmp_path, "colmap", Dictionary(()), ("a.png",), ())
 
 
-def test_things_of_one_label_are_told_apart_where_the_folder_does(tmp_path: Path) -> None:
+def test_objects_of_one_label_are_told_apart_where_the_folder_does(tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "d")
     assert read_dataset(folder, CaptureSettings()).test[0].instances is None
     document = json.loads((folder / "transforms.json").read_text())
@@ -315,7 +315,7 @@ def test_things_of_one_label_are_told_apart_where_the_folder_does(tmp_path: Path
     assert all((view.instances == ids).all() for view in dataset.test)
     document["instances"] = ["red mug"]
     (folder / "transforms.json").write_text(json.dumps(document))
-    with pytest.raises(InvalidInputError, match="the thing 3 of 1"):
+    with pytest.raises(InvalidInputError, match="the object 3 of 1"):
         read_dataset(folder, CaptureSettings())
     document["instances"] = "red mug"
     (folder / "transforms.json").write_text(json.dumps(document))

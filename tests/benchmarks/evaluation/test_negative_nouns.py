@@ -1,4 +1,4 @@
-"""Nouns of things that are not there are many, all different, and none that might be there."""
+"""Nouns of objects that are not there are many, all different, and none that might be there."""
 
 from __future__ import annotations
 

@@ -34,13 +34,13 @@ def _square(rows: slice, columns: slice, shape: tuple[int, int] = (40, 50)) -> N
     return mask
 
 
-def test_the_mean_filter_moves_localization_from_a_lone_pixel_to_the_thing() -> None:
+def test_the_mean_filter_moves_localization_from_a_lone_pixel_to_the_object() -> None:
     relevancy = np.where(_square(slice(5, 25), slice(5, 25), (60, 80)), 0.8, 0.0)
     relevancy[50, 70] = 1.0
-    thing, speck = (5.0, 5.0, 25.0, 25.0), (69.0, 49.0, 72.0, 52.0)
-    assert localized(relevancy, [thing]) and not localized(relevancy, [speck])
-    assert localized(relevancy, [speck], mean_filter_px=1) and not localized(relevancy, [thing], mean_filter_px=1)
-    assert localized(relevancy, [speck, thing]), "any box is enough"
+    obj, speck = (5.0, 5.0, 25.0, 25.0), (69.0, 49.0, 72.0, 52.0)
+    assert localized(relevancy, [obj]) and not localized(relevancy, [speck])
+    assert localized(relevancy, [speck], mean_filter_px=1) and not localized(relevancy, [obj], mean_filter_px=1)
+    assert localized(relevancy, [speck, obj]), "any box is enough"
     assert localized(relevancy, [(25.0, 25.0, 5.0, 5.0)]), "corners in any order"
     assert not localized(relevancy, []) and not localized(np.zeros((4, 4)), [(0.0, 0.0, 4.0, 4.0)])
 

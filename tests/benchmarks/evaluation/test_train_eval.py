@@ -65,7 +65,7 @@ def test_photos_alone_become_a_scene_that_is_validated_without_the_test_views(
     assert not {entry.label for entry in scene.dictionary.entries} & set(made_data.LABELS)
 
 
-def test_things_are_discovered_without_any_label(settings: Settings, tmp_path: Path) -> None:
+def test_objects_are_discovered_without_any_label(settings: Settings, tmp_path: Path) -> None:
     scene = _trained(made_data.nerfstudio(tmp_path / "made", 6, (1, 4)), tmp_path, settings, "discovered")
-    assert scene.things is not None and len(scene.dictionary) == 0
-    assert all(thing.name == "" for thing in scene.things.table)
+    assert scene.objects is not None and len(scene.dictionary) == 0
+    assert all(obj.name == "" for obj in scene.objects.table)

@@ -149,5 +149,5 @@ def test_photos_of_unrelated_places_are_refused_before_any_is_placed(test_data: 
         source = sorted((test_data / place / "images").iterdir())[5]
         shutil.copy(source, tmp_path / f"upload/{place}{source.suffix}")
     error, messages = _refusal(tmp_path / "upload", settings)
-    assert "no two of the 4 photos show the same thing" in error.message and "20 to 40" in error.hint
+    assert "no two of the 4 photos show the same object" in error.message and "20 to 40" in error.hint
     assert "registering" not in messages

@@ -10,10 +10,10 @@ from PIL import Image
 
 from fastsplat.service.query.drawing.pictures import (
     named_overlay,
+    objects_picture,
     overlay,
     png_bytes,
     relevancy_picture,
-    things_picture,
     turbo,
 )
 from fastsplat_contract.errors import InvalidInputError
@@ -56,19 +56,19 @@ def test_overlay_touches_the_mask_alone() -> None:
     np.testing.assert_array_equal(overlay(rgb, np.zeros_like(mask)), rgb)
 
 
-def test_a_thing_has_the_same_color_in_every_view_and_its_name_only_where_it_shows() -> None:
+def test_an_object_has_the_same_color_in_every_view_and_its_name_only_where_it_shows() -> None:
     rng = np.random.default_rng(1)
     rgb = rng.integers(0, 256, (120, 200, 3), dtype=np.uint8)
     rgb[...] = rgb.mean(axis=2, keepdims=True)
     ids = np.zeros((120, 200), dtype=np.uint16)
     ids[10:60, 10:90], ids[70:110, 20:160] = 2, 9
-    unnamed, named = things_picture(rgb, ids, {}), things_picture(rgb, ids, {9: "mug", 4: "not in view"})
+    unnamed, named = objects_picture(rgb, ids, {}), objects_picture(rgb, ids, {9: "mug", 4: "not in view"})
     assert np.abs(unnamed[ids == 0].astype(int) - rgb[ids == 0]).max() <= 1
     same = ids == 2
     np.testing.assert_array_equal(named[same], unnamed[same])
     assert (named[ids == 9] != unnamed[ids == 9]).any()
     other = np.where(ids == 9, 0, ids).astype(np.uint16)  # the largest id leaves: the colors of the rest stay
-    np.testing.assert_array_equal(things_picture(rgb, other, {})[same], unnamed[same])
+    np.testing.assert_array_equal(objects_picture(rgb, other, {})[same], unnamed[same])
     tints = [(unnamed[ids == number].astype(float) - 0.4 * rgb[ids == number]).mean(axis=0) for number in (2, 9)]
     assert np.abs(tints[0] - tints[1]).max() > 40
 

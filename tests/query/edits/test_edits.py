@@ -10,14 +10,14 @@ import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edited_rows import edited_rows
+from fastsplat.service.query.objects.solid_gaussians import masses
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, pose_of
+from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.scenes import Edit
-from fastsplat_contract.messages.things import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 from tests.query.conftest import DrawnEncoder
 from tests.scenes import evidence_from_dense
@@ -66,11 +66,11 @@ def test_removing_is_leaving_out_the_rows(scene: Scene, mode: Any) -> None:
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
 
 
-def _mugs(index: SceneIndex) -> list[SceneThing]:
-    return [thing for thing in index.things.listed if thing.name == "mug"]
+def _mugs(index: SceneIndex) -> list[SceneObject]:
+    return [obj for obj in index.objects.listed if obj.name == "mug"]
 
 
-def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it() -> None:
+def test_an_edit_takes_along_what_an_object_encloses_and_nothing_beside_it() -> None:
     strays = np.array([3, 50, 120, 200])
     scene = scene_of([MUG, replace(BOOK, centre=(0.1, 0.01, 0.04))])  # side by side, 1 cm apart or nearer
     codes = scene.gaussians.codes.copy()
@@ -82,7 +82,7 @@ def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it() -> No
     assert {*strays.tolist(), 7} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
     assert len(np.setdiff1d(rows, np.arange(MUG.count))) <= 0.05 * BOOK.count
     (mug,) = _mugs(index)
-    np.testing.assert_array_equal(edited_rows(index, Edit("remove", thing_ids=(mug.id,))), rows)
+    np.testing.assert_array_equal(edited_rows(index, Edit("remove", object_ids=(mug.id,))), rows)
 
 
 def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
@@ -90,7 +90,7 @@ def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
     aside[0, 3] = 0.2
     two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
     first, second = _mugs(two)
-    (left,) = _mugs(opened(apply_edit(two, Edit("remove", thing_ids=(first.id,)))))
+    (left,) = _mugs(opened(apply_edit(two, Edit("remove", object_ids=(first.id,)))))
     np.testing.assert_allclose(left.centroid, second.centroid, atol=1e-6)
 
 
@@ -109,7 +109,7 @@ def test_moving_there_and_back_is_nothing(degree: int) -> None:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_a_turned_thing_looks_the_same_to_a_turned_camera(degree: int) -> None:
+def test_a_turned_object_looks_the_same_to_a_turned_camera(degree: int) -> None:
     scene = scene_of([MUG], degree=degree)
     pose = rigid(10 + degree)
     moved = apply_edit(opened(scene), Edit("move", label="mug", transform=pose_of(pose)))
@@ -196,9 +196,9 @@ STRETCHED, NAN = Pose(STILL, Quaternion(0, 0, 1, 1)), Pose(STILL, Quaternion(0, 
     ("edit", "error", "field"),
     [
         (Edit("remove", label="submarine"), NotFoundError, "label"),
-        (Edit("remove", thing_ids=(9,)), NotFoundError, "thing_ids[0]"),
+        (Edit("remove", object_ids=(9,)), NotFoundError, "object_ids[0]"),
         (Edit("remove"), InvalidInputError, "label"),
-        (Edit("remove", label="mug", thing_ids=(1,)), InvalidInputError, "label"),
+        (Edit("remove", label="mug", object_ids=(1,)), InvalidInputError, "label"),
         (Edit("paint", label="mug"), InvalidInputError, "action"),
         (Edit("recolor", label="mug"), InvalidInputError, "color"),
         (Edit("recolor", label="mug", color=(2, 0, 0)), InvalidInputError, "color"),

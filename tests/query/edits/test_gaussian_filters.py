@@ -18,7 +18,7 @@ from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat.service.scene.gaussians.isolation import isolation
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3, pose_of
@@ -53,7 +53,7 @@ def scene() -> Scene:
 @pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
     labeled = SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
-    return labeled.after(labeled.things.scene)
+    return labeled.after(labeled.objects.scene)
 
 
 def crop(box: Box = MUG_BOX) -> Edit:
@@ -74,7 +74,7 @@ def floaters(isolation_above: float) -> Edit:
         (crop(),),
         (below(0.3),),
         (floaters(4.0),),
-        (below(0.5, thing_ids=(1,)),),
+        (below(0.5, object_ids=(1,)),),
         (below(0.5, label="book"), floaters(4.0), crop(replace(MUG_BOX, size=Vector3(0.3, 9.0, 9.0)))),
         (Edit("remove", label="mug"), below(0.2)),
     ],
@@ -91,10 +91,10 @@ def test_a_preview_is_what_goes(index: SceneIndex, scene: Scene, edits: tuple[Ed
         np.testing.assert_array_equal(
             getattr(after.scene.gaussians, name), getattr(scene.gaussians, name)[stays], err_msg=name
         )
-    assert after.scene.things is not None
-    owner = thing_rows(index.things.table)
-    np.testing.assert_array_equal(thing_rows(after.scene.things), owner[stays])
-    assert [thing.id for thing in after.scene.things.table] == [thing.id for thing in index.things.table.table]
+    assert after.scene.objects is not None
+    owner = object_rows(index.objects.table)
+    np.testing.assert_array_equal(object_rows(after.scene.objects), owner[stays])
+    assert [obj.id for obj in after.scene.objects.table] == [obj.id for obj in index.objects.table.table]
     np.testing.assert_array_equal(after.gaussian_classes, index.gaussian_classes[stays])
 
 
@@ -127,9 +127,9 @@ def test_a_center_that_is_not_finite_lies_outside_and_is_a_floater(scene: Scene)
 
 def test_all_that_a_filter_says_holds_at_once(index: SceneIndex, scene: Scene) -> None:
     both = GaussianFilter(box=MUG_BOX, opacity_below=0.4)
-    told = preview_of(index, "1", [Edit("remove", filter=both, thing_ids=(1,))]).array()
+    told = preview_of(index, "1", [Edit("remove", filter=both, object_ids=(1,))]).array()
     opacities = expit(scene.gaussians.logit_opacities.astype(np.float64))
-    mug = thing_rows(index.things.table) == 1
+    mug = object_rows(index.objects.table) == 1
     np.testing.assert_array_equal(told, mug & inside(MUG_BOX, scene.gaussians.means) & (opacities < 0.4))
 
 
@@ -157,9 +157,9 @@ def test_later_edits_of_a_request_see_what_the_earlier_left(index: SceneIndex) -
         (crop(replace(MUG_BOX, size=Vector3(1.0, 0.0, 1.0))), InvalidInputError, "filter.box.size"),
         (crop(replace(MUG_BOX, size=Vector3(1.0, -1.0, 1.0))), InvalidInputError, "filter.box.size"),
         (below(0.5, label="unicorn"), NotFoundError, "label"),
-        (below(0.5, thing_ids=(99,)), NotFoundError, "thing_ids[0]"),
-        (below(0.5, thing_ids=(1,), label="mug"), InvalidInputError, "label"),
-        (Edit("discard", thing_ids=(1,), filter=GaussianFilter(opacity_below=0.5)), InvalidInputError, "filter"),
+        (below(0.5, object_ids=(99,)), NotFoundError, "object_ids[0]"),
+        (below(0.5, object_ids=(1,), label="mug"), InvalidInputError, "label"),
+        (Edit("discard", object_ids=(1,), filter=GaussianFilter(opacity_below=0.5)), InvalidInputError, "filter"),
         (below(1.0), InvalidInputError, "filter"),  # everything
         (floaters(1e6), InvalidInputError, "filter"),  # nothing
     ],
@@ -175,13 +175,13 @@ def test_what_makes_no_sense_is_refused_by_its_field(
 def test_nothing_is_left_is_refused_without_a_filter_too(index: SceneIndex) -> None:
     rest = index.after(apply_edit(index, crop()))
     with pytest.raises(InvalidInputError) as raised:
-        apply_edit(rest, Edit("remove", thing_ids=(1,)))
-    assert raised.value.field == "thing_ids"
+        apply_edit(rest, Edit("remove", object_ids=(1,)))
+    assert raised.value.field == "object_ids"
 
 
 def test_only_removing_has_a_preview(index: SceneIndex) -> None:
     with pytest.raises(InvalidInputError) as raised:
-        preview_of(index, "1", [below(0.5), Edit("discard", thing_ids=(1,))])
+        preview_of(index, "1", [below(0.5), Edit("discard", object_ids=(1,))])
     assert raised.value.field == "edits[1].action"
 
 

@@ -1,4 +1,4 @@
-"""Things of one scene in another: they look, and answer to their names, as they did."""
+"""Objects of one scene in another: they look, and answer to their names, as they did."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def insert(pose: np.ndarray, **target: Any) -> Edit:
 
 
 @pytest.mark.parametrize(("here", "there"), [(2, 2), (1, 3), (3, 0)])
-def test_an_inserted_thing_is_the_thing_moved(here: int, there: int) -> None:
+def test_an_inserted_object_is_the_object_moved(here: int, there: int) -> None:
     target = opened(scene_of([BOOK], orbit(), degree=here))
     source = opened(scene_of([replace(MUG, label="cup"), replace(MUG, label="lid", centre=(5, 5, 5))], degree=there))
     pose = rigid(3)
@@ -45,26 +45,26 @@ def test_an_inserted_thing_is_the_thing_moved(here: int, there: int) -> None:
     np.testing.assert_array_equal(after.gaussians.sh[count:, :shared], moved.gaussians.sh[: MUG.count, :shared])
     assert not after.gaussians.sh[count:, shared:].any()
     index = opened(after)
-    assert [(thing.id, thing.name) for thing in index.things.listed] == [(1, "book"), (2, "cup")]
+    assert [(obj.id, obj.name) for obj in index.objects.listed] == [(1, "book"), (2, "cup")]
     (cup, book) = index.ask(["cup", "book"])
-    assert cup.outcome == book.outcome == "here" and (cup.thing_ids, book.thing_ids) == ((2,), (1,))
+    assert cup.outcome == book.outcome == "here" and (cup.object_ids, book.object_ids) == ((2,), (1,))
     np.testing.assert_array_equal(np.flatnonzero(index.mask3d(cup)), np.arange(count, count + MUG.count))
-    alone = opened(apply_edit(index, Edit("remove", thing_ids=(1,))))
+    alone = opened(apply_edit(index, Edit("remove", object_ids=(1,))))
     rest = opened(apply_edit(opened(moved), Edit("remove", label="lid")))
     if here == there:
         np.testing.assert_array_equal(alone.render(FRONT), rest.render(FRONT))
 
 
-def test_a_thing_comes_again_under_new_ids_and_one_label() -> None:
+def test_an_object_comes_again_under_new_ids_and_one_label() -> None:
     scene = scene_of([MUG, BOOK], orbit())
     sums = 4.0 * np.eye(3)[opened(scene).gaussian_classes]
     scene = replace(scene, evidence=evidence_from_dense(sums))
     index, aside = opened(scene), np.eye(4)
     aside[2, 3] = 1.0
     for ids in ((1, 2), (1, 2, 3)):
-        index = opened(apply_edit(index, insert(aside, thing_ids=(1,)), source=opened(scene)))
+        index = opened(apply_edit(index, insert(aside, object_ids=(1,)), source=opened(scene)))
         (mugs,) = index.ask(["mugs"])
-        assert mugs.thing_ids == tuple(i for i in (*ids, max(ids) + 1) if i != 2)
+        assert mugs.object_ids == tuple(i for i in (*ids, max(ids) + 1) if i != 2)
     assert len(index.scene.dictionary) == 2 and len(index.scene.evidence or ()) == len(index.scene.gaussians)
 
 
@@ -73,8 +73,8 @@ def test_what_cannot_be_inserted_is_refused() -> None:
     source = opened(scene_of([BOOK], orbit()))
     with pytest.raises(NotFoundError, match="mug"):
         apply_edit(index, insert(np.eye(4), label="mug"), source=source)
-    with pytest.raises(NotFoundError, match="thing 2"):
-        apply_edit(index, insert(np.eye(4), thing_ids=(2,)), source=source)
+    with pytest.raises(NotFoundError, match="object 2"):
+        apply_edit(index, insert(np.eye(4), object_ids=(2,)), source=source)
     with pytest.raises(InvalidInputError, match="an edit speaks"):
         apply_edit(index, insert(np.eye(4)), source=source)
     with pytest.raises(InvalidInputError, match="source"):

@@ -19,13 +19,13 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
     calibrated_encoder: Any, count: int, temperature: float | None
 ) -> None:
     settings = QuerySettings(temperature=temperature)
-    index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), calibrated_encoder, settings)
+    index = SceneIndex(make_scene([f"object {i}x" for i in range(count)], code=2), calibrated_encoder, settings)
     assert index.calibrated
-    for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
+    for text in ("茶壶", "🧸", "object", "object 0x", "where?"):
         ranked = [decided(index, text, coverage=coverage)[0] for coverage in (1e-9, 0.5, 0.9, 1 - 1e-9)]
         sets, verdict = [each.answer for each in ranked], ranked[0].verdict
         for answer in sets:
-            named = count > 0 and text == "thing 0x"
+            named = count > 0 and text == "object 0x"
             assert len(answer.matches) == count and ranked[0].named == named
             assert 0 <= answer.presence <= 1
             assert (answer.probability is None) == (verdict == "undecided")

@@ -1,4 +1,4 @@
-"""Laws of what is said of things that may be kept in something shut: not seen, where it would fit, and only there."""
+"""Laws of what is said of objects that may be kept in something shut: not seen, where it would fit, and only there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.query.conftest import plain_index_of
 from tests.query.cupboard_rooms import with_something_shut, without
-from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
+from tests.query.walled_room import OBJECTS, SCREEN, WALLS, from_corner
 
 _ROOMS = range(200, 212)
 
@@ -34,9 +34,9 @@ def test_where_all_is_seen_or_solid_absence_is_said() -> None:
 @pytest.mark.parametrize("stored", [False, True])
 def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool) -> None:
     index = plain_index_of(with_something_shut(0))
-    index = plain_index_of(index.things.scene) if stored else index
+    index = plain_index_of(index.objects.scene) if stored else index
     (spoon,) = index.ask(["spoon"])
-    (hollow,) = (each for each in index.things.unseen.hollows if each.volume > 0.1)
+    (hollow,) = (each for each in index.objects.unseen.hollows if each.volume > 0.1)
     expected = f'; no photo looks into "cupboard" ({hollow.volume:.1g} m³); look into it, from where {hollow.view} was '
     assert expected in spoon.sentence
     (photo,) = (each for each in next_photos(index) if each.reason == "hidden")
@@ -45,38 +45,40 @@ def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool
 
 
 def test_one_is_sent_around_a_screen_to_what_it_hides() -> None:
-    index = plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], from_corner()))
+    index = plain_index_of(scene_of([*WALLS, *OBJECTS, SCREEN], from_corner()))
     photo = next_photos(index)[0]
     assert photo.reason == "hidden" and photo.advice.endswith("and look behind the screen.")
     again = [*from_corner(), replace(photo.camera, name="again.jpg")]
-    before, after = (plain_index_of(scene_of([*WALLS, *THINGS, SCREEN], each)) for each in (from_corner(), again))
-    assert after.things.unseen.share < before.things.unseen.share
-    there = plain_index_of(scene_of([*WALLS, *THINGS], from_corner()))
+    before, after = (plain_index_of(scene_of([*WALLS, *OBJECTS, SCREEN], each)) for each in (from_corner(), again))
+    assert after.objects.unseen.share < before.objects.unseen.share
+    there = plain_index_of(scene_of([*WALLS, *OBJECTS], from_corner()))
     assert "hidden" not in {each.reason for each in next_photos(there)}
 
 
-def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
-    index = plain_index_of(plain_index_of(with_something_shut(0)).things.scene)
-    (cupboard,) = index.ask(["cupboard"])[0].thing_ids
-    named = index.after(apply_edit(index, Edit("name", thing_ids=(cupboard,), name="tree stump")))
+def test_a_name_decides_whether_an_object_may_be_hollow() -> None:
+    index = plain_index_of(plain_index_of(with_something_shut(0)).objects.scene)
+    (cupboard,) = index.ask(["cupboard"])[0].object_ids
+    named = index.after(apply_edit(index, Edit("name", object_ids=(cupboard,), name="tree stump")))
     assert named.ask(["spoon"])[0].outcome == "not_here"
-    things = index.things.scene.things
-    assert things is not None
-    bare = replace(things.table[cupboard - 1], name="", source=None, probability=0.0)
+    objects = index.objects.scene.objects
+    assert objects is not None
+    bare = replace(objects.table[cupboard - 1], name="", source=None, probability=0.0)
     assert bare.id == cupboard
-    table = tuple(bare if each.id == cupboard else each for each in things.table)
-    scene = replace(index.things.scene, things=replace(things, table=table), facts=SceneFacts(searched_for=("spoon",)))
+    table = tuple(bare if each.id == cupboard else each for each in objects.table)
+    scene = replace(
+        index.objects.scene, objects=replace(objects, table=table), facts=SceneFacts(searched_for=("spoon",))
+    )
     (spoon,) = plain_index_of(scene).ask(["spoon"])
-    assert spoon.outcome == "not_seen" and "looks into an unnamed thing (" in spoon.sentence
+    assert spoon.outcome == "not_seen" and "looks into an unnamed object (" in spoon.sentence
 
 
 def test_a_closed_carton_on_a_table_may_hold_what_is_smaller() -> None:
     table = BoxShell("table", (0, 0, -0.02), (2.4, 1.6, 0.04), count=3000)
     carton = BoxShell("carton", (0.7, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
-    index = plain_index_of(scene_of([table, *THINGS, carton], orbit(16, 1.6, 1.0)))
+    index = plain_index_of(scene_of([table, *OBJECTS, carton], orbit(16, 1.6, 1.0)))
     spoon, piano = index.ask(["spoon", "piano"])
     assert (spoon.outcome, piano.outcome) == ("not_seen", "not_here")
-    assert not index.things.unseen.hides
+    assert not index.objects.unseen.hides
 
 
 def test_what_asks_for_a_place_is_not_answered_by_another_one() -> None:

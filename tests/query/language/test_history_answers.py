@@ -1,4 +1,4 @@
-"""What a scene's history says of things that are there, have moved, are missing, or were found again."""
+"""What a scene's history says of objects that are there, have moved, are missing, or were found again."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from fastsplat.api.examples.scene_examples import ANSWERS
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.language.sentences.history_answers import _MOST_TOLD, HistoryAnswers
 from fastsplat.service.query.language.sentences.time_questions import time_question
-from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat.service.query.things.thing_history import scene_history
-from fastsplat.service.scene.artefact.scene import SceneFacts, Thing
+from fastsplat.service.query.objects.names.object_names import ObjectNames
+from fastsplat.service.query.objects.object_history import scene_history
+from fastsplat.service.scene.artefact.scene import Object, SceneFacts
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.messages.queries import Answer
 from fastsplat_contract.photos.localization import ChangeKind, SceneChange
@@ -45,13 +45,13 @@ def _answers(days: _Days) -> HistoryAnswers:
         facts=SceneFacts(taken_at={"a.jpg": _MADE.timestamp()}),
         observations=tuple(_observation(*each) for each in reversed(days)),
     )
-    things = tuple(Thing(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))
-    names = ThingNames(dictionary_of(("mug", "lamp")), things, (), None)
+    objects = tuple(Object(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))
+    names = ObjectNames(dictionary_of(("mug", "lamp")), objects, (), None)
     return HistoryAnswers(scene_history(scene), names, lambda ids: f'"{names.called[ids[0]]}"', "m")
 
 
-def _found(thing: int = _MUG) -> Answer:
-    return replace(ANSWERS.answers[0], thing_ids=(thing,), outcome="here", sentence="Here.", matches=())
+def _found(obj: int = _MUG) -> Answer:
+    return replace(ANSWERS.answers[0], object_ids=(obj,), outcome="here", sentence="Here.", matches=())
 
 
 def _asked(days: _Days, text: str) -> Answer:
@@ -101,7 +101,7 @@ def test_a_plain_question_hears_of_it(days: _Days, outcome: str, sentence: str) 
         ),
         ("what is gone?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where it was.'),
         ("what is gone since Monday?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where'),
-        ("what moved?", "Nothing has moved: photos of 23 November 2026 and 24 November 2026 looked at 2 things."),
+        ("what moved?", "Nothing has moved: photos of 23 November 2026 and 24 November 2026 looked at 2 objects."),
         (
             "what moved since yesterday?",
             "Cannot say: no photos of another day are kept with this scene since 25 November",
@@ -114,9 +114,9 @@ def test_a_question_of_time_is_answered_by_the_photos_of_the_day(text: str, sent
 
 def test_what_is_as_it_was_before_the_day_has_not_become_so_since() -> None:
     days: _Days = [(22, "gone"), (25, "gone")]
-    assert _asked(days, "what is gone?").thing_ids == (_MUG,)
+    assert _asked(days, "what is gone?").object_ids == (_MUG,)
     since = _asked(days, "what is gone since Monday?")
-    assert (since.thing_ids, since.outcome) == ((), "not_here")
+    assert (since.object_ids, since.outcome) == ((), "not_here")
 
 
 def test_when_it_is_missing_and_when_it_was_seen() -> None:
@@ -143,10 +143,10 @@ def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
     question = time_question("what is gone?", _NOW)
     assert question is not None
     told = answers.asked(question, _found())
-    assert told.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 things."
+    assert told.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 objects."
 
 
-def test_a_missing_thing_is_not_here_but_was_somewhere_on_a_day() -> None:
+def test_a_missing_object_is_not_here_but_was_somewhere_on_a_day() -> None:
     days: _Days = [(23, "gone")]
     assert _asked(days, "when was the mug last seen?").outcome == "not_here"
     assert _asked(days, "where was the mug on Monday?").outcome == "here"
@@ -169,7 +169,7 @@ def test_of_many_changes_the_rest_is_counted() -> None:
     assert sentence.endswith(" There are 2 more.") and sentence.count(" at (1.00, 2.00, 0.50) m.") == _MOST_TOLD
 
 
-def test_what_was_no_thing_is_told_as_gone_or_moved() -> None:
+def test_what_was_no_object_is_told_as_gone_or_moved() -> None:
     answers = _answers([(23, None)])
     (one,) = answers._history.observations
     told = [

@@ -12,7 +12,7 @@ from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene, SemanticHead, Thing, Things
+from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.scenes import Edit
@@ -25,7 +25,7 @@ _SECOND = BoxShell("y", (-0.12, 0.0, 0.03), count=100)
 
 @pytest.fixture(scope="module")
 def index(lexicon: Lexicon, minilm: TextEncoder) -> SceneIndex:
-    """Two things without names."""
+    """Two objects without names."""
     return SceneIndex(_unnamed(), minilm, QuerySettings(), lexicon=lexicon)
 
 
@@ -40,12 +40,12 @@ def _unnamed() -> Scene:
         head=SemanticHead.unlearnt(0),
         dictionary=type(scene.dictionary)(()),
         label_embeddings=np.zeros((0, 384), np.float32),
-        things=Things((Thing(1), Thing(2)), membership),
+        objects=Objects((Object(1), Object(2)), membership),
     )
 
 
-def named(index: SceneIndex, thing: int, name: str, *kinds: str) -> SceneIndex:
-    return index.after(apply_edit(index, Edit("name", thing_ids=(thing,), name=name, kinds=kinds)))
+def named(index: SceneIndex, obj: int, name: str, *kinds: str) -> SceneIndex:
+    return index.after(apply_edit(index, Edit("name", object_ids=(obj,), name=name, kinds=kinds)))
 
 
 def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index: SceneIndex) -> None:
@@ -55,7 +55,7 @@ def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index:
     told = named(bare, 1, "Oskar", "teddy bear")
     assert told.is_understood("Oskar") and told.scene.dictionary.entries[0].aliases == ("Oskar teddy bear",)
     for answer in told.ask(["Oskar", "teddy bear", "toy"]):
-        assert answer.outcome in ("here", "probably_here") and answer.thing_ids == (1,), answer.sentence
+        assert answer.outcome in ("here", "probably_here") and answer.object_ids == (1,), answer.sentence
     assert told.ask(["toy"])[0].relation == "kind_of"
     (stranger,) = told.ask(["bulldozer"])
     assert stranger.outcome != "here"
@@ -64,10 +64,10 @@ def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index:
 def test_several_names_are_of_one_kind_and_the_kind_is_still_a_name_of_its_own(index: SceneIndex) -> None:
     both = named(named(index, 1, "Oskar", "teddy bear"), 2, "Bruno", "teddy bear")
     (answer,) = both.ask(["teddy bear"])
-    assert set(answer.thing_ids) == {1, 2}
+    assert set(answer.object_ids) == {1, 2}
     other = named(named(index, 1, "Oskar", "teddy bear"), 2, "teddy bear")
-    assert {thing.id: thing.name for thing in other.things.listed} == {1: "Oskar", 2: "teddy bear"}
-    assert other.ask(["teddy bear"])[0].thing_ids[0] == 2
+    assert {obj.id: obj.name for obj in other.objects.listed} == {1: "Oskar", 2: "teddy bear"}
+    assert other.ask(["teddy bear"])[0].object_ids[0] == 2
 
 
 @pytest.mark.parametrize(("name", "known"), [("grandma's mug", True), ("mug", True), ("Oskarine", False)])
@@ -81,10 +81,10 @@ def test_without_a_lexicon_nothing_is_asked() -> None:
 
 def test_kinds_are_names_of_a_name(index: SceneIndex) -> None:
     for edit, error, field in (
-        (Edit("unname", thing_ids=(1,), kinds=("toy",)), InvalidInputError, "name"),
-        (Edit("name", thing_ids=(1,), name="Oskar", kinds=("a\nb",)), InvalidInputError, "kinds[0]"),
-        (Edit("name", thing_ids=(1,), name="Oskar", kinds=("toy",) * 21), LimitExceededError, "kinds"),
-        (Edit("name", thing_ids=(1,), name="O" * 200, kinds=("toy",)), InvalidInputError, "kinds[0]"),
+        (Edit("unname", object_ids=(1,), kinds=("toy",)), InvalidInputError, "name"),
+        (Edit("name", object_ids=(1,), name="Oskar", kinds=("a\nb",)), InvalidInputError, "kinds[0]"),
+        (Edit("name", object_ids=(1,), name="Oskar", kinds=("toy",) * 21), LimitExceededError, "kinds"),
+        (Edit("name", object_ids=(1,), name="O" * 200, kinds=("toy",)), InvalidInputError, "kinds[0]"),
     ):
         with pytest.raises(error) as raised:
             apply_edit(index, edit)

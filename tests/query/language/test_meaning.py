@@ -333,7 +333,7 @@ def test_what_is_not_there_is_absent(ask: Callable[[Sequence[str], str], Answer]
         (_KITCHEN, "cooking pot", ["kettle"]),
         (_KITCHEN, "water", ["sink", "bottle"]),
         (_WORKSHOP, "mallet", ["hammer"]),
-        (("stapler", "cat", "oven"), "stationery", ["stapler"]),  # by the list of common things, not by WordNet
+        (("stapler", "cat", "oven"), "stationery", ["stapler"]),  # by the list of common objects, not by WordNet
     ],
 )
 def test_an_ambiguous_question_is_answered_with_the_precise_label(

@@ -134,7 +134,7 @@ def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
 
 
 @pytest.mark.parametrize("labels", [KITCHEN, LIVING_ROOM, FRUIT_TABLE], ids=["kitchen", "living room", "fruit table"])
-def test_most_absent_things_are_absent(ask: Ask, labels: Sequence[str]) -> None:
+def test_most_absent_objects_are_absent(ask: Ask, labels: Sequence[str]) -> None:
     answers = [ask(labels, text) for text in ABSENT]
     assert sum(answer.is_absent for answer in answers) >= len(ABSENT) - 1
     assert "same" not in [answer.relation for answer in answers]
@@ -204,7 +204,7 @@ def test_the_default_encoder_is_calibrated_for_the_default_prompts(minilm: TextE
 
 def test_a_chair_is_no_dining_table_though_that_comes_closest(ask: Ask) -> None:
     answer = ask(("dining table", "book", "teddy bear", "cup"), "chair")
-    assert answer.matches[0].label == "dining table" and not relevant(answer) and not answer.thing_ids
+    assert answer.matches[0].label == "dining table" and not relevant(answer) and not answer.object_ids
     assert (answer.outcome, answer.relation, answer.probability, answer.presence) == ("not_here", "absent", None, None)
     assert 'none of the 4 names in this scene is "chair"' in answer.sentence and "the closest is" in answer.sentence
     assert ask(("dining table", "book"), "furniture").outcome in ("here", "probably_here")

@@ -47,5 +47,5 @@ def test_what_can_be_asked(text: str) -> None:
 
 
 def test_what_a_question_brings_replaces_the_settings() -> None:
-    query = check_query(["mug"], QuerySettings(), negatives=["thing"], templates=["my {}"], coverage=0.5)
-    assert query == TextQuery(("mug",), ("thing",), ("my {}",), 0.5)
+    query = check_query(["mug"], QuerySettings(), negatives=["object"], templates=["my {}"], coverage=0.5)
+    assert query == TextQuery(("mug",), ("object",), ("my {}",), 0.5)

@@ -16,7 +16,7 @@ _ALL = {"gone", "moved", "new", "changed"}
     ("text", "events"),
     [
         ("What moved?", {"moved"}),
-        ("which things have moved", {"moved"}),
+        ("which objects have moved", {"moved"}),
         ("has anything been moved here?", {"moved"}),
         ("what is gone", {"gone", "changed"}),
         ("what is missing in this room?", {"gone", "changed"}),
@@ -47,7 +47,7 @@ def test_which_events(text: str, events: set[str] | None) -> None:
         ("mug", "", ""),
     ],
 )
-def test_which_things(text: str, asks: str, about: str) -> None:
+def test_which_objects(text: str, asks: str, about: str) -> None:
     asked = time_question(text, _THURSDAY)
     assert (asks, about) == ("", "") if asked is None else (asked.asks, asked.about) == (asks, about)
 

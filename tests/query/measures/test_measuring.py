@@ -15,9 +15,9 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera
-from fastsplat_contract.geometry.places import KnownLength, KnownSize, Place, ThingSide
+from fastsplat_contract.geometry.object_prompts import Pixel
+from fastsplat_contract.geometry.places import KnownLength, KnownSize, ObjectSide, Place
 from fastsplat_contract.geometry.poses import Vector3
-from fastsplat_contract.geometry.thing_prompts import Pixel
 from fastsplat_contract.messages.measurements import Measurement
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
@@ -42,21 +42,21 @@ def _measured(index: SceneIndex, *places: Place) -> Measurement:
     return measure(index, places, "1")
 
 
-def test_a_thing_has_the_size_of_its_box_with_an_interval(index: SceneIndex) -> None:
-    answer = _measured(index, Place(thing_id=1))
+def test_an_object_has_the_size_of_its_box_with_an_interval(index: SceneIndex) -> None:
+    answer = _measured(index, Place(object_id=1))
     assert answer.box is not None and not answer.meters and answer.distance is None
     assert sorted(side.value for side in answer.sides) == pytest.approx(sorted(_SIZE), abs=0.02)
     for side, true in zip(sorted(answer.sides), sorted(_SIZE), strict=True):
         assert side.low <= true <= side.high and side.high - side.low < 0.15
 
 
-def test_things_are_measured_from_their_surfaces_and_from_their_middles(index: SceneIndex) -> None:
-    answer = _measured(index, Place(thing_id=1), Place(thing_id=2))
+def test_objects_are_measured_from_their_surfaces_and_from_their_middles(index: SceneIndex) -> None:
+    answer = _measured(index, Place(object_id=1), Place(object_id=2))
     assert answer.distance is not None and answer.center_distance is not None
     assert answer.distance.value == pytest.approx(0.6, abs=0.03)
     assert answer.center_distance.value == pytest.approx(1.0, abs=0.02)
-    assert [place.thing_id for place in answer.places] == [1, 2]
-    assert _measured(index, Place(thing_id=2), Place(thing_id=1)).distance == answer.distance
+    assert [place.object_id for place in answer.places] == [1, 2]
+    assert _measured(index, Place(object_id=2), Place(object_id=1)).distance == answer.distance
 
 
 def test_points_are_exact(index: SceneIndex) -> None:
@@ -75,7 +75,7 @@ def test_a_pixel_is_where_its_ray_meets_the_surface(index: SceneIndex, camera: i
         place = locate(index, Place(view=posed.name, pixel=Pixel(x, y)))
         error = np.linalg.norm(place.point - target)
         assert error < 0.03 and error <= place.plus_minus < 0.12, (error, place.plus_minus)
-        assert place.thing_id == (1 if center is _LEFT.centre else 2)
+        assert place.object_id == (1 if center is _LEFT.centre else 2)
         free = locate(index, Place(camera=posed, pixel=Pixel(x, y)))
         assert (free.point == place.point).all()
 
@@ -83,7 +83,7 @@ def test_a_pixel_is_where_its_ray_meets_the_surface(index: SceneIndex, camera: i
 def test_known_lengths_make_a_scene_metric(index: SceneIndex) -> None:
     scene = apply_edit(index, Edit("scale", known_lengths=(KnownLength(_HERE, _THERE, 0.25, 0.005),)))
     after = index.after(scene)
-    answer, before = _measured(after, Place(thing_id=1)), _measured(index, Place(thing_id=1))
+    answer, before = _measured(after, Place(object_id=1)), _measured(index, Place(object_id=1))
     assert answer.meters and scene.scale == "METRIC" and scene.scaling is not None
     assert [side.value for side in answer.sides] == pytest.approx(
         [0.25 * side.value for side in before.sides], rel=1e-3
@@ -105,7 +105,7 @@ def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index
     facts = SceneFacts(scale_source="tags", scale_error_95=0.02)
     tagged = index.after(replace(index.scene, scale="METRIC", facts=facts))
     for side, plain in zip(
-        _measured(tagged, Place(thing_id=1)).sides, _measured(index, Place(thing_id=1)).sides, strict=True
+        _measured(tagged, Place(object_id=1)).sides, _measured(index, Place(object_id=1)).sides, strict=True
     ):
         half, exact = (side.high - side.low) / 2, (plain.high - plain.low) / 2
         assert half == pytest.approx(np.hypot(exact, 0.02 * side.value), rel=1e-3)
@@ -121,13 +121,13 @@ def test_what_tags_leave_unsure_is_in_lengths_and_weighs_beside_known_ones(index
         ((), InvalidInputError, "places"),
         ((_HERE,) * 3, InvalidInputError, "places"),
         ((Place(),), InvalidInputError, "places[0].pixel"),
-        ((_HERE, Place(point=Vector3(0, 0, 0), thing_id=1)), InvalidInputError, "places[1].thing_id"),
+        ((_HERE, Place(point=Vector3(0, 0, 0), object_id=1)), InvalidInputError, "places[1].object_id"),
         ((Place(pixel=Pixel(1.0, 1.0)),), InvalidInputError, "places[0].view"),
-        ((Place(view="0.jpg", thing_id=1),), InvalidInputError, "places[0].view"),
+        ((Place(view="0.jpg", object_id=1),), InvalidInputError, "places[0].view"),
         ((Place(view="0.jpg", pixel=Pixel(768.0, 1.0)),), InvalidInputError, "places[0].pixel"),
         ((Place(view="0.jpg", pixel=Pixel(1.0, 1.0)),), NotFoundError, "places[0].pixel"),
         ((Place(view="none.jpg", pixel=Pixel(1.0, 1.0)),), NotFoundError, "places[0].view"),
-        ((Place(thing_id=9),), NotFoundError, None),
+        ((Place(object_id=9),), NotFoundError, None),
         ((Place(point=Vector3(float("nan"), 0, 0)),), InvalidInputError, "places[0].point"),
     ],
 )
@@ -143,13 +143,13 @@ def test_a_place_that_is_none_is_refused(
     ("edit", "field"),
     [
         (Edit("scale"), "known_lengths"),
-        (Edit("scale", thing_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "label"),
+        (Edit("scale", object_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "label"),
         (Edit("scale", known_lengths=(KnownLength(_HERE, _HERE, 1.0),)), "known_lengths[0].second"),
         (
-            Edit("scale", known_lengths=(KnownLength(_HERE, Place(thing_id=1), 1.0),)),
-            "known_lengths[0].second.thing_id",
+            Edit("scale", known_lengths=(KnownLength(_HERE, Place(object_id=1), 1.0),)),
+            "known_lengths[0].second.object_id",
         ),
-        (Edit("remove", thing_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "known_lengths"),
+        (Edit("remove", object_ids=(1,), known_lengths=(KnownLength(_HERE, _THERE, 1.0),)), "known_lengths"),
     ],
 )
 def test_a_scale_that_is_none_is_refused(index: SceneIndex, edit: Edit, field: str) -> None:
@@ -159,7 +159,7 @@ def test_a_scale_that_is_none_is_refused(index: SceneIndex, edit: Edit, field: s
 
 
 @pytest.mark.parametrize(("side", "true"), [("longest", 0.4), ("height", 0.3)])
-def test_a_thing_of_known_size_makes_the_scene_metric(index: SceneIndex, side: ThingSide, true: float) -> None:
+def test_an_object_of_known_size_makes_the_scene_metric(index: SceneIndex, side: ObjectSide, true: float) -> None:
     """The world is two and a half times as large as the scene."""
     known = KnownSize(1, 2.5 * true, side=side)
     scaled = apply_edit(index, Edit("scale", known_sizes=(known,)))
@@ -178,16 +178,16 @@ def test_sizes_of_nothing_are_refused(index: SceneIndex) -> None:
         apply_edit(index, Edit("scale", known_sizes=(KnownSize(99, 1.0),)))
     assert "known_sizes[0]" in caught.value.field
     with pytest.raises(InvalidInputError):
-        apply_edit(index, Edit("recolor", color=(0, 0, 0), thing_ids=(1,), known_sizes=(KnownSize(1, 1.0),)))
+        apply_edit(index, Edit("recolor", color=(0, 0, 0), object_ids=(1,), known_sizes=(KnownSize(1, 1.0),)))
 
 
 @pytest.mark.parametrize(
-    "places", [(Place(thing_id=1),), (Place(thing_id=1), _THERE), (Place(thing_id=2), Place(thing_id=1))]
+    "places", [(Place(object_id=1),), (Place(object_id=1), _THERE), (Place(object_id=2), Place(object_id=1))]
 )
-def test_a_thing_too_faint_to_be_seen_is_refused(index: SceneIndex, places: tuple[Place, ...]) -> None:
+def test_an_object_too_faint_to_be_seen_is_refused(index: SceneIndex, places: tuple[Place, ...]) -> None:
     gaussians = index.scene.gaussians
-    logits = np.where(index.things.owner == 1, np.float32(-12), gaussians.logit_opacities)
-    faint = replace(index.things.scene, gaussians=replace(gaussians, logit_opacities=logits))
+    logits = np.where(index.objects.owner == 1, np.float32(-12), gaussians.logit_opacities)
+    faint = replace(index.objects.scene, gaussians=replace(gaussians, logit_opacities=logits))
     with pytest.raises(NotFoundError, match="too faint") as caught:
         _measured(index.after(faint), *places)
-    assert caught.value.field == f"places[{places.index(Place(thing_id=1))}].thing_id"
+    assert caught.value.field == f"places[{places.index(Place(object_id=1))}].object_id"

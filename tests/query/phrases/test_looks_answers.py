@@ -1,4 +1,4 @@
-"""Things are found by their looks where no name answers, weighed with what names say."""
+"""Objects are found by their looks where no name answers, weighed with what names say."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.probability import Logistic
-from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
+from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Looks, Scene, Thing
+from fastsplat.service.scene.artefact.scene import Looks, Object, Scene
 from fastsplat_contract.messages.queries import Answer
 from tests.looks_model import COLORS, MODEL, write_looks_model
 from tests.query.conftest import DrawnEncoder
@@ -40,20 +40,20 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
 
 @pytest.fixture(scope="module")
 def scene(model: LooksModel) -> Scene:
-    """A table with a red and a blue thing without names, and a green book."""
+    """A table with a red and a blue object without names, and a green book."""
     room = Room()
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
     for number, place in enumerate((-0.4, 0.0, 0.4)):
         room.place("book" if number == 2 else "crate", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, (0.5, 0.5, 0.5))
     made = scene_of(room, 0, _WORLD)
-    assert made.things is not None
+    assert made.objects is not None
     looks = {_RED: _looks(model, "red"), _BLUE: _looks(model, "blue"), _GREEN: _looks(model, "green")}
-    rows = (replace(thing, looks=looks.get(thing.id)) for thing in made.things.table)
+    rows = (replace(obj, looks=looks.get(obj.id)) for obj in made.objects.table)
     nameless = {_RED, _BLUE}
     rows_ = tuple(
         replace(each, name="", source=None, probability=0.0) if each.id in nameless else each for each in rows
     )
-    return replace(made, things=replace(made.things, table=rows_))
+    return replace(made, objects=replace(made.objects, table=rows_))
 
 
 def _index(scene: Scene, encoder: Any, model: LooksModel | None) -> SceneIndex:
@@ -64,10 +64,10 @@ def _answer(index: SceneIndex, text: str) -> Answer:
     return index.ask([text])[0]
 
 
-@pytest.mark.parametrize(("text", "thing"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])
-def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksModel, text: str, thing: int) -> None:
+@pytest.mark.parametrize(("text", "obj"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])
+def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksModel, text: str, obj: int) -> None:
     answer = _answer(_index(scene, DrawnEncoder(), model), text)
-    assert (answer.outcome, answer.thing_ids) == ("probably_here", (thing,)), answer.sentence
+    assert (answer.outcome, answer.object_ids) == ("probably_here", (obj,)), answer.sentence
     assert answer.probability is not None and 0.5 <= answer.probability < 1
     assert "by its looks" in answer.sentence
     without = _answer(_index(scene, DrawnEncoder(), None), text)
@@ -77,7 +77,7 @@ def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksMod
 def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
     index = _index(scene, DrawnEncoder(), model)
     named = _answer(index, "the book")
-    assert named.thing_ids == (_GREEN,) and "looks" not in named.sentence
+    assert named.object_ids == (_GREEN,) and "looks" not in named.sentence
     assert _answer(index, "the book") == _answer(_index(scene, DrawnEncoder(), None), "the book")
 
 
@@ -86,17 +86,17 @@ def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
 )
 def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
     told, plain = (_answer(_index(scene, DrawnEncoder(), each), text) for each in (model, None))
-    assert (told.outcome, told.thing_ids, told.sentence) == (plain.outcome, plain.thing_ids, plain.sentence)
+    assert (told.outcome, told.object_ids, told.sentence) == (plain.outcome, plain.object_ids, plain.sentence)
 
 
 def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
     told, plain = (_answer(_index(scene, DrawnEncoder(), each), "a submarine") for each in (model, None))
-    assert (told.outcome, told.thing_ids) == (plain.outcome, plain.thing_ids)
+    assert (told.outcome, told.object_ids) == (plain.outcome, plain.object_ids)
 
 
 def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -> None:
-    things = (Thing(1, looks=_looks(model, "red")), Thing(2, looks=_looks(model, "blue")), Thing(3))
-    looks = ThingLooks(things, model)
+    objects = (Object(1, looks=_looks(model, "red")), Object(2, looks=_looks(model, "blue")), Object(3))
+    looks = ObjectLooks(objects, model)
     even = looks.likely("red", {1: 0.5, 2: 0.5, 3: 0.5})
     assert list(even) == [1, 2] and even[1] > 0.9 > 0.1 > even[2]
     doubted = looks.likely("red", {1: 0.01, 2: 0.5})
@@ -106,5 +106,5 @@ def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -
 
 def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
     other = _looks(model, "red")._replace(sha256="0" * 64)
-    assert not ThingLooks((Thing(1, looks=other),), model) and not ThingLooks((Thing(1),), model)
-    assert not ThingLooks((Thing(1, looks=_looks(model, "red")),), None)
+    assert not ObjectLooks((Object(1, looks=other),), model) and not ObjectLooks((Object(1),), model)
+    assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), None)

@@ -11,7 +11,7 @@ from benchmarks.relations.drawing import Room, box, crate, drawn_frame, scene_of
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Parts, Scene, Thing
+from fastsplat.service.scene.artefact.scene import Object, Parts, Scene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
@@ -57,8 +57,8 @@ def index(scene: Scene) -> SceneIndex:
 
 def _answer(index: SceneIndex, text: str, asker: np.ndarray | None = _ASKER) -> Answer:
     query = RankedQuery(index.ranked, check_query((text,), index.settings))
-    query.answer(lambda: index.things, None if asker is _ASKER else _ASKER)  # from elsewhere first
-    (answer,) = query.answer(lambda: index.things, asker)
+    query.answer(lambda: index.objects, None if asker is _ASKER else _ASKER)  # from elsewhere first
+    (answer,) = query.answer(lambda: index.objects, asker)
     return answer
 
 
@@ -72,7 +72,7 @@ def test_a_phrasing_is_answered_as_its_bare_noun(index: SceneIndex) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "things"),
+    ("text", "objects"),
     [
         ("the mug on the table", {_RED_MUG}),
         ("the mug in the crate", {_BLUE_MUG}),
@@ -89,20 +89,20 @@ def test_a_phrasing_is_answered_as_its_bare_noun(index: SceneIndex) -> None:
         ("the mug nearest to the book", {_RED_MUG}),
         ("the farthest mug from the book", {_BLUE_MUG}),
         ("the mug closest to me", {_RED_MUG}),
-        ("the largest thing", {_TABLE}),
+        ("the largest object", {_TABLE}),
         ("the mug on the left", {_RED_MUG}),
         ("the second mug from the left", {_BLUE_MUG}),
         ("the red mug on the table next to the lamp", {_RED_MUG}),
     ],
 )
-def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: str, things: set[int]) -> None:
+def test_a_phrase_means_the_objects_that_were_placed_so(index: SceneIndex, text: str, objects: set[int]) -> None:
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None and answer.outcome == "here"
-    assert set(answer.phrase.thing_ids) == set(answer.thing_ids) == things
-    names = {thing.id: thing.name for thing in index.things.listed}
+    assert set(answer.phrase.object_ids) == set(answer.object_ids) == objects
+    names = {obj.id: obj.name for obj in index.objects.listed}
     assert answer.outcome == "here" and answer.sentence.startswith("Here: ")
-    assert all(f'"{names[thing]}"' in answer.sentence for thing in things)
-    decisive = [witness for witness in answer.phrase.witnesses if witness.thing_id in things]
+    assert all(f'"{names[obj]}"' in answer.sentence for obj in objects)
+    decisive = [witness for witness in answer.phrase.witnesses if witness.object_id in objects]
     assert decisive and all(witness.clearness >= 1 for witness in decisive)
 
 
@@ -113,14 +113,14 @@ def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwis
     large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
     room.place("crate", box((0.1, 0.1, 0.1)), (-far, 0, 0), 0.0, _WOOD)
     answer = _answer(index_of(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
-    assert (answer.thing_ids == (large,) and answer.outcome == "here") == nearest
+    assert (answer.object_ids == (large,) and answer.outcome == "here") == nearest
     assert _reason(answer) == (None if nearest else "too_close")
 
 
 def test_numbers_are_counted(index: SceneIndex) -> None:
     for text, count in (("how many mugs are there?", 2), ("how many mugs are on the table?", 1)):
         answer = _answer(index, text)
-        assert answer.phrase is not None and answer.phrase.count == count == len(answer.thing_ids)
+        assert answer.phrase is not None and answer.phrase.count == count == len(answer.object_ids)
         assert answer.sentence.startswith(f"Here: {count} (")
 
 
@@ -128,7 +128,7 @@ def test_numbers_are_counted(index: SceneIndex) -> None:
 def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None
-    assert answer.is_absent and answer.thing_ids == () == answer.relevant_ids
+    assert answer.is_absent and answer.object_ids == () == answer.relevant_ids
     assert (
         answer.probability is None and answer.presence is None and answer.sentence.startswith("Not here: nothing is ")
     )
@@ -144,7 +144,7 @@ def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(ind
         ("the second mug from the left", None, "pose_needed"),
         ("the mug left of the lamp", _WORLD @ look_at((0.0, 3.0, 1.5), (0.0, 6.0, 1.0)), "out_of_view"),
         ("the bottle on the table", None, "indirect"),
-        ("how many things are on the table?", None, "indirect"),
+        ("how many objects are on the table?", None, "indirect"),
         ("the lamp next to the mug", None, "ambiguous_referent"),
         ("the lamp nearest to the mug", None, "ambiguous_referent"),
         ("the mug on the piano", None, "referent_absent"),
@@ -164,18 +164,16 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     assert answer.phrase is not None and _reason(answer) == reason
     assert (answer.outcome, answer.relation, answer.probability) == ("cannot_say", "undecided", None)
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
-    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.thing_ids
-    names = {thing.id: thing.name for thing in index.things.listed}
+    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.object_ids
+    names = {obj.id: obj.name for obj in index.objects.listed}
     shown = {match.label for match in answer.matches if match.relevant}
-    assert shown == {names[thing] for thing in answer.thing_ids} and set(answer.phrase.undecided) <= set(
-        answer.thing_ids
-    )
+    assert shown == {names[obj] for obj in answer.object_ids} and set(answer.phrase.undecided) <= set(answer.object_ids)
 
 
 @pytest.mark.parametrize("text", ["the piano on the table", "how many pianos are there?"])
 def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    assert answer.phrase is not None and (answer.is_absent, _reason(answer), answer.thing_ids) == (True, None, ())
+    assert answer.phrase is not None and (answer.is_absent, _reason(answer), answer.object_ids) == (True, None, ())
     assert answer.phrase.count == (0 if text.startswith("how") else None)
 
 
@@ -186,7 +184,7 @@ def test_without_a_vertical_nothing_is_on_anything(text: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["mug", "the mugs", "something to drink from", "where is the lamp?", "Tasse", "old mug", "thing that keeps time"],
+    ["mug", "the mugs", "something to drink from", "where is the lamp?", "Tasse", "old mug", "object that keeps time"],
 )
 def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
@@ -195,14 +193,14 @@ def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneInde
     assert answer == replace(plain.answer, **said) and answer.phrase is None
 
 
-def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> None:
+def test_a_witness_says_which_objects_what_and_how_clear(index: SceneIndex) -> None:
     for each, unit in ((index, "m"), (index_of(replace(index.scene, scale="ARBITRARY")), "unit")):
         phrase = _answer(each, "the mug on the table").phrase
         assert phrase is not None and phrase.conditions == ("on the table",) and phrase.head == "mug"
-        own = {witness.measure: witness for witness in phrase.witnesses if witness.thing_id == _RED_MUG}
+        own = {witness.measure: witness for witness in phrase.witnesses if witness.object_id == _RED_MUG}
         assert own["gap"].others == (_TABLE,) and own["gap"].unit == unit and abs(own["gap"].value) < 0.01
         assert own["overlap"].value > 0.9 and min(own["gap"].clearness, own["overlap"].clearness) >= 1
-        other = [witness for witness in phrase.witnesses if witness.thing_id == _BLUE_MUG]
+        other = [witness for witness in phrase.witnesses if witness.object_id == _BLUE_MUG]
         assert min(witness.clearness for witness in other) <= -1
 
 
@@ -213,17 +211,17 @@ def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> No
     index = index_of(scene_of(room, 0, _WORLD))
     for text in ("the red book", "what is red?"):
         answer = _answer(index, text)
-        assert (answer.outcome, answer.thing_ids[:1]) == ("probably_here", (3,)) and 1 not in answer.thing_ids
+        assert (answer.outcome, answer.object_ids[:1]) == ("probably_here", (3,)) and 1 not in answer.object_ids
         assert index.mask3d(answer).sum() == answer.matches[0].gaussian_count
 
 
-def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> None:
+def test_masks_and_objects_are_of_the_meant_objects_alone(index: SceneIndex) -> None:
     answer = _answer(index, "the red mug")
-    assert (index.mask3d(answer) == (index.things.owner == _RED_MUG)).all()
-    assert [thing.id for thing in index.objects_of(answer)] == [_RED_MUG]
+    assert (index.mask3d(answer) == (index.objects.owner == _RED_MUG)).all()
+    assert [obj.id for obj in index.objects_of(answer)] == [_RED_MUG]
     pose = _WORLD @ look_at((0.2, -0.5, 1.0), (0.2, 0.1, 0.8))
     view = PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), pose)
-    inside = index.things.map(view) == _RED_MUG
+    inside = index.objects.map(view) == _RED_MUG
     assert inside.any() and (index.mask(answer, view) == inside).all()
     assert (index.mask2d(answer, view).mask == inside).all()
 
@@ -242,16 +240,16 @@ def test_the_scale_of_a_scene_changes_no_answer(scene: Scene, index: SceneIndex,
     cameras = tuple(replace(camera, world_from_camera=pose) for camera, pose in zip(scene.cameras, poses, strict=True))
     scaled = index_of(replace(scene, gaussians=gaussians, cameras=cameras))
     for text in ("what is on the table?", "mug next to the lamp", "the mug left of the lamp", "the nearest mug"):
-        assert _answer(scaled, text, asker).thing_ids == _answer(index, text).thing_ids
+        assert _answer(scaled, text, asker).object_ids == _answer(index, text).object_ids
 
 
-def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
-    assert scene.things is not None
-    owner = index_of(scene).things.owner
+def test_a_part_that_is_known_decides_what_an_object_has(scene: Scene) -> None:
+    assert scene.objects is not None
+    owner = index_of(scene).objects.owner
     rows = [np.flatnonzero(owner == mug)[:40] for mug in (_RED_MUG, _BLUE_MUG)]
     table_of_parts = (
-        Thing(20, "handle", "person", 1.0, parent=_RED_MUG),
-        Thing(21, "lid", "person", 1.0, parent=_BLUE_MUG),
+        Object(20, "handle", "person", 1.0, parent=_RED_MUG),
+        Object(21, "lid", "person", 1.0, parent=_BLUE_MUG),
     )
     ids = np.repeat([20, 21], [len(each) for each in rows])
     counts = np.full(len(ids), 16 * UNIT, np.int64)
@@ -268,24 +266,24 @@ def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
     parted = index_of(
         replace(
             scene,
-            things=replace(scene.things, parts=parts),
+            objects=replace(scene.objects, parts=parts),
             dictionary=dictionary,
             label_embeddings=embeddings,
             head=head,
         )
     )
-    assert _answer(parted, "the mug with a handle").thing_ids == (_RED_MUG,)
-    assert _answer(parted, "the mug without a handle").thing_ids == (_BLUE_MUG,)
-    assert _answer(parted, "the handle of the mug").thing_ids == (20,)
+    assert _answer(parted, "the mug with a handle").object_ids == (_RED_MUG,)
+    assert _answer(parted, "the mug without a handle").object_ids == (_BLUE_MUG,)
+    assert _answer(parted, "the handle of the mug").object_ids == (20,)
 
 
-def test_a_question_about_all_pairs_of_many_things_is_refused() -> None:
+def test_a_question_about_all_pairs_of_many_objects_is_refused() -> None:
     room = Room()
     for number in range(70):
         room.place("mug", box((0.09, 0.09, 0.1)), (0.3 * (number % 10), 0.3 * (number // 10), 0), 0.0, _RED)
     crowded = index_of(scene_of(room, 0, _WORLD))
     with pytest.raises(LimitExceededError) as caught:
-        _answer(crowded, "the thing nearest to something")
+        _answer(crowded, "the object nearest to something")
     assert caught.value.field == "texts"
     assert _reason(_answer(crowded, "the nearest mug", None)) == "pose_needed"
 
@@ -299,7 +297,7 @@ def test_a_text_of_two_readings_is_answered_if_one_of_them_makes_sense() -> None
     with_lamp = room.place("mug", box((0.09, 0.09, 0.1)), (0, 4, 0.75), 0.0, _RED)
     room.place("desk lamp", box((0.15, 0.15, 0.4)), (0.2, 4, 0.75), 0.0, _WHITE)
     index = index_of(scene_of(room, 0, _WORLD))
-    assert _answer(index, "the mug on a table next to the street lamp").thing_ids == (beside_lamp,)
-    assert _answer(index, "the mug on a table next to the desk lamp").thing_ids == (with_lamp,)
+    assert _answer(index, "the mug on a table next to the street lamp").object_ids == (beside_lamp,)
+    assert _answer(index, "the mug on a table next to the desk lamp").object_ids == (with_lamp,)
     both = "the mug on a table next to something"
     assert _reason(_answer(index, both)) == "ambiguous"

@@ -1,4 +1,4 @@
-"""What is said of a thing in a question, and what a hostile text costs."""
+"""What is said of an object in a question, and what a hostile text costs."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def _anchors(condition: Condition) -> tuple[Phrase, ...]:
     "text",
     [
         *("mug", "the mugs", "coffee machine", "wooden horse", "hot dog", "orange", "old mug", "where is the mug?"),
-        *("something to drink from", "thing you put on your head", "light for reading", "a pair of scissors"),
-        *("thing that keeps time", "wipe up a spill", "fork and knife", "no chair", "mug, not the glass", "?!", "the"),
-        *("something to write in", "place to put books on", "Tasse auf dem Tisch", "茶壶在哪里", "thing", "red"),
+        *("something to drink from", "object you put on your head", "light for reading", "a pair of scissors"),
+        *("object that keeps time", "wipe up a spill", "fork and knife", "no chair", "mug, not the glass", "?!", "the"),
+        *("something to write in", "place to put books on", "Tasse auf dem Tisch", "茶壶在哪里", "object", "red"),
     ],
 )
 def test_names_and_descriptions_are_left_as_they_are(text: str) -> None:
@@ -58,7 +58,7 @@ def test_names_and_descriptions_are_left_as_they_are(text: str) -> None:
         ("something red", "* red"),
         ("what is red?", "* red"),
         ("the mug that is not red", "mug not red"),
-        ("red thing to drink from", "thing to drink from red"),
+        ("red object to drink from", "object to drink from red"),
         ("picture of a dog", "picture of(dog)"),
         ("glass of water", "glass of(water)"),
         ("cup without a handle", "cup not with(handle)"),
@@ -89,11 +89,11 @@ def test_names_and_descriptions_are_left_as_they_are(text: str) -> None:
 )
 def test_phrases_are_taken_apart(text: str, meant: str) -> None:
     question = parse_question(text)
-    assert question is not None and question.asks == "things" and question.not_understood == ""
+    assert question is not None and question.asks == "objects" and question.not_understood == ""
     assert [_written(reading) for reading in question.readings] == [meant]
 
 
-def test_what_comes_after_a_thing_may_be_said_of_it() -> None:
+def test_what_comes_after_an_object_may_be_said_of_it() -> None:
     question = parse_question("the mug on the table next to the lamp")
     assert question is not None
     assert [_written(reading) for reading in question.readings] == [

@@ -1,4 +1,4 @@
-"""What is written on things is asked for: in so many words, of a kind of thing, and by a name that nothing bears."""
+"""What is written on objects is asked for: in so many words, of a kind of object, and by a name that nothing bears."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Scene, Thing
-from fastsplat_contract.messages.thing_reads import ReadKind, ThingRead
+from fastsplat.service.scene.artefact.scene import Object, Scene
+from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 from tests.query.conftest import DrawnEncoder
 from tests.query.phrases.test_looks_answers import _answer
 
@@ -21,11 +21,11 @@ _WORLD = drawn_frame(np.random.default_rng(3))
 _TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
 
 
-def _read(text: str, probability: float = 0.9, kind: ReadKind = "text") -> ThingRead:
-    return ThingRead(kind, text, probability, 3)
+def _read(text: str, probability: float = 0.9, kind: ReadKind = "text") -> ObjectRead:
+    return ObjectRead(kind, text, probability, 3)
 
 
-_READS: Mapping[int, tuple[ThingRead, ...]] = {
+_READS: Mapping[int, tuple[ObjectRead, ...]] = {
     _RED_BOOK: (_read("To the"), _read("Lighthouse", 0.8), _read("Virginia Woolf")),
     _BLUE_BOOK: (_read("ORLANDO"), _read("V. WOOLF", 0.4)),
     _BOX: (_read("Oat Milk 1.5 l"), _read("12", 1.0, "tag"), _read("Hafermilch")),
@@ -40,9 +40,9 @@ def scene() -> Scene:
         room.place("book", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, color)
     room.place("crate", box((0.15, 0.15, 0.2)), (0.0, 0.25, 0.75), 0.2, (0.95, 0.95, 0.93))
     made = scene_of(room, 0, _WORLD)
-    assert made.things is not None
-    table_ = tuple(replace(thing, reads=_READS.get(thing.id, ())) for thing in made.things.table)
-    return replace(made, things=replace(made.things, table=table_))
+    assert made.objects is not None
+    table_ = tuple(replace(obj, reads=_READS.get(obj.id, ())) for obj in made.objects.table)
+    return replace(made, objects=replace(made.objects, table=table_))
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def index(scene: Scene) -> SceneIndex:
 
 
 @pytest.mark.parametrize(
-    ("text", "things"),
+    ("text", "objects"),
     [
         ("where does it say oat milk?", {_BOX}),
         ('Where does it say "Oat Milk"?', {_BOX}),
@@ -67,16 +67,16 @@ def index(scene: Scene) -> SceneIndex:
         ("how many books are by Woolf?", {_RED_BOOK, _BLUE_BOOK}),
     ],
 )
-def test_things_are_found_by_what_is_written_on_them(index: SceneIndex, text: str, things: set[int]) -> None:
+def test_objects_are_found_by_what_is_written_on_them(index: SceneIndex, text: str, objects: set[int]) -> None:
     answer = _answer(index, text)
-    assert set(answer.thing_ids) == things, answer.sentence
-    assert answer.outcome in ("here", "probably_here") and set(index.ranked.names.picks(answer) or ()) == things
+    assert set(answer.object_ids) == objects, answer.sentence
+    assert answer.outcome in ("here", "probably_here") and set(index.ranked.names.picks(answer) or ()) == objects
 
 
 @pytest.mark.parametrize("text", ["oat milk", "Hafermilch", "tag 12", "where is the oat milk?", "To the Lighthouse"])
 def test_what_nothing_is_named_may_be_where_it_is_written(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    assert (answer.outcome, len(answer.thing_ids)) == ("probably_here", 1) and "says" in answer.sentence
+    assert (answer.outcome, len(answer.object_ids)) == ("probably_here", 1) and "says" in answer.sentence
     assert answer.probability is None  # nobody measured how often what says "oat milk" is oat milk
 
 
@@ -94,21 +94,21 @@ def test_what_no_photo_shows_is_not_said_to_be_absent(index: SceneIndex, text: s
 
 
 def test_names_come_before_what_is_written_and_by_is_a_place_where_nothing_says_so(index: SceneIndex) -> None:
-    assert set(_answer(index, "book").thing_ids) == {_RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK}
+    assert set(_answer(index, "book").object_ids) == {_RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK}
     by_place = _answer(index, "the book by the crate").phrase
     assert by_place is not None and by_place.refusal is not None and by_place.refusal.reason == "not_understood"
 
 
 def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene) -> None:
-    assert scene.things is not None
-    silent = replace(scene.things, table=tuple(replace(thing, reads=()) for thing in scene.things.table))
-    index = SceneIndex(replace(scene, things=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
-    assert not _answer(index, "Hafermilch").thing_ids and not _answer(index, "oat milk").thing_ids
+    assert scene.objects is not None
+    silent = replace(scene.objects, table=tuple(replace(obj, reads=()) for obj in scene.objects.table))
+    index = SceneIndex(replace(scene, objects=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
+    assert not _answer(index, "Hafermilch").object_ids and not _answer(index, "oat milk").object_ids
     assert _answer(index, "where does it say Hafermilch").outcome == "cannot_say"
 
 
 def test_figures_are_the_same_or_not_it_and_one_letter_of_five_may_differ() -> None:
-    written = WrittenWords((Thing(1, reads=(_read("Basmati 500 g", 1.0),)),))
+    written = WrittenWords((Object(1, reads=(_read("Basmati 500 g", 1.0),)),))
     assert written.bearing("basmati") == written.bearing("500") == written.bearing("500 g Basmati") == {1: 1.0}
     assert written.bearing("basnati")[1] == pytest.approx(6 / 7)
     assert not written.bearing("501") and not written.bearing("bas") and not written.bearing("bazznati")

@@ -133,7 +133,7 @@ def test_the_map_moves_with_the_scene(room: OccupancyMap, angle: float) -> None:
     assert (there == room.cells)[inner].mean() > 0.99
 
 
-def test_without_a_thing_that_is_a_floor_the_lowest_dense_level_counts() -> None:
+def test_without_an_object_that_is_a_floor_the_lowest_dense_level_counts() -> None:
     for height in (0.0, 1.03):
         known = _map(views_of(_ROOM, motion=turned(0, 0, 0, height)), floors=())
         assert (known.floor_source, known.floor) == ("lowest_level", pytest.approx(height, abs=0.01))

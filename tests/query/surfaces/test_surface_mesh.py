@@ -50,7 +50,7 @@ def test_the_mesh_of_a_wall_lies_on_it_and_looks_at_the_cameras(index: SceneInde
     a, b, c = (mesh.vertices.points[mesh.faces[:, corner]] for corner in range(3))
     assert (np.cross(b - a, c - a)[:, 2] < 0).all()
     middle = (a + b + c)[:, 0] / 3
-    assert (mesh.things[middle < -0.1] == 1).all() and (mesh.things[middle > 0.1] == 2).all()
+    assert (mesh.objects[middle < -0.1] == 1).all() and (mesh.objects[middle > 0.1] == 2).all()
 
 
 def test_a_speck_is_no_part_of_a_mesh() -> None:
@@ -69,7 +69,7 @@ def test_voxels_are_bounded(index: SceneIndex) -> None:
     assert refused.value.field == "cell" and refused.value.limit == "3000 voxels"
 
 
-def test_a_stranger_finds_things_by_name(index: SceneIndex, tmp_path: Path) -> None:
+def test_a_stranger_finds_objects_by_name(index: SceneIndex, tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(mesh_file(index, "wall", (), 0.04))
     opened = trimesh.load_scene(tmp_path / "a.glb")
     assert set(opened.geometry) == {"red half", "grün\nhalf"}
@@ -79,7 +79,7 @@ def test_a_stranger_finds_things_by_name(index: SceneIndex, tmp_path: Path) -> N
     inner = red.vertices[:, 0] < -0.1
     assert (colors[inner, 0] > colors[inner, 1]).all()
     extras = opened.graph.transforms.edge_data["wall", "red half"]["metadata"]
-    assert extras["thing"] == 1 and extras["name"] == "red half" and extras["label"] == 1
+    assert extras["object"] == 1 and extras["name"] == "red half" and extras["label"] == 1
     (tmp_path / "b.glb").write_bytes(mesh_file(index, "wall", (2,), 0.04))
     assert set(trimesh.load_scene(tmp_path / "b.glb").geometry) == {"grün\nhalf"}
 

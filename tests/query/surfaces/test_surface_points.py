@@ -67,7 +67,7 @@ def test_back_projection_and_projection_are_inverse(views: tuple[SurfaceView, ..
     np.testing.assert_allclose(z, view.depth.reshape(-1)[pixels], rtol=1e-5)
 
 
-def test_points_are_on_the_wall_with_their_things_and_apart(views: tuple[SurfaceView, ...]) -> None:
+def test_points_are_on_the_wall_with_their_objects_and_apart(views: tuple[SurfaceView, ...]) -> None:
     samples, cell = surface_points(views, cell=0.05, most=10**5, limit="")
     assert cell == 0.05 and len(samples) > 200
     np.testing.assert_allclose(samples.points[:, 2], DISTANCE, atol=0.02)
@@ -76,7 +76,7 @@ def test_points_are_on_the_wall_with_their_things_and_apart(views: tuple[Surface
     assert len(cells) == len(samples)
     left, right = samples.points[:, 0] < -0.1, samples.points[:, 0] > 0.1
     assert (samples.labels[left] == 1).all() and (samples.labels[right] == 2).all()
-    assert set(samples.things.tolist()) == {1, 2}
+    assert set(samples.objects.tolist()) == {1, 2}
     assert (samples.colors[left, 0] > 150).all() and (samples.colors[right, 1] > 150).all()
 
 
@@ -112,13 +112,13 @@ def test_the_file_holds_points_labels_and_names(index: SceneIndex) -> None:
     content = points_file(index, 'a "table"\nelement vertex 9', (), 0.05)
     ply = PlyData.read(io.BytesIO(content))
     vertex = ply["vertex"]
-    assert [one.name for one in vertex.properties] == ("x y z nx ny nz red green blue label thing confidence".split())
+    assert [one.name for one in vertex.properties] == ("x y z nx ny nz red green blue label object confidence".split())
     comments = ply.comments
     assert 'units "metres"' in comments and "cell 0.05" in comments
-    assert 'label 1 "red half"' in comments and 'thing 2 "gr\\u00fcn\\nhalf"' in comments
+    assert 'label 1 "red half"' in comments and 'object 2 "gr\\u00fcn\\nhalf"' in comments
     assert sum(line.startswith("scene ") for line in comments) == 1 and len(ply.elements) == 1
     one = PlyData.read(io.BytesIO(points_file(index, "", (2,), 0.05)))["vertex"]
-    assert set(one["thing"].tolist()) == {2} and one.count == (vertex["thing"] == 2).sum()
+    assert set(one["object"].tolist()) == {2} and one.count == (vertex["object"] == 2).sum()
     with pytest.raises(NotFoundError):
         points_file(index, "", (9,), 0.05)
 

@@ -31,14 +31,14 @@ def group_regions(sums: Iterable[LabelSums], counts: Sequence[int], overlap: flo
 def made_sums(
     views: int, regions: int, gaussians: int, seed: int, *, seen: float = 0.7, slips: float = 0.1
 ) -> Iterator[LabelSums]:
-    """Views that see part of the Gaussians, number things by themselves, and err in some."""
+    """Views that see part of the Gaussians, number objects by themselves, and err in some."""
     rng = np.random.default_rng(seed)
-    thing = rng.integers(0, regions + 1, gaussians)  # 0: no thing
+    obj = rng.integers(0, regions + 1, gaussians)  # 0: no object
     for _ in range(views):
         number = np.concatenate([[0], rng.permutation(regions) + 1])
         visible = rng.random(gaussians) < seen
         slipped = rng.random(gaussians) < slips
-        label = number[np.where(slipped, rng.integers(0, regions + 1, gaussians), thing)]
+        label = number[np.where(slipped, rng.integers(0, regions + 1, gaussians), obj)]
         other = rng.integers(0, regions + 1, gaussians)
         two = visible & (rng.random(gaussians) < slips) & (other != label)
         rows = np.concatenate([np.flatnonzero(visible), np.flatnonzero(two)])

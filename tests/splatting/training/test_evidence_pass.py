@@ -98,7 +98,7 @@ def test_one_label_and_ten_thousand_can_be_trained(
     world: World, quick: Callable[..., TrainingSettings], mode: str, labels: int
 ) -> None:
     capture, labelling = world
-    names = dictionary_of(f"thing {number}x" for number in range(labels))
+    names = dictionary_of(f"object {number}x" for number in range(labels))
     ids = np.array([0, 1, 1, 1] if labels == 1 else [0, 1, 5_000, 10_000], np.uint16)
     maps = tuple(ids[label_map] for label_map in labelling.label_maps)
     settings = quick(label_mode=mode, iterations=5, start_scale=1.0)

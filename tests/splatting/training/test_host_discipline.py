@@ -15,7 +15,7 @@ from benchmarks.evaluation.predictions import silhouette
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.instances.scene_things import find_scene_things
+from fastsplat.service.instances.scene_objects import find_scene_objects
 from fastsplat.service.localization.landmarks import find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, place_photos
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
@@ -26,7 +26,7 @@ from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_views import surface_views
-from fastsplat.service.scene.objects.things import thing_rows
+from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat.service.splat_import.bulk import find_bulk
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import Painter
@@ -36,13 +36,13 @@ from fastsplat.service.splatting.raster import cuda
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.geometry.camera import PosedCamera
+from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.places import Place
-from fastsplat_contract.geometry.thing_prompts import Pixel
 from tests.instances.made_room import NAMES, ColorSegmenter, NoDetector, make_room
 from tests.localization.textured_room import looking, textured_room
 from tests.query.box_scenes import orbit, scene_of
 from tests.query.conftest import DrawnEncoder
-from tests.query.things.test_picking import BOOK, CUP, FRONT, MUG, scene_with
+from tests.query.objects.test_picking import BOOK, CUP, FRONT, MUG, scene_with
 from tests.splat_import.test_lifting import classes_of, labelling_of, with_splat
 from tests.splatting import pretend_gpu
 
@@ -85,7 +85,7 @@ def test_training_and_its_evaluation(world, quick, device: str, changes: dict[st
     assert theirs.mean_iou == pytest.approx(ours.mean_iou, abs=0.01)
 
 
-def test_discovery_and_codes_of_things(device: str, tmp_path: Path) -> None:
+def test_discovery_and_codes_of_objects(device: str, tmp_path: Path) -> None:
     room = make_room(tmp_path, views=4)
     perception = PerceptionSettings(min_pixels=8, closer_look=False)
     masks = propose_view_masks(room.capture.views, NoDetector(), ColorSegmenter(), perception)
@@ -94,11 +94,11 @@ def test_discovery_and_codes_of_things(device: str, tmp_path: Path) -> None:
     for backend in ("cpu", "cuda"):
         training = TrainingSettings(backend=backend, max_side=64)
         settings = DiscoverySettings(min_weight_px=5)
-        found[backend] = find_scene_things(room.gaussians, room.capture, labelling, masks, settings, training=training)
+        found[backend] = find_scene_objects(room.gaussians, room.capture, labelling, masks, settings, training=training)
     (ours, _), (theirs, coded) = found["cpu"], found["cuda"]
-    assert [thing.id for thing in theirs.table] == [thing.id for thing in ours.table] and len(ours.table) > 2
-    assert [thing.name for thing in theirs.table] == [thing.name for thing in ours.table]
-    assert np.mean(thing_rows(theirs) == thing_rows(ours)) > 0.99 and isinstance(coded.codes, np.ndarray)
+    assert [obj.id for obj in theirs.table] == [obj.id for obj in ours.table] and len(ours.table) > 2
+    assert [obj.name for obj in theirs.table] == [obj.name for obj in ours.table]
+    assert np.mean(object_rows(theirs) == object_rows(ours)) > 0.99 and isinstance(coded.codes, np.ndarray)
 
 
 def test_questions_pictures_and_places(device: str) -> None:
@@ -106,7 +106,7 @@ def test_questions_pictures_and_places(device: str) -> None:
         backend: SceneIndex(scene_with(), DrawnEncoder(), QuerySettings(templates=("{}",), backend=backend))
         for backend in ("cpu", "cuda")
     }
-    rows, columns = np.nonzero(index["cpu"].things.map(FRONT) == MUG)
+    rows, columns = np.nonzero(index["cpu"].objects.map(FRONT) == MUG)
     middle = Pixel(float(np.median(columns)) + 0.5, float(np.median(rows)) + 0.5)
     renderer = {backend: Renderer(each.scene, each.settings) for backend, each in index.items()}
     labelled = {backend: Renderer(scene_of([CUP, BOOK], orbit()), each.settings) for backend, each in index.items()}
@@ -116,10 +116,10 @@ def test_questions_pictures_and_places(device: str) -> None:
         "normals": lambda backend: renderer[backend].geometry(FRONT).normals,
         "labels": lambda backend: labelled[backend].label_map(FRONT),
         "mask": lambda backend: labelled[backend].mask(FRONT, (1,), np.array([0, 1, 0], np.float32)).mask,
-        "things": lambda backend: index[backend].things.map(FRONT),
-        "parts": lambda backend: index[backend].things.part_map(FRONT),
+        "objects": lambda backend: index[backend].objects.map(FRONT),
+        "parts": lambda backend: index[backend].objects.part_map(FRONT),
         "place": lambda backend: locate(index[backend], Place(pixel=middle, camera=FRONT)).point,
-        "surfaces": lambda backend: surface_views(index[backend])[0].things,
+        "surfaces": lambda backend: surface_views(index[backend])[0].objects,
     }
     for what, ask in asked.items():
         ours, theirs = (np.asarray(ask(backend), float) for backend in ("cpu", "cuda"))

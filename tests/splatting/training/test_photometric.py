@@ -58,7 +58,7 @@ def test_a_correction_multiplies_light() -> None:
         expected = from_light(to_light(_image(12, 9)) * torch.exp2(channel_evs(correction)))
         assert torch.allclose(correct(_image(12, 9), correction), expected, rtol=0, atol=1e-7)
     assert torch.allclose(to_light(torch.tensor([0.0, 0.5, 1.0])), torch.tensor([0.0, 0.214041, 1.0]), atol=1e-6)
-    # A gain of the stored values is another thing: it misses by far more than a step of 8 bits.
+    # A gain of the stored values is another object: it misses by far more than a step of 8 bits.
     gray = torch.full((1, 1, 3), 0.2, dtype=torch.float64)
     exposure = torch.tensor([1.2, 0.0, 0.0], dtype=torch.float64)
     assert (correct(gray, exposure) - gray * correct(torch.ones_like(gray), exposure)).abs().max() > 4 / 255

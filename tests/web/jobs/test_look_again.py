@@ -11,7 +11,7 @@ _PHONE = {"width": 390, "height": 844}
 
 
 def _look(visit: Visit, names: str) -> None:
-    visit.tab("Things").get_by_text("Look for more names").click()
+    visit.tab("Objects").get_by_text("Look for more names").click()
     visit.page.get_by_label("Names, separated by commas").fill(names)
     visit.page.get_by_role("button", name="Look again").click()
 

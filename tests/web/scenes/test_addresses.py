@@ -13,8 +13,8 @@ from tests.web.places import Place
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"
 
 
-def _thing(place: Place, scene_id: str, name: str, version: str = "") -> int:
-    return next(thing.id for thing in place.service.answers.list_things(scene_id, version).things if thing.name == name)
+def _object(place: Place, scene_id: str, name: str, version: str = "") -> int:
+    return next(obj.id for obj in place.service.answers.list_objects(scene_id, version).objects if obj.name == name)
 
 
 def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
@@ -24,22 +24,22 @@ def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
     Visit(page).at_rest()
     assert f"view={view}" in page.url
     expect(page.locator(".glow-legend")).to_have_text(f"Answers “{text}”")  # one light at a time
-    Visit(page).tab("Things")
+    Visit(page).tab("Objects")
     expect(page.get_by_role("heading", name=selected)).to_be_visible()
-    if selected != "Things":
+    if selected != "Objects":
         expect(page.locator(".glow-legend")).to_have_text(f"Selected: {selected}")
 
 
 def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page = visit.page
-        visit.tab("Things").get_by_role("button", name="ball").click()
+        visit.tab("Objects").get_by_role("button", name="ball").click()
         expect(page.get_by_role("heading", name="ball")).to_be_visible()
         visit.tab("Ask")
         page.get_by_role("searchbox").fill("mug")
         expect(page.locator(".verdict.here")).to_be_visible()
-        ball = _thing(place, place.scene_id, "ball")
-        expect(page).to_have_url(re.compile(f"q=mug.*view=.*things={ball}$"))
+        ball = _object(place, place.scene_id, "ball")
+        expect(page).to_have_url(re.compile(f"q=mug.*view=.*objects={ball}$"))
         visit.at_rest()
         address, view = page.url, re.findall("view=([^&]+)", page.url)[0]
         page.reload()
@@ -57,11 +57,11 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
         visit.scene_shown()
         page.goto(f"{place.url}/#/scenes/{scene_id}?q=mug")  # followed while a version is on show
         expect(page.locator(".verdict.here")).to_be_visible()
-        visit.tab("Things").get_by_role("button", name="ball").click()
+        visit.tab("Objects").get_by_role("button", name="ball").click()
         visit.tab("Ask")
         page.get_by_role("searchbox").fill("story book")
         expect(page.get_by_role("button", name="Look at story book 1")).to_be_visible()
-        visit.tab("Things")
+        visit.tab("Objects")
         page.get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
@@ -69,15 +69,15 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
         visit.tab("Ask")
         expect(page.get_by_role("searchbox")).to_have_value("story book")
-        assert "violin" in {thing.name for thing in place.service.answers.list_things(scene_id).things}
+        assert "violin" in {obj.name for obj in place.service.answers.list_objects(scene_id).objects}
 
 
 def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None:
     scene_id = place.new_scene("versions")
     old = place.service.get_scene(scene_id).version
-    ball = _thing(place, scene_id, "ball")
-    place.service.versions.edit(scene_id, (Edit("name", thing_ids=(ball,), name="violin"),), looked_at=old)
-    address = f"#/scenes/{scene_id}?version={old}&things={ball}"
+    ball = _object(place, scene_id, "ball")
+    place.service.versions.edit(scene_id, (Edit("name", object_ids=(ball,), name="violin"),), looked_at=old)
+    address = f"#/scenes/{scene_id}?version={old}&objects={ball}"
     with visiting(browser, place.url, address) as visit:
         page = visit.page
         expect(page.get_by_text("This is an older version.")).to_be_visible()
@@ -93,16 +93,16 @@ def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None
 
 
 def test_an_address_that_is_changed_by_hand_is_followed(place: Place, browser: Browser) -> None:
-    ball, mug = (_thing(place, place.scene_id, name) for name in ("ball", "mug"))
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=mug&things={ball}") as visit:
+    ball, mug = (_object(place, place.scene_id, name) for name in ("ball", "mug"))
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=mug&objects={ball}") as visit:
         page = visit.page
         expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
-        visit.tab("Things")
+        visit.tab("Objects")
         expect(page.get_by_role("heading", name="ball")).to_be_visible()
-        page.goto(f"{place.url}/#/scenes/{place.scene_id}?q=submarine&view={_VIEW}&things={mug}")
+        page.goto(f"{place.url}/#/scenes/{place.scene_id}?q=submarine&view={_VIEW}&objects={mug}")
         expect(page.get_by_role("searchbox")).to_have_value("submarine")
         expect(page.get_by_text("Not here")).to_be_visible()
-        visit.tab("Things")
+        visit.tab("Objects")
         expect(page.get_by_role("heading", name="mug")).to_be_visible()
         visit.at_rest()
         assert f"view={_VIEW}" in page.url
@@ -131,9 +131,9 @@ def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_bac
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
         page = visit.page
         visit.scene_shown()
-        things = visit.tab("Things")
+        objects = visit.tab("Objects")
         # One script, so that the browser's own event comes after the click.
-        things.get_by_role("button", name="ball").evaluate("thing => { location.hash = '#/'; thing.click(); }")
+        objects.get_by_role("button", name="ball").evaluate("object => { location.hash = '#/'; object.click(); }")
         expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
         assert page.url == f"{place.url}/#/"
 
@@ -141,7 +141,7 @@ def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_bac
 def test_an_address_outlives_signing_in(guarded: Place, browser: Browser) -> None:
     with visiting(browser, guarded.url, f"#/scenes/{guarded.scene_id}?q=mug&view={_VIEW}") as visit:
         visit.sign_in(guarded.new_key("admin"))
-        _expect_all(visit.page, "mug", "Things", _VIEW)
+        _expect_all(visit.page, "mug", "Objects", _VIEW)
 
 
 def test_the_content_can_be_skipped_to_and_the_address_stays(place: Place, browser: Browser) -> None:

@@ -16,9 +16,9 @@ from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import LABELS
 from tests.web.browser import Visit
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera
+from tests.web.objects.test_ask import _VIEW, _wait_for
 from tests.web.places import MARKUP, Place
 from tests.web.table import add_table
-from tests.web.things.test_ask import _VIEW, _wait_for
 
 
 @contextmanager

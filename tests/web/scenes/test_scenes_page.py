@@ -24,7 +24,7 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None
         card = visit.page.get_by_role("link", name="a table")
         expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
         expect(card.first).to_contain_text("Ready")
-        expect(card.first).to_contain_text("3 things: ")
+        expect(card.first).to_contain_text("3 objects: ")
         expect(visit.page.get_by_role("img", name="Picture of half done")).to_be_visible()
         for name, ahead in (("in the queue", "1 job is ahead, about 3 min."), ("at the end", "2 jobs are ahead.")):
             expect(visit.page.get_by_role("link", name=name)).to_contain_text(f"Waiting for a worker. {ahead}")
@@ -36,7 +36,7 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None
     store.workers.unregister("one")
 
 
-def test_scenes_are_found_by_name_and_by_the_things_in_them(place: Place, browser: Browser) -> None:
+def test_scenes_are_found_by_name_and_by_the_objects_in_them(place: Place, browser: Browser) -> None:
     other = place.new_scene("workshop")
     with visiting(browser, place.url) as visit:
         page, cards = visit.page, visit.page.get_by_role("list", name="Scenes").get_by_role("link")

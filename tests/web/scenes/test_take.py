@@ -15,8 +15,8 @@ from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import view_camera
+from tests.web.objects.test_ask import _VIEW, _wait_for
 from tests.web.places import Place
-from tests.web.things.test_ask import _VIEW, _wait_for
 
 
 def _saved(visit: Visit, button: str) -> tuple[str, bytes]:
@@ -30,7 +30,7 @@ def _shown_camera(width: int, height: int) -> PosedCamera:
     return view_camera(np.array([float(number) for number in _VIEW.split("_")]), width, height)
 
 
-def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Browser) -> None:
+def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: Browser) -> None:
     scene_id = place.new_scene("../a <b>table</b>")
     file = place.service.exports.file
     with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
@@ -51,7 +51,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         name, content = _saved(visit, "One HTML file")
         assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
         name, content = _saved(visit, "Its Gaussians as PLY")
-        assert name == "mug.ply" and content == file(ExportRequest(scene_id, thing_ids=(1,)))
+        assert name == "mug.ply" and content == file(ExportRequest(scene_id, object_ids=(1,)))
 
         camera = _shown_camera(1280, 720)
         for button, request in (
@@ -65,11 +65,11 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         _, content = _saved(visit, "nerfstudio transforms.json")
         assert content == file(ExportRequest(scene_id, "transforms"))
 
-        visit.tab("Things").get_by_role("button", name="ball", exact=True).click()
+        visit.tab("Objects").get_by_role("button", name="ball", exact=True).click()
         visit.tab("Share")
-        (ball,) = [thing for thing in place.service.answers.list_things(scene_id).things if thing.name == "ball"]
+        (ball,) = [obj for obj in place.service.answers.list_objects(scene_id).objects if obj.name == "ball"]
         name, content = _saved(visit, "Only ball as PLY")
-        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", thing_ids=(ball.id,)))
+        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", object_ids=(ball.id,)))
         visit.check_accessible()
 
 
@@ -110,7 +110,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
             visitor.page.get_by_role("searchbox").fill("ball")
             expect(visitor.page.locator(".verdict.here")).to_be_visible()
             expect(visitor.page).to_have_url(re.compile(r"q=ball.*share=fsk_"))
-            visitor.tab("Things").get_by_role("button", name="mug", exact=True).click()
+            visitor.tab("Objects").get_by_role("button", name="mug", exact=True).click()
             expect(visitor.page.get_by_role("button", name="Look at it")).to_be_visible()
             for absent in ("Save the name", "Discard", "Delete scene", "Name the next one", "Undo", "Make a link"):
                 expect(visitor.page.get_by_role("button", name=absent)).to_have_count(0)

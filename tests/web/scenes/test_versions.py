@@ -13,15 +13,15 @@ from tests.web.places import MARKUP, Place
 
 
 def _names(place: Place, scene_id: str) -> list[str]:
-    return [thing.name for thing in place.service.answers.list_things(scene_id).things]
+    return [obj.name for obj in place.service.answers.list_objects(scene_id).objects]
 
 
 def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> None:
-    place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name="violin")])
-    place.service.versions.edit(own, [Edit("merge", thing_ids=(1, 2))])
+    place.service.versions.edit(own, [Edit("name", object_ids=(1,), name="violin")])
+    place.service.versions.edit(own, [Edit("merge", object_ids=(1, 2))])
     phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "dark"}
     with visiting(browser, place.url, f"#/scenes/{own}", **phone) as visit:
-        canvas, rows = visit.scene_shown(), visit.tab("Things").locator(".thing-list li")
+        canvas, rows = visit.scene_shown(), visit.tab("Objects").locator(".object-list li")
         expect(rows).to_have_count(2)
         canvas.focus()
         for key, count, name in (
@@ -46,14 +46,14 @@ def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> 
 
 def test_versions_are_listed_compared_and_restored(place: Place, webgl_browser: Browser, own: str) -> None:
     trained = place.service.versions.resolve(own)
-    place.service.versions.edit(own, [Edit("recolor", thing_ids=(1,), color=Color(0.0, 0.0, 1.0))])
-    named = place.service.versions.edit(own, [Edit("name", thing_ids=(1,), name=MARKUP)])
+    place.service.versions.edit(own, [Edit("recolor", object_ids=(1,), color=Color(0.0, 0.0, 1.0))])
+    named = place.service.versions.edit(own, [Edit("name", object_ids=(1,), name=MARKUP)])
     with visiting(webgl_browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
         canvas, page = visit.scene_shown(), visit.page
-        visit.tab("Things").locator(".versions summary").click()
+        visit.tab("Objects").locator(".versions summary").click()
         rows = page.locator(".versions li")
         expect(rows).to_have_count(3)
-        expect(rows.first).to_contain_text(f"Named thing 1 “{MARKUP}”")
+        expect(rows.first).to_contain_text(f"Named object 1 “{MARKUP}”")
         expect(rows.last).to_contain_text("As it was trained")
         visit.check_accessible()
         here = drawn_canvas(page)

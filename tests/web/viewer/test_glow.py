@@ -30,7 +30,7 @@ def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
 def test_the_pixels_that_glow_are_the_servers_mask(
     place: Place, webgl_browser: Browser, view: str, selected_name: str
 ) -> None:
-    ids = {thing.name: thing.id for thing in place.service.answers.list_things(place.scene_id).things}
+    ids = {obj.name: obj.id for obj in place.service.answers.list_objects(place.scene_id).objects}
     address = f"{place.url}/#/scenes/{place.scene_id}?view={view}"
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={view}", device_scale_factor=1) as visit:
         page, canvas = visit.page, visit.scene_shown()
@@ -45,7 +45,7 @@ def test_the_pixels_that_glow_are_the_servers_mask(
             expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
             found = overlap(mask, glowing(plain, canvas_pixels(page)))
             assert mask.sum() > 2_000 and found >= 0.95, (name, found)
-        page.goto(f"{address}&things={ids[selected_name]}")
+        page.goto(f"{address}&objects={ids[selected_name]}")
         expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
         selected = overlap(_mask(place, posed, selected_name), glowing(plain, canvas_pixels(page), SELECTED))
         assert selected >= 0.95, selected

@@ -134,19 +134,19 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         assert np.allclose(view[:3], posed.world_from_camera[:3, 3], atol=1e-3)
 
 
-def test_colors_say_things_labels_depth_and_normals(place: Place, webgl_browser: Browser) -> None:
+def test_colors_say_objects_labels_depth_and_normals(place: Place, webgl_browser: Browser) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
         box = canvas.bounding_box()
         assert box is not None
         own = _balls(visit, box)
         legend = visit.page.get_by_role("region", name="What the colors mean")
-        for mode in ("Depth", "Normals", "Labels", "Things"):
+        for mode in ("Depth", "Normals", "Labels", "Objects"):
             visit.page.get_by_label("Colors show").select_option(mode)
             expect(canvas).to_have_attribute("data-colors", mode.lower())
             expect(visit.page).to_have_url(re.compile(f"look={mode.lower()}"))
             colors = _balls(visit, box)
-            assert all(np.abs(colors[thing] - own[thing]).max() > 25 for thing in _PLACES), mode
+            assert all(np.abs(colors[obj] - own[obj]).max() > 25 for obj in _PLACES), mode
             if mode == "Depth":
                 expect(legend).to_contain_text(re.compile(r"\d m.*\d m"))
                 # The ball in the middle stands farther away than the two others, which are about as far.
@@ -157,34 +157,34 @@ def test_colors_say_things_labels_depth_and_normals(place: Place, webgl_browser:
                 _check_legend(legend, colors)
             visit.check_accessible()
         visit.page.reload()  # keeps it
-        expect(_ready(visit)).to_have_attribute("data-colors", "things")
+        expect(_ready(visit)).to_have_attribute("data-colors", "objects")
 
 
 def _check_legend(legend: Locator, colors: dict[int, NDArray[np.float64]]) -> None:
-    """Each thing has a color of its own, of the hue that the legend says."""
-    for thing in _PLACES:
-        others = [np.abs(colors[thing] - colors[other]).max() for other in _PLACES if other != thing]
+    """Each object has a color of its own, of the hue that the legend says."""
+    for obj in _PLACES:
+        others = [np.abs(colors[obj] - colors[other]).max() for other in _PLACES if other != obj]
         assert min(others) > 60, colors
     swatches = legend.locator(".swatch rect").evaluate_all("(all) => all.map((each) => each.getAttribute('fill'))")
     names = [name.strip() for name in legend.locator("li").all_inner_texts()]
-    for thing, label in enumerate(("mug", "ball", "story book"), start=1):
+    for obj, label in enumerate(("mug", "ball", "story book"), start=1):
         told = np.array([int(part) for part in re.findall(r"\d+", swatches[names.index(label)])], dtype=np.float64)
-        seen = colors[thing]
+        seen = colors[obj]
         assert seen @ told / np.linalg.norm(seen) / np.linalg.norm(told) > 0.98
 
 
 def _balls(visit: Visit, box: dict[str, float]) -> dict[int, NDArray[np.float64]]:
-    """The color in the middle of each ball, by thing id."""
+    """The color in the middle of each ball, by object id."""
     camera = view_camera(np.array([0, -3.2, 1.6, 0, 0, 0.2]), round(box["width"]), round(box["height"]))
     pixels = _shot(visit, box)
     colors = {}
-    for thing, middle in _PLACES.items():
+    for obj, middle in _PLACES.items():
         x, y, _ = projected(camera, np.array(middle))
-        colors[thing] = pixels[int(y) - 4 : int(y) + 4, int(x) - 4 : int(x) + 4].mean(axis=(0, 1))
+        colors[obj] = pixels[int(y) - 4 : int(y) + 4, int(x) - 4 : int(x) + 4].mean(axis=(0, 1))
     return colors
 
 
-def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place, webgl_browser: Browser) -> None:
+def test_an_answer_and_an_object_have_the_photos_that_show_them_best(place: Place, webgl_browser: Browser) -> None:
     best = place.service.photos.best_views(place.scene_id, text="ball").views
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?q=ball") as visit:
         _ready(visit)
@@ -202,9 +202,9 @@ def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place,
         visit.check_accessible()
         photos.get_by_role("button").first.click()
         expect(visit.page.locator(".compared-photo")).to_have_attribute("data-photo", best[0].view)
-        visit.tab("Things").locator(".thing-list").get_by_role("button", name="mug").click()
+        visit.tab("Objects").locator(".object-list").get_by_role("button", name="mug").click()
         first = place.service.photos.best_views(place.scene_id, (1,)).views[0].view
-        expect(visit.page.locator(".thing-card .best-photos button").first).to_have_attribute(
+        expect(visit.page.locator(".object-card .best-photos button").first).to_have_attribute(
             "aria-label", f"Fly to {first}"
         )
 

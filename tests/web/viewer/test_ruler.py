@@ -47,7 +47,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         note.get_by_label("This length is really (meters)").fill("0.25")
         note.get_by_role("button", name="Set the scale").click()
         expect(page.get_by_text("The scene is in meters now.")).to_be_visible()
-        visit.tab("Things")
+        visit.tab("Objects")
         expect(page.get_by_text(re.compile(r"In meters by 1 known length, ± [\d.]+ %"))).to_be_visible()
         scene = place.service.get_scene(own)
         assert scene.scale == "METRIC" and scene.scaling is not None and scene.scaling.meters_per_unit < 1

@@ -1,4 +1,4 @@
-"""The camera stays where pictures show what photos have seen, and flies to where a thing is seen whole."""
+"""The camera stays where pictures show what photos have seen, and flies to where an object is seen whole."""
 
 from __future__ import annotations
 
@@ -102,10 +102,10 @@ def _camera(text: str, size: dict[str, float], up: tuple[float, float, float], w
     return view_camera(view, width, round(width * size["height"] / size["width"]), up)
 
 
-def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: Place, webgl_browser: Browser) -> None:
+def test_no_gesture_leaves_what_was_seen_and_objects_are_flown_to_whole(sample: Place, webgl_browser: Browser) -> None:
     draw = random.Random(5)
     gestures = [[draw.choice([*_KEYS, "wheel"]), draw.random() < 0.4, draw.randint(1, 8)] for _ in range(_GESTURES)]
-    listed = sample.service.answers.list_things(sample.scene_id).things
+    listed = sample.service.answers.list_objects(sample.scene_id).objects
     up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
     with visiting(webgl_browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
         canvas = visit.page.locator("canvas[role=application]")
@@ -117,18 +117,18 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
         box = canvas.bounding_box()
         assert box is not None
         views = [early, *canvas.evaluate(_PERFORMED, gestures)]
-        rows = visit.tab("Things").locator(".thing-list li")
-        for row, thing in enumerate(listed):
-            if thing.kind != "thing" or not thing.name or thing.box is None:
+        rows = visit.tab("Objects").locator(".object-list li")
+        for row, obj in enumerate(listed):
+            if obj.kind != "object" or not obj.name or obj.box is None:
                 continue
             before = canvas.get_attribute("data-view") or ""
             rows.nth(row).get_by_role("button").click()
             expect(canvas).not_to_have_attribute("data-view", before)
             views.append(canvas.get_attribute("data-view") or "")
             posed = _camera(views[-1], box, up, 640)
-            x, y, z = projected(posed, _corners(thing.box))
+            x, y, z = projected(posed, _corners(obj.box))
             inside = (z > 0) & (x >= 0) & (x <= posed.camera.width) & (y >= 0) & (y <= posed.camera.height)
-            assert inside.all(), (thing.name, x, y)
+            assert inside.all(), (obj.name, x, y)
     covered = _Covered(sample)
     assert covered.of(_camera(strayed[0], box, up)) < 0.5
     shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}

@@ -54,7 +54,7 @@ def test_the_scene_is_loaded_some_time_after_the_servers_one_picture(place: Plac
         _shows(page, "plain$")
         after = visit.requests_within(20)
         assert [url for url in after if "scene.spz" in url]
-        assert len(held) == 1  # things have come meanwhile, and change nothing that it shows
+        assert len(held) == 1  # objects have come meanwhile, and change nothing that it shows
 
 
 def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Browser) -> None:
@@ -119,7 +119,7 @@ def test_a_person_steers_with_one_request_under_way(place: Place, browser: Brows
         assert not [url for url in asked if url.endswith(":render")]  # nothing is drawn while nothing changes
 
 
-def test_things_are_pointed_at_and_clicked(place: Place, browser: Browser) -> None:
+def test_objects_are_pointed_at_and_clicked(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page, canvas = visit.page, visit.page.locator("canvas")
         _shows(page, "plain$")

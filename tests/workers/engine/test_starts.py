@@ -129,7 +129,7 @@ def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_traine
     result.mkdir()
     made = {
         "gaussians": 3,
-        "things": 0,
+        "objects": 0,
         "scale": "ARBITRARY",
         "dictionary": [],
         "cameras": [],

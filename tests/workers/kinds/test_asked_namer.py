@@ -16,19 +16,19 @@ from benchmarks.naming.replay import ReplayNamer, named, replayed
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import NamerSettings
 from fastsplat_contract.jobs.operations import Operation
+from fastsplat_contract.messages.object_sheets import ObjectSheet, SheetObject
 from fastsplat_contract.messages.scenes import Edit
-from fastsplat_contract.messages.thing_sheets import SheetThing, ThingSheet
 from tests.api.made_scene import write_words
 from tests.workers.deployment import Deployment, kill, new_database
 from tests.workers.draft_scenes import FINAL_IDS
 
 _NAMES = dict(zip(FINAL_IDS, ("mug", "ball", "story book"), strict=True))
-_SHOWN = tuple(SheetThing(n, thing, "front.png", False, None, "", (), ()) for n, thing in enumerate(FINAL_IDS, start=1))
-_SHEET = ThingSheet(b"", _SHOWN, (), False, "", "")
+_SHOWN = tuple(SheetObject(n, obj, "front.png", False, None, "", (), ()) for n, obj in enumerate(FINAL_IDS, start=1))
+_SHEET = ObjectSheet(b"", _SHOWN, (), False, "", "")
 
 
 class Asked(NamedTuple):
-    """A deployment whose jobs make scenes of three things, and its namer, which knows them."""
+    """A deployment whose jobs make scenes of three objects, and its namer, which knows them."""
 
     deployment: Deployment
     namer: ReplayNamer
@@ -86,9 +86,9 @@ def test_a_new_scene_of_a_project_that_agreed_gets_suggestions_unasked_and_no_na
     first, second = service.versions.all(made.scene_id)
     assert done.ask_namer.version == second.version and second.parent == first.version and second.current
     assert [edit.action for edit in second.edits] == ["suggest"]
-    things = service.answers.list_things(made.scene_id).things
-    assert {each.id: each.suggestions[0].name for each in things} == _NAMES and not any(each.name for each in things)
-    assert {one.source for each in things for told in each.suggestions for one in told.said_by} == {"eyes"}
+    objects = service.answers.list_objects(made.scene_id).objects
+    assert {each.id: each.suggestions[0].name for each in objects} == _NAMES and not any(each.name for each in objects)
+    assert {one.source for each in objects for told in each.suggestions for one in told.said_by} == {"eyes"}
     assert [headers["authorization"] for _, headers, _ in asked.namer.got] == ["Bearer secret"]
     sent = json.dumps([body for _, _, body in asked.namer.got])
     scene = service.get_scene(made.scene_id)
@@ -177,10 +177,10 @@ def test_suggestions_go_into_what_people_made_of_the_scene_meanwhile(asked: Aske
     made = asked.made()
     (operation,) = asked.asking(made.scene_id)
     asked.deployment.wait_in("suggesting", operation)
-    edit = Edit("discard", thing_ids=(FINAL_IDS[0],))
+    edit = Edit("discard", object_ids=(FINAL_IDS[0],))
     asked.deployment.service.versions.edit(made.scene_id, [edit])
     done = asked.deployment.wait_over(operation)
     assert done.ask_namer is not None and done.ask_namer.suggested == 2
-    things = asked.deployment.service.answers.list_things(made.scene_id).things
-    assert {each.id: each.suggestions[0].name for each in things} == {n: _NAMES[n] for n in FINAL_IDS[1:]}
+    objects = asked.deployment.service.answers.list_objects(made.scene_id).objects
+    assert {each.id: each.suggestions[0].name for each in objects} == {n: _NAMES[n] for n in FINAL_IDS[1:]}
     assert len(asked.namer.got) == 1

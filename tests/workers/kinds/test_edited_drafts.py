@@ -1,4 +1,4 @@
-"""Edits of drafts: they hold in the finished scene, by thing, or are said to be lost."""
+"""Edits of drafts: they hold in the finished scene, by object, or are said to be lost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _LEFT, _MIDDLE, _RIGHT = DRAFT_IDS
 
 @pytest.fixture
 def words(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Deployment]:
-    """A deployment whose jobs make scenes of things, and ask a text encoder."""
+    """A deployment whose jobs make scenes of objects, and ask a text encoder."""
     write_words(tmp_path / "models", "Oskar", "ghost", "twin")
     with ExitStack() as opened:
         query = QuerySettings(backend="reference")
@@ -50,26 +50,27 @@ def _tell(deployment: Deployment) -> None:
 
 
 def _names(deployment: Deployment, operation: Operation) -> dict[int, str]:
-    """The names of the scene's things, by id."""
-    things = deployment.service.answers.list_things(operation.scene_id).things
-    return {thing.id: thing.name for thing in things}
+    """The names of the scene's objects, by id."""
+    objects = deployment.service.answers.list_objects(operation.scene_id).objects
+    return {obj.id: obj.name for obj in objects}
 
 
-def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
-    """Names, colors, copies follow their things whatever the ids; undone edits do not; each is a version of its own."""
+def test_edits_of_a_draft_hold_by_object(words: Deployment) -> None:
+    """Names, colors, copies follow their objects whatever the ids; undone edits do not; each is a version of its
+    own."""
     operation = _drafted(words, "training:until_told")
     edit = words.service.versions.edit
     scene_id = operation.scene_id
-    named = [Edit("name", thing_ids=(_RIGHT,), name="Oskar"), Edit("name", thing_ids=(ONLY_IN_DRAFT,), name="ghost")]
+    named = [Edit("name", object_ids=(_RIGHT,), name="Oskar"), Edit("name", object_ids=(ONLY_IN_DRAFT,), name="ghost")]
     edit(scene_id, named, "a-request")
-    edit(scene_id, [Edit("recolor", thing_ids=(_LEFT, ONLY_IN_DRAFT), color=Color(1.0, 0.0, 0.0))])
-    edit(scene_id, [Edit("duplicate", thing_ids=(_MIDDLE,), transform=_UP)])
+    edit(scene_id, [Edit("recolor", object_ids=(_LEFT, ONLY_IN_DRAFT), color=Color(1.0, 0.0, 0.0))])
+    edit(scene_id, [Edit("duplicate", object_ids=(_MIDDLE,), transform=_UP)])
     copy = max(_names(words, operation))
-    edit(scene_id, [Edit("name", thing_ids=(copy,), name="twin")])
-    edit(scene_id, [Edit("discard", thing_ids=(_LEFT,))])
+    edit(scene_id, [Edit("name", object_ids=(copy,), name="twin")])
+    edit(scene_id, [Edit("discard", object_ids=(_LEFT,))])
     words.service.versions.undo(scene_id)
     answer = words.service.answers.query(QueryRequest(scene_id, ("Oskar",))).answers[0]
-    assert answer.provisional is not None and answer.thing_ids == (_RIGHT,)
+    assert answer.provisional is not None and answer.object_ids == (_RIGHT,)
     _tell(words)
     done = words.wait_over(operation)
     assert done.state == "SUCCEEDED"
@@ -77,8 +78,8 @@ def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
     names = _names(words, operation)
     assert names == {left: "", middle: "", right: "Oskar", max(names): "twin"} and len(names) == 4
     answer = words.service.answers.query(QueryRequest(scene_id, ("Oskar",))).answers[0]
-    assert (answer.thing_ids, answer.provisional) == ((right,), None)
-    twin = next(t for t in words.service.answers.list_things(scene_id).things if t.name == "twin")
+    assert (answer.object_ids, answer.provisional) == ((right,), None)
+    twin = next(t for t in words.service.answers.list_objects(scene_id).objects if t.name == "twin")
     assert abs(twin.centroid.x - PLACES[1]) < 0.2 and abs(twin.centroid.y + 2.0) < 0.2
     assert done.create_scene is not None and done.create_scene.carried == 4
     known = {
@@ -102,7 +103,7 @@ def test_an_edit_at_the_last_moment_holds(words: Deployment) -> None:
     """One that comes when the scene is already made is in it all the same, and costs no stage again but the last."""
     operation = _drafted(words, "export:until_told")
     words.wait_in("export", operation)
-    words.service.versions.edit(operation.scene_id, [Edit("name", thing_ids=(_LEFT,), name="Oskar")])
+    words.service.versions.edit(operation.scene_id, [Edit("name", object_ids=(_LEFT,), name="Oskar")])
     _tell(words)
     assert words.wait_over(operation).error is None
     assert _names(words, operation)[FINAL_IDS[0]] == "Oskar"
@@ -110,9 +111,9 @@ def test_an_edit_at_the_last_moment_holds(words: Deployment) -> None:
 
 
 def test_a_draft_takes_over_edits_of_the_one_before_and_loses_none(words: Deployment) -> None:
-    """A later draft has the names of the one before; its things are the same, so the names hold to the end."""
+    """A later draft has the names of the one before; its objects are the same, so the names hold to the end."""
     operation = _drafted(words, "training:until_told", "training:draft", "export:until_asked")
-    words.service.versions.edit(operation.scene_id, [Edit("name", thing_ids=(_MIDDLE,), name="Oskar")])
+    words.service.versions.edit(operation.scene_id, [Edit("name", object_ids=(_MIDDLE,), name="Oskar")])
     # Until the worker has seen it: a draft made without it is not published.
     words.wait_for(lambda: any("Oskar" in path.read_text() for path in words.settings.data_dir.rglob(EDITS)))
     _tell(words)

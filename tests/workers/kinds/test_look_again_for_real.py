@@ -60,22 +60,22 @@ def test_a_scene_is_searched_from_the_command_line(service: SceneService, test_d
     encoder = open_text_encoder("minilm_l6_int8", load_settings().models)
     scene, truth = made_table(test_data / "tabletop", range(0, 40, 20), encoder)
     scene_id = store_scene(service._store, scene)
-    looked = invoke("things", "look-again", scene_id, "banana", "orange", "--watch", "--json")
+    looked = invoke("objects", "look-again", scene_id, "banana", "orange", "--watch", "--json")
     assert looked.exit_code == 0, looked.output
     result = json.loads(looked.stdout)["look_again"]
     assert result["rendered"] and len(result["views"]) == 1 and result["texts"] == ["banana", "orange"]
     assert re.search(r"^looking \d+% ", looked.stderr, re.MULTILINE)
-    named = {item["thing_id"]: item["name"] for item in result["named"]}
-    assert {truth[thing_id] for thing_id, name in named.items() if truth[thing_id] == name} == {"banana", "orange"}
+    named = {item["object_id"]: item["name"] for item in result["named"]}
+    assert {truth[object_id] for object_id, name in named.items() if truth[object_id] == name} == {"banana", "orange"}
     versions = service.versions.all(scene_id)
     assert [version.version for version in versions] == ["1", result["version"]] and versions[-1].current
-    things = {thing.id: thing for thing in service.answers.list_things(scene_id).things}
-    assert {thing.id for thing in things.values() if thing.source == "detected"} == set(named)
+    objects = {obj.id: obj for obj in service.answers.list_objects(scene_id).objects}
+    assert {obj.id for obj in objects.values() if obj.source == "detected"} == set(named)
     (operation,) = [one for one in service.list_operations().operations if one.kind == "look_again"]
     assert operation.state == "SUCCEEDED" and [stage.stage for stage in operation.stages] == ["looking", "naming"]
     ply = [service._store.blobs.version(scene_id, version.version) / "scene.ply" for version in versions]
     assert ply[0].samefile(ply[1])  # the Gaussians are the same
     service.versions.undo(scene_id)
-    assert not any(thing.name for thing in service.answers.list_things(scene_id).things)
-    unknown = invoke("things", "look-again", scene_id, "flux capacitor")
+    assert not any(obj.name for obj in service.answers.list_objects(scene_id).objects)
+    unknown = invoke("objects", "look-again", scene_id, "flux capacitor")
     assert unknown.exit_code != 0 and "does not know: flux capacitor" in str(unknown.exception)

@@ -58,7 +58,7 @@ def _work(settings: Settings, watched: Path) -> subprocess.Popen[bytes]:
         "FASTSPLAT_MODELS": str(settings.models),
         "FASTSPLAT_TRAINING": json.dumps(training),
         "FASTSPLAT_PERCEPTION": _PERCEPTION.model_dump_json(exclude_defaults=True, exclude={"closer_look"}),
-        "FASTSPLAT_DISCOVERY": '{"things": "off"}',
+        "FASTSPLAT_DISCOVERY": '{"objects": "off"}',
         "FASTSPLAT_JOBS": '{"niceness": 0}',
     }
     command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]

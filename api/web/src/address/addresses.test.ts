@@ -9,15 +9,15 @@ test("a scene's address comes back", () => {
     text: "where is the “mug” & ü?",
     version: "v/2",
     view: "1_2_3_4_5_6",
-    things: [3, 14],
+    objects: [3, 14],
     look: "depth~at:a & b",
   };
   expect(parseRoute(sceneAddress("a/b?c#d", more))).toEqual({ page: "scene", sceneId: "a/b?c#d", ...more });
   expect(sceneAddress("abc")).toBe("#/scenes/abc");
 });
 
-test.each(["#/scenes/a?things=", "#/scenes/a?things=x,-1,0,1.5", "#/scenes/a"])("%j selects nothing", (hash) =>
-  expect(parseRoute(hash)).toMatchObject({ things: [] }),
+test.each(["#/scenes/a?objects=", "#/scenes/a?objects=x,-1,0,1.5", "#/scenes/a"])("%j selects nothing", (hash) =>
+  expect(parseRoute(hash)).toMatchObject({ objects: [] }),
 );
 
 test.each(["#/scenes/", "#/scenes/a/b", "#/elsewhere"])("%j leads nowhere", (hash) =>

@@ -4,7 +4,7 @@ export type Route =
   | { page: "new" }
   | { page: "server" }
   | { page: "phone" }
-  | { page: "scene"; sceneId: string; text: string; version: string; view: string; things: number[]; look: string }
+  | { page: "scene"; sceneId: string; text: string; version: string; view: string; objects: number[]; look: string }
   | { page: "unknown" };
 
 export function parseRoute(hash: string): Route {
@@ -22,7 +22,7 @@ export function parseRoute(hash: string): Route {
     text: parameters.get("q") ?? "",
     version: parameters.get("version") ?? "",
     view: parameters.get("view") ?? "",
-    things: (parameters.get("things") ?? "")
+    objects: (parameters.get("objects") ?? "")
       .split(",")
       .map(Number)
       .filter((id) => Number.isInteger(id) && id > 0),
@@ -40,8 +40,8 @@ export interface SceneAddress {
   text?: string;
   version?: string;
   view?: string;
-  /** Ids of the things that are selected. */
-  things?: readonly number[];
+  /** Ids of the objects that are selected. */
+  objects?: readonly number[];
   /** How it is looked at, see `look/`. */
   look?: string;
   /** The key of a link that shows the scene to whoever has it. */
@@ -49,7 +49,7 @@ export interface SceneAddress {
 }
 
 /**
- * The address of a scene with what is asked, which version, from where and how it is looked at, and the things that are
+ * The address of a scene with what is asked, which version, from where and how it is looked at, and the objects that are
  * selected; relative, begins with #.
  */
 export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
@@ -57,7 +57,7 @@ export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
   if (more.text) query.set("q", more.text);
   if (more.version) query.set("version", more.version);
   if (more.view) query.set("view", more.view);
-  if (more.things?.length) query.set("things", more.things.join(","));
+  if (more.objects?.length) query.set("objects", more.objects.join(","));
   if (more.look) query.set("look", more.look);
   if (more.share) query.set("share", more.share);
   const tail = query.toString().replaceAll("%2C", ",");

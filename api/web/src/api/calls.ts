@@ -5,7 +5,7 @@ import type {
   Edit,
   Measurement,
   Operation,
-  PickedThing,
+  PickedObject,
   PickIn,
   Place,
   Pose,
@@ -15,9 +15,9 @@ import type {
   Scene,
   SceneList,
   SceneSummary,
-  SceneThing,
+  SceneObject,
   SceneVersion,
-  ThingList,
+  ObjectList,
   VersionList,
 } from "./types";
 
@@ -55,10 +55,10 @@ export async function listVersions(sceneId: string): Promise<SceneVersion[]> {
   return (await getJson<VersionList>(`v1/scenes/${encodeURIComponent(sceneId)}/versions`)).versions;
 }
 
-/** Every thing of a version, by id, each followed by its parts. */
-export function listThings(sceneId: string, version: string): Promise<SceneThing[]> {
-  const path = `v1/scenes/${encodeURIComponent(sceneId)}/things`;
-  return listAll(path, (page: ThingList) => page.things, undefined, { version, parts: "true" });
+/** Every object of a version, by id, each followed by its parts. */
+export function listObjects(sceneId: string, version: string): Promise<SceneObject[]> {
+  const path = `v1/scenes/${encodeURIComponent(sceneId)}/objects`;
+  return listAll(path, (page: ObjectList) => page.objects, undefined, { version, parts: "true" });
 }
 
 /**
@@ -100,14 +100,14 @@ export function pick(
   pixel: { x: number; y: number },
   signal?: AbortSignal,
   more: Partial<Pick<PickIn, "level" | "mask3d">> = {},
-): Promise<PickedThing> {
+): Promise<PickedObject> {
   const body = { camera, pixel, version, ...more };
-  return postJson<PickedThing>(`v1/scenes/${encodeURIComponent(sceneId)}:pick`, body, signal);
+  return postJson<PickedObject>(`v1/scenes/${encodeURIComponent(sceneId)}:pick`, body, signal);
 }
 
-/** Which thing each Gaussian belongs to: uint16 by row, 0 for none. */
-export async function thingsOfGaussians(sceneId: string, version: string, signal?: AbortSignal): Promise<Uint16Array> {
-  const path = exportPath(sceneId, "things", version);
+/** Which object each Gaussian belongs to: uint16 by row, 0 for none. */
+export async function objectsOfGaussians(sceneId: string, version: string, signal?: AbortSignal): Promise<Uint16Array> {
+  const path = exportPath(sceneId, "objects", version);
   return new Uint16Array(await (await send(path, signal ? { signal } : {})).arrayBuffer());
 }
 
@@ -116,7 +116,7 @@ export function edit(sceneId: string, version: string, edits: Partial<Edit>[]): 
   return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:edit`, body);
 }
 
-/** Where a place is, how large a thing is, or how far two places are from each other. */
+/** Where a place is, how large an object is, or how far two places are from each other. */
 export function measure(sceneId: string, version: string, places: readonly Place[]): Promise<Measurement> {
   return postJson<Measurement>(`v1/scenes/${encodeURIComponent(sceneId)}:measure`, { places, version });
 }
@@ -148,10 +148,10 @@ export async function renderPicture(
 /** The formats in which a scene can be taken away. */
 export type ExportFormat = paths["/v1/scenes/{scene_id}/scene.{format}"]["get"]["parameters"]["path"]["format"];
 
-/** The address of a scene, or of some of its things, as a file. */
-export function exportPath(sceneId: string, format: ExportFormat, version: string, things: readonly number[] = []) {
+/** The address of a scene, or of some of its objects, as a file. */
+export function exportPath(sceneId: string, format: ExportFormat, version: string, objects: readonly number[] = []) {
   const query = new URLSearchParams({ version });
-  for (const id of things) query.append("thing", String(id));
+  for (const id of objects) query.append("object", String(id));
   return `v1/scenes/${encodeURIComponent(sceneId)}/scene.${format}?${query}`;
 }
 

@@ -1,15 +1,15 @@
 import { postJson } from "./http";
-import type { Edit, SceneThing } from "./types";
+import type { Edit, SceneObject } from "./types";
 
 /** Which Gaussians a removal takes: those for which all that is said here is true. */
 export interface GaussianFilter {
-  box?: SceneThing["box"];
+  box?: SceneObject["box"];
   outside: boolean;
   opacity_below?: number;
   isolation_above?: number;
 }
 
-export type CleanUpEdit = Pick<Edit, "action"> & { thing_ids?: number[]; filter?: GaussianFilter };
+export type CleanUpEdit = Pick<Edit, "action"> & { object_ids?: number[]; filter?: GaussianFilter };
 
 /** What some removals would take. */
 export interface EditPreview {

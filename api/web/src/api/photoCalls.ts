@@ -19,16 +19,16 @@ export async function listPhotos(sceneId: string, version: string, signal: Abort
   return new Set((await listAll(`${path(sceneId)}/photos`, photos, signal, query)).map(({ view }) => view));
 }
 
-/** The cameras that show some things, or the answer to a text, best. */
+/** The cameras that show some objects, or the answer to a text, best. */
 export async function bestViews(
   sceneId: string,
   version: string,
-  of: { things: readonly number[] } | { text: string },
+  of: { objects: readonly number[] } | { text: string },
   signal: AbortSignal,
 ): Promise<BestView[]> {
   const query = new URLSearchParams({ version });
   if ("text" in of) query.set("text", of.text);
-  else for (const id of of.things) query.append("thing_ids", String(id));
+  else for (const id of of.objects) query.append("object_ids", String(id));
   return (await getJson<BestViewList>(`${path(sceneId)}/views?${query}`, signal)).views;
 }
 

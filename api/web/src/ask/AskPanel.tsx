@@ -1,7 +1,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import type { Match, SceneThing } from "../api/types";
+import type { Match, SceneObject } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { percent } from "../texts/figures";
@@ -36,9 +36,9 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
   const answer = state.answer.value;
 
   useEffect(() => () => window.clearTimeout(timer.current), []);
-  const flyTo = ({ box, best_views: views }: SceneThing) => box && onFly(centerOf(box), boxSize(box), views);
-  const flyToThing = (id: number) => {
-    const box = state.things.value?.find((thing) => thing.id === id)?.box;
+  const flyTo = ({ box, best_views: views }: SceneObject) => box && onFly(centerOf(box), boxSize(box), views);
+  const flyToObject = (id: number) => {
+    const box = state.objects.value?.find((object) => object.id === id)?.box;
     if (box) onFly(centerOf(box), boxSize(box));
   };
   const ask = (text: string) => {
@@ -54,7 +54,7 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
-  const labels = knownNames(state.things.value ?? []).slice(0, SHOWN_LABELS);
+  const labels = knownNames(state.objects.value ?? []).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
       <h2 id="ask-title" class="sr-only">
@@ -68,7 +68,7 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
       {answer && (
         <>
           <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
-          <FollowUps state={state} answer={answer} onAsk={type} onThing={flyToThing} lookAgain={lookAgain} />
+          <FollowUps state={state} answer={answer} onAsk={type} onObject={flyToObject} lookAgain={lookAgain} />
           {answer.outcome !== "cannot_say" && (
             <Others
               title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}

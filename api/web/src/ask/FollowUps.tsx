@@ -1,9 +1,9 @@
 import { type ComponentChildren, Fragment } from "preact";
 
 import { isShared } from "../address/share";
-import type { Answer, SceneThing } from "../api/types";
+import type { Answer, SceneObject } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
-import { ThingPicture } from "../look/ThingPicture";
+import { ObjectPicture } from "../look/ObjectPicture";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { Chip } from "../ui/Chip";
@@ -12,21 +12,21 @@ interface Properties {
   state: SceneState;
   answer: Answer;
   onAsk: (text: string) => void;
-  onThing: (id: number) => void;
+  onObject: (id: number) => void;
   /** What can be done about something that is not here. */
   lookAgain: (text: string) => ComponentChildren;
 }
 
 /** What can be asked or done next, by what the answer is. */
-export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properties) {
-  const ids = answer.thing_ids;
+export function FollowUps({ state, answer, onAsk, onObject, lookAgain }: Properties) {
+  const ids = answer.object_ids;
   const here = answer.outcome === "here" || answer.outcome === "probably_here";
-  const meant = ids.flatMap((id) => state.things.value?.find((thing) => thing.id === id) ?? []);
-  const unnamed = meant.filter((thing) => !thing.name);
+  const meant = ids.flatMap((id) => state.objects.value?.find((object) => object.id === id) ?? []);
+  const unnamed = meant.filter((object) => !object.name);
   const label = answer.matches.find((match) => match.relevant)?.label ?? "";
-  const confirm = (things: readonly SceneThing[], name: string) => {
-    const ids = things.map((thing) => thing.id);
-    const edit = () => void state.edit({ action: "name", thing_ids: ids, name }, texts.things.saved(name));
+  const confirm = (objects: readonly SceneObject[], name: string) => {
+    const ids = objects.map((object) => object.id);
+    const edit = () => void state.edit({ action: "name", object_ids: ids, name }, texts.objects.saved(name));
     return !isShared && <Chip onClick={edit}>{texts.ask.confirm(name)}</Chip>;
   };
   if (here)
@@ -44,23 +44,23 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
     <>
       {meant.length > 0 && (
         <ul class="chips">
-          {meant.slice(0, MOST_SHOWN).map((thing) => (
-            <Fragment key={thing.id}>
+          {meant.slice(0, MOST_SHOWN).map((object) => (
+            <Fragment key={object.id}>
               <Chip
-                label={texts.ask.lookAt(texts.things.titleOf(thing))}
-                before={!thing.name && <ThingPicture state={state} thing={thing.id} />}
-                onClick={() => onThing(thing.id)}
+                label={texts.ask.lookAt(texts.objects.titleOf(object))}
+                before={!object.name && <ObjectPicture state={state} object={object.id} />}
+                onClick={() => onObject(object.id)}
               >
-                {thing.name || thing.id}
+                {object.name || object.id}
               </Chip>
-              {!thing.name && !answer.phrase?.refusal && confirm([thing], answer.asked)}
+              {!object.name && !answer.phrase?.refusal && confirm([object], answer.asked)}
             </Fragment>
           ))}
         </ul>
       )}
       {(answer.outcome === "not_here" || answer.outcome === "not_seen") && lookAgain(answer.text)}
       <ul class="chips follow-ups">
-        <Chip onClick={() => (state.tab.value = "things")}>{texts.ask.seeThings}</Chip>
+        <Chip onClick={() => (state.tab.value = "objects")}>{texts.ask.seeObjects}</Chip>
       </ul>
     </>
   );
@@ -70,5 +70,5 @@ const MOST_SHOWN = 8;
 
 function select(state: SceneState, ids: readonly number[]): void {
   state.selected.value = ids;
-  state.tab.value = "things";
+  state.tab.value = "objects";
 }

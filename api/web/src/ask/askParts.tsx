@@ -1,4 +1,4 @@
-import type { Answer, SceneThing } from "../api/types";
+import type { Answer, SceneObject } from "../api/types";
 import { texts } from "../texts";
 import { Button } from "../ui/Button";
 import { Chip } from "../ui/Chip";
@@ -76,8 +76,8 @@ export function ObjectChips({
   objects,
   onFly,
 }: {
-  objects: readonly SceneThing[];
-  onFly: (object: SceneThing) => void;
+  objects: readonly SceneObject[];
+  onFly: (object: SceneObject) => void;
 }) {
   if (objects.length === 0) return null;
   const numbered = objects.map((object, index) => {

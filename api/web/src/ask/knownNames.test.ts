@@ -9,13 +9,13 @@ const suggestion = (name: string, probability: number) => ({
   said_by: [],
 });
 
-test("names that things bear come first, then suggested ones", () => {
-  const things = [
+test("names that objects bear come first, then suggested ones", () => {
+  const objects = [
     { name: "", suggestions: [suggestion("bench", 0.12), suggestion("dining table", 0.19)] },
     { name: "cup", suggestions: [suggestion("bowl", 0.15)] },
     { name: "cup", suggestions: [] },
     { name: "vase", suggestions: [] },
   ];
-  expect(knownNames(things)).toEqual(["cup", "vase", "dining table", "bowl", "bench"]);
+  expect(knownNames(objects)).toEqual(["cup", "vase", "dining table", "bowl", "bench"]);
   expect(knownNames([])).toEqual([]);
 });

@@ -15,11 +15,11 @@ const AXES: readonly Vec[] = [
   [0, 1, 0],
   [0, 0, 1],
 ];
-const SHARE = 0.16; // of the distance to the thing: how long the handles' axes are
+const SHARE = 0.16; // of the distance to the object: how long the handles' axes are
 const NUDGE = 0.02; // the same, of one press of an arrow key
 const TURN = Math.PI / 36;
 
-/** Three handles to shift the selected things along the world's axes, and three to turn them about these. */
+/** Three handles to shift the selected objects along the world's axes, and three to turn them about these. */
 export function Gizmo({ state }: { state: SceneState }) {
   const { change } = state;
   const [view, size, motion] = [change.view.value, change.size.value, change.motion.value];

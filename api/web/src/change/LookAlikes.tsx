@@ -1,7 +1,7 @@
 import { computed, signal, useSignalEffect } from "@preact/signals";
 import { useEffect, useMemo } from "preact/hooks";
 
-import type { SceneThing } from "../api/types";
+import type { SceneObject } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { Button } from "../ui/Button";
@@ -15,7 +15,7 @@ interface Properties {
   onFly: (middle: Vec, size: number) => void;
 }
 
-/** After a thing was named: those that look like it, one by one, each settled by one key. */
+/** After an object was named: those that look like it, one by one, each settled by one key. */
 export function LookAlikes({ state, onFly }: Properties) {
   const round = useMemo(() => new Round(state), [state]);
   useSignalEffect(() => round.notice());
@@ -47,7 +47,7 @@ export function LookAlikes({ state, onFly }: Properties) {
   const { box } = next;
   return (
     <section class="note look-alikes" aria-label={texts.change.lookAlikes(name)}>
-      <p role="status">{texts.change.lookAlike(texts.things.titleOf(next), name, probability)}</p>
+      <p role="status">{texts.change.lookAlike(texts.objects.titleOf(next), name, probability)}</p>
       <div class="buttons">
         <Button
           class="primary"
@@ -63,17 +63,17 @@ export function LookAlikes({ state, onFly }: Properties) {
             text={texts.change.lookAlikeAll(others.length + 1)}
           />
         )}
-        {box && <Button onClick={() => onFly(centerOf(box), boxSize(box))} text={texts.things.lookAt} />}
+        {box && <Button onClick={() => onFly(centerOf(box), boxSize(box))} text={texts.objects.lookAt} />}
       </div>
     </section>
   );
 }
 
-/** One name that was given, and what has not been said of the things that look like it. */
+/** One name that was given, and what has not been said of the objects that look like it. */
 class Round {
   readonly name = signal("");
   readonly #declined = signal<ReadonlySet<number>>(new Set());
-  readonly open = computed(() => lookAlikes(this.state.things.value ?? [], this.name.value, this.#declined.value));
+  readonly open = computed(() => lookAlikes(this.state.objects.value ?? [], this.name.value, this.#declined.value));
 
   constructor(private readonly state: SceneState) {}
 
@@ -87,15 +87,15 @@ class Round {
     this.#declined.value = new Set();
   }
 
-  confirm(things: SceneThing[]): void {
+  confirm(objects: SceneObject[]): void {
     const name = this.name.value;
     void this.state.edit(
-      { action: "name", thing_ids: things.map((thing) => thing.id), name },
-      texts.things.saved(name),
+      { action: "name", object_ids: objects.map((object) => object.id), name },
+      texts.objects.saved(name),
     );
   }
 
-  decline(thing: SceneThing): void {
-    this.#declined.value = new Set([...this.#declined.value, thing.id]);
+  decline(object: SceneObject): void {
+    this.#declined.value = new Set([...this.#declined.value, object.id]);
   }
 }

@@ -13,15 +13,15 @@ export function MovePanel({ state }: { state: SceneState }) {
   const motion = change.motion.value;
   if (!motion) return null;
   const ids = state.selected.value;
-  const unit = state.selectedThings.value[0]?.meters ? texts.change.meters : texts.change.units;
+  const unit = state.selectedObjects.value[0]?.meters ? texts.change.meters : texts.change.units;
   const send = (action: "move" | "duplicate", message: string) =>
-    void state.edit({ action, thing_ids: [...ids], transform: poseOf(motion) }, message).then((done) => {
+    void state.edit({ action, object_ids: [...ids], transform: poseOf(motion) }, message).then((done) => {
       if (done) change.motion.value = null;
     });
   const end = () => (change.motion.value = null);
   return (
     <Form
-      class="move thing-card"
+      class="move object-card"
       aria-label={texts.change.moveOrTurn}
       onSubmit={() => send("move", texts.change.moved)}
       onKeyDown={(event) => event.key === "Escape" && end()}

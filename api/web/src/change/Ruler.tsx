@@ -101,7 +101,7 @@ function KnownLengthForm({ state }: { state: SceneState }) {
   );
 }
 
-/** The size of the selected thing with its interval, and what the scene's scale comes from. */
+/** The size of the selected object with its interval, and what the scene's scale comes from. */
 export function ScaleFacts({ state }: { state: SceneState }) {
   const scaling = state.scene.value?.scaling;
   if (!scaling) return null;

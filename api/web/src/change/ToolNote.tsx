@@ -47,7 +47,7 @@ function PromptNote({ state }: { state: SceneState }) {
             disabled={state.busy.value}
             onClick={() => {
               endPrompt(state);
-              void state.undo(texts.things.undone);
+              void state.undo(texts.objects.undone);
             }}
             text={texts.change.promptUndo}
           />

@@ -2,11 +2,11 @@ import type { PromptTool, SeenPlace } from "../state/changeState";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 
-/** Begins to take clicks; until the person ends it, a click says where the thing is. */
-export function beginPrompt(state: SceneState, kind: PromptTool["kind"], thing = 0): void {
+/** Begins to take clicks; until the person ends it, a click says where the object is. */
+export function beginPrompt(state: SceneState, kind: PromptTool["kind"], object = 0): void {
   const { change } = state;
   change.ruler.value = null;
-  change.prompt.value = { kind, thing, made: null, places: [] };
+  change.prompt.value = { kind, object, made: null, places: [] };
   change.onPlace.value = (place) => void promptAt(state, place);
 }
 
@@ -24,7 +24,7 @@ export function promptOf(places: readonly SeenPlace[]) {
   return { camera: last.camera, view: null, pixels, background: [], box: null };
 }
 
-/** Makes the thing at a place, in place of the one that earlier clicks made. */
+/** Makes the object at a place, in place of the one that earlier clicks made. */
 async function promptAt(state: SceneState, place: SeenPlace): Promise<void> {
   const { change } = state;
   const tool = change.prompt.value;
@@ -34,15 +34,15 @@ async function promptAt(state: SceneState, place: SeenPlace): Promise<void> {
   if (stillThere && !(await state.undo(""))) return;
   const prompt = promptOf(places);
   if (!prompt) return;
-  const things = tool.kind === "split" ? [tool.thing] : [];
-  const done = await state.edit({ action: tool.kind, thing_ids: things, prompt }, texts.change.promptDone);
+  const objects = tool.kind === "split" ? [tool.object] : [];
+  const done = await state.edit({ action: tool.kind, object_ids: objects, prompt }, texts.change.promptDone);
   const new_ = state.made.value?.prompted[0];
   if (change.prompt.value?.kind !== tool.kind) return; // ended meanwhile
   if (!done || !new_) {
     change.prompt.value = { ...tool, made: null, places: tool.places };
     return;
   }
-  const made = { id: new_.thing_id, count: new_.gaussian_count, version: state.version.value };
-  state.select(new_.thing_id);
+  const made = { id: new_.object_id, count: new_.gaussian_count, version: state.version.value };
+  state.select(new_.object_id);
   change.prompt.value = { ...tool, made, places };
 }

@@ -38,5 +38,5 @@ export async function measure(state: SceneState, places: readonly Place[]): Prom
 }
 
 function placeOf({ camera, pixel }: SeenPlace): Place {
-  return { camera, pixel, view: null, point: null, thing_id: null };
+  return { camera, pixel, view: null, point: null, object_id: null };
 }

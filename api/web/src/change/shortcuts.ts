@@ -20,7 +20,7 @@ export function undoKeys(state: SceneState): () => void {
       event.preventDefault();
       if (state.busy.value) return;
       if (redo && state.canRedo.value) void state.redo(texts.change.redone);
-      if (!redo && state.canUndo.value) void state.undo(texts.things.undone);
+      if (!redo && state.canUndo.value) void state.undo(texts.objects.undone);
     },
     { signal: ended.signal },
   );

@@ -6,5 +6,5 @@ export function parsePoint(text: string): Place | null {
   const [x, y, z] = parts.map(Number);
   if (parts.length !== 3 || x === undefined || y === undefined || z === undefined) return null;
   if (![x, y, z].every(Number.isFinite) || parts.some((part) => part === "")) return null;
-  return { camera: null, view: null, pixel: null, point: { x, y, z }, thing_id: null };
+  return { camera: null, view: null, pixel: null, point: { x, y, z }, object_id: null };
 }

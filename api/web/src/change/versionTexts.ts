@@ -8,7 +8,8 @@ export function describeVersion(version: SceneVersion): string {
 }
 
 function describeEdit(edit: Edit): string {
-  const what = edit.label ?? (edit.thing_ids.length > 0 ? texts.change.thingIds(edit.thing_ids) : texts.change.object);
+  const what =
+    edit.label ?? (edit.object_ids.length > 0 ? texts.change.objectIds(edit.object_ids) : texts.change.object);
   if (edit.action === "name") return texts.change.named(what, edit.name ?? "");
   if (edit.action === "look_again") return texts.change.lookedAgain(edit.texts);
   if (edit.action === "align") return texts.change.alignedTo(edit.alignment?.frame ?? "");

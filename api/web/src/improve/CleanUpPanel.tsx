@@ -23,7 +23,7 @@ const MOST_ISOLATION = 10;
 /** The box on show while it is open. */
 const shownBox = signal<CropBox | null>(null);
 
-/** Takes faint and stray Gaussians, things and what is beside a box out of the scene: shown at once, then a version. */
+/** Takes faint and stray Gaussians, objects and what is beside a box out of the scene: shown at once, then a version. */
 export function CleanUpPanel({ state }: { state: SceneState }) {
   const [open, setOpen] = useState(false);
   return (
@@ -40,17 +40,17 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
   const [error, setError] = useState<unknown>(null);
   const { change } = state;
   const set = (changes: Partial<CleanUp>) => setTool((before) => ({ ...before, ...changes }));
-  const version = state.thingsVersion.value; // in a newer one, a thing that is marked may be gone
-  const listed = state.things.value ?? [];
-  const things = (change.brush.value ?? []).filter((id) => listed.some((thing) => thing.id === id));
-  const edits = editsOf({ ...tool, things });
+  const version = state.objectsVersion.value; // in a newer one, an object that is marked may be gone
+  const listed = state.objects.value ?? [];
+  const objects = (change.brush.value ?? []).filter((id) => listed.some((object) => object.id === id));
+  const edits = editsOf({ ...tool, objects });
   const asked = JSON.stringify(edits);
   const cameras = state.scene.value?.cameras ?? [];
 
   useEffect(() => {
     shownBox.value = tool.box;
   }, [tool.box]);
-  const left = state.tab.value !== "things";
+  const left = state.tab.value !== "objects";
   useEffect(() => {
     if (left) onDone(); // the view is another tab's
   }, [left]); // eslint-disable-line react-hooks/exhaustive-deps -- what ends it does the same each time
@@ -124,7 +124,7 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
         checked={change.brush.value !== null}
         onChange={(checked) => (change.brush.value = checked ? [] : null)}
       />
-      {change.brush.value !== null && <p class="hint">{texts.cleanUp.brushHelp(things.length)}</p>}
+      {change.brush.value !== null && <p class="hint">{texts.cleanUp.brushHelp(objects.length)}</p>}
       {error !== null && <ErrorNote error={error} />}
       <p role="status">{current && (all ? texts.cleanUp.all : texts.cleanUp.goes(current.count, current.gaussians))}</p>
       <div class="buttons">

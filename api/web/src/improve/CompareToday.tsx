@@ -92,10 +92,10 @@ function Told({ state, observation }: Props & { observation: Observation }) {
               observation={observation}
               change={change}
             />
-            {change.thing_id > 0 && (
+            {change.object_id > 0 && (
               <Button
-                aria-pressed={state.lit.value === "selection" && state.selected.value.includes(change.thing_id)}
-                onClick={() => state.glow(change.thing_id)}
+                aria-pressed={state.lit.value === "selection" && state.selected.value.includes(change.object_id)}
+                onClick={() => state.glow(change.object_id)}
                 text={texts.observe.show}
               />
             )}

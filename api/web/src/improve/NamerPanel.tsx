@@ -17,7 +17,7 @@ export function NamerPanel({ state }: { state: SceneState }) {
   const [started, setStarted] = useState<Operation | null>(null);
   const [failure, setFailure] = useState<unknown>(null);
   const namer = status?.namer;
-  const unnamed = state.things.value?.some((thing) => !thing.name);
+  const unnamed = state.objects.value?.some((object) => !object.name);
   if (!namer || (!unnamed && !started)) return null;
   const { host, model, agreed } = namer;
   const agree = (to: string) => {
@@ -29,7 +29,7 @@ export function NamerPanel({ state }: { state: SceneState }) {
     askNamer(state.sceneId).then(setStarted, setFailure);
   };
   return (
-    <section class="things" aria-labelledby="namer-title">
+    <section class="objects" aria-labelledby="namer-title">
       <h2 id="namer-title">{texts.namer.title}</h2>
       <p class="hint">{agreed ? texts.namer.agreed(host, model) : texts.namer.asks(host, model)}</p>
       {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.namer.adminAgrees}</p>}

@@ -18,8 +18,8 @@ const BOX: CropBox = {
 
 test("each control is an edit of its own, and none is sent where nothing is to go", () => {
   expect(editsOf(NOTHING)).toEqual([]);
-  expect(editsOf({ ...NOTHING, opacity: 0.1, isolation: 3, things: [4, 7] })).toEqual([
-    { action: "remove", thing_ids: [4, 7] },
+  expect(editsOf({ ...NOTHING, opacity: 0.1, isolation: 3, objects: [4, 7] })).toEqual([
+    { action: "remove", object_ids: [4, 7] },
     { action: "remove", filter: { opacity_below: 0.1, outside: false } },
     { action: "remove", filter: { isolation_above: 3, outside: false } },
   ]);

@@ -22,20 +22,20 @@ export interface CleanUp {
   box: CropBox | null;
   /** Whether what is outside of the box goes, or what is inside. */
   outside: boolean;
-  /** Things that go with all that is theirs. */
-  things: readonly number[];
+  /** Objects that go with all that is theirs. */
+  objects: readonly number[];
 }
 
-export const NOTHING: CleanUp = { opacity: 0, isolation: 0, box: null, outside: true, things: [] };
+export const NOTHING: CleanUp = { opacity: 0, isolation: 0, box: null, outside: true, objects: [] };
 
 /** The edits that clean up, one a control: each takes what it says of what those before it have left. */
-export function editsOf({ opacity, isolation, box, outside, things }: CleanUp): CleanUpEdit[] {
+export function editsOf({ opacity, isolation, box, outside, objects }: CleanUp): CleanUpEdit[] {
   const filters: GaussianFilter[] = [];
   if (opacity > 0) filters.push({ opacity_below: opacity, outside: false });
   if (isolation > 0) filters.push({ isolation_above: isolation, outside: false });
   if (box) filters.push({ box: placed(box), outside });
   return [
-    ...(things.length > 0 ? [{ action: "remove" as const, thing_ids: [...things] }] : []),
+    ...(objects.length > 0 ? [{ action: "remove" as const, object_ids: [...objects] }] : []),
     ...filters.map((filter) => ({ action: "remove" as const, filter })),
   ];
 }

@@ -11,29 +11,29 @@ const FOUND = [255, 176, 32] as const;
 
 interface Properties {
   state: SceneState;
-  /** Whose: those of an answer, by its text, or a thing. */
+  /** Whose: those of an answer, by its text, or an object. */
   text?: string;
-  thing?: number;
+  object?: number;
 }
 
 /** The photos that show something best, with its outline; a click flies to where the photo was taken. */
-export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
+export function BestPhotos({ state, text = "", object = 0 }: Properties) {
   const [views, setViews] = useState<readonly BestView[]>([]);
-  // What is in one version may be gone in the next: that of the answer, or of the things that are listed.
-  const version = text ? (state.answer.value?.version ?? "") : state.thingsVersion.value;
+  // What is in one version may be gone in the next: that of the answer, or of the objects that are listed.
+  const version = text ? (state.answer.value?.version ?? "") : state.objectsVersion.value;
   useEffect(() => {
     if (!version) return;
     const controller = new AbortController();
     const { signal } = controller;
     setViews([]);
-    bestViews(state.sceneId, version, text ? { text } : { things: [thing] }, signal).then(
+    bestViews(state.sceneId, version, text ? { text } : { objects: [object] }, signal).then(
       (loaded) => !signal.aborted && setViews(loaded),
       (error: unknown) => {
         if (!signal.aborted && !isAbort(error)) state.actionError.value = error;
       },
     );
     return () => controller.abort();
-  }, [state, version, text, thing]);
+  }, [state, version, text, object]);
   if (views.length === 0) return null;
   const title = views.some((view) => view.photo) ? texts.look.bestPhotos : texts.look.bestViews;
   return (
@@ -64,7 +64,7 @@ function Picture({ state, version, view }: { state: SceneState; version: string;
     let gone = false;
     photoAddress(state.sceneId, version, view.view, view.photo).then(
       (loaded) => !gone && setAddress(loaded),
-      () => undefined, // its outline shows where the thing is without it
+      () => undefined, // its outline shows where the object is without it
     );
     return () => {
       gone = true;

@@ -3,7 +3,7 @@ import { useMemo } from "preact/hooks";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import type { LegendEntry } from "../viewer/colors";
-import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, NOTHING } from "../viewer/colors";
+import { AXES, coloringByLabel, coloringByObject, css, DEPTH_STOPS, NOTHING } from "../viewer/colors";
 import { TINTS } from "../viewer/glow";
 
 const SHOWN_ENTRIES = 40;
@@ -11,12 +11,12 @@ const SHOWN_ENTRIES = 40;
 /** What the colors on show mean; nothing for the photos' own. */
 export function Legend({ state }: { state: SceneState }) {
   const { look } = state;
-  const [mode, things, depths] = [look.mode.value, state.things.value, look.depths.value];
+  const [mode, objects, depths] = [look.mode.value, state.objects.value, look.depths.value];
   const entries = useMemo((): readonly LegendEntry[] => {
-    if (mode === "things") return coloringByThing(things ?? [], texts.things.titleOf).legend;
+    if (mode === "objects") return coloringByObject(objects ?? [], texts.objects.titleOf).legend;
     if (mode === "normals") return texts.look.axes.map((name, index) => ({ name, color: AXES[index] ?? NOTHING }));
-    return mode === "labels" ? coloringByLabel(things ?? []).legend : [];
-  }, [mode, things]);
+    return mode === "labels" ? coloringByLabel(objects ?? []).legend : [];
+  }, [mode, objects]);
   if (mode === "photo" || look.standing.value) return null;
   const unit = state.scene.value?.scale === "METRIC" ? texts.look.meters : texts.look.units;
   return (
@@ -69,7 +69,7 @@ export function GlowLegend({ state }: { state: SceneState }) {
       <span>
         {lit === "answer"
           ? texts.look.glowsAnswer(state.answer.value?.text ?? "")
-          : texts.look.glowsSelection(state.selectedThings.value.map(texts.things.titleOf))}
+          : texts.look.glowsSelection(state.selectedObjects.value.map(texts.objects.titleOf))}
       </span>
     </p>
   );

@@ -2,7 +2,7 @@ import type { Signal } from "@preact/signals";
 import { useSignalEffect } from "@preact/signals";
 
 import type { SceneState } from "../state/sceneState";
-import { coloringByLabel, coloringByThing, tintsOf } from "../viewer/colors";
+import { coloringByLabel, coloringByObject, tintsOf } from "../viewer/colors";
 import type { SplatView } from "../viewer/splatView";
 import { middleOf, normalTints } from "./normals";
 
@@ -16,13 +16,14 @@ export function useColors(
   useSignalEffect(() => {
     const [view, count, mode] = [splatView.value, loaded.value, state.look.mode.value];
     if (!view || !count) return;
-    const [owners, things] = [state.owners.value, state.things.value];
+    const [owners, objects] = [state.owners.value, state.objects.value];
     if (mode === "depth") view.setDepthColors((range) => (state.look.depths.value = range));
     else if (mode === "photo") view.setOwnColors();
     else if (mode === "normals") view.setTints(normalTints(view.columns, middleOf(state.look.all.value)));
-    else if (owners?.length === count && things) {
-      const { byThing } = mode === "things" ? coloringByThing(things, (thing) => thing.name) : coloringByLabel(things);
-      view.setTints(tintsOf(owners, byThing));
+    else if (owners?.length === count && objects) {
+      const { byObject } =
+        mode === "objects" ? coloringByObject(objects, (object) => object.name) : coloringByLabel(objects);
+      view.setTints(tintsOf(owners, byObject));
     } else return;
     if (canvas.current) canvas.current.dataset["colors"] = mode;
   });

@@ -1,6 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import type { SceneThing } from "../api/types";
+import type { SceneObject } from "../api/types";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "../ask/askParts";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
@@ -21,7 +21,7 @@ export function OfflinePage({ data }: { data: SceneData }) {
   const flyTo = useRef<FlyTo>(() => undefined);
   const answer = reply?.answer ?? null;
 
-  const lookAt = ({ box, best_views: views }: SceneThing) =>
+  const lookAt = ({ box, best_views: views }: SceneObject) =>
     box && flyTo.current({ middle: centerOf(box), size: boxSize(box), views });
   const ask = (text: string) => {
     const next = replyTo(text, data);

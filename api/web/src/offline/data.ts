@@ -1,4 +1,4 @@
-import type { Answer, PosedCamera, SceneThing } from "../api/types";
+import type { Answer, PosedCamera, SceneObject } from "../api/types";
 
 /** What the server writes into the file: see service/application/exporting/scene_page.py. */
 export interface SceneData {
@@ -23,7 +23,7 @@ export interface OfflineName {
 export interface OfflineAnswer {
   outcome: Answer["outcome"];
   sentence: string;
-  objects: SceneThing[];
+  objects: SceneObject[];
   /** Which Gaussians: packed bits, gzip, base64; empty for none. */
   rows: string;
 }

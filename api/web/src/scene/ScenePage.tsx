@@ -24,7 +24,7 @@ import { Viewer } from "./Viewer";
 const WATCH_MS = 1_500;
 const NOTICE_MS = 4_000;
 
-/** One scene: its job while it is made, then its 3D view, questions and things. */
+/** One scene: its job while it is made, then its 3D view, questions and objects. */
 export function ScenePage({ sceneId }: { sceneId: string }) {
   const state = useMemo(() => new SceneState(sceneId), [sceneId]);
   const viewer = useRef<ViewerHandle | null>(null);
@@ -42,7 +42,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       text: state.text.peek().trim(),
       version: state.askedVersion.peek(),
       view: view.current ? viewText(view.current) : first,
-      things: state.selected.peek(),
+      objects: state.selected.peek(),
       look: state.look.text,
     };
     replaceAddress(sceneAddress(sceneId, more));
@@ -61,9 +61,9 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     untracked(() => {
       batch(() => {
         state.askedVersion.value = current.version;
-        state.selected.value = current.things;
+        state.selected.value = current.objects;
         if (current.text) state.tab.value = "ask";
-        else if (current.things.length > 0) state.tab.value = "things";
+        else if (current.objects.length > 0) state.tab.value = "objects";
       });
       if (current.text !== state.text.value.trim()) void state.ask(current.text);
       if (current.view) viewer.current?.flyTo((now) => parseView(current.view, now.up) ?? now);
@@ -78,13 +78,13 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     const start = firstView(state.scene.peek()?.cameras ?? []);
     // The question of the address is asked from where the 3D view will begin.
     if (!state.change.view.peek()) state.change.view.value = parseView(first, start.up) ?? start;
-    void state.loadThings();
+    void state.loadObjects();
     void state.ask(state.text.peek());
   });
 
   useSignalEffect(() => {
-    const [things] = [state.things.value, state.selected.value];
-    if (things) note();
+    const [objects] = [state.objects.value, state.selected.value];
+    if (objects) note();
   });
 
   useEffect(() => {

@@ -8,7 +8,7 @@ import { AskPanel } from "../ask/AskPanel";
 import { LookAlikes } from "../change/LookAlikes";
 import { MovePanel } from "../change/MovePanel";
 import { ScaleFacts } from "../change/Ruler";
-import { SceneTools, ThingTools } from "../change/ThingTools";
+import { SceneTools, ObjectTools } from "../change/ObjectTools";
 import { ToolNote } from "../change/ToolNote";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { CleanUpPanel } from "../improve/CleanUpPanel";
@@ -19,11 +19,11 @@ import { NextPhotos } from "../improve/NextPhotos";
 import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import type { SceneState } from "../state/sceneState";
-import { SharedThing } from "../take/SharedThing";
+import { SharedObject } from "../take/SharedObject";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
-import { ThingList } from "../things/ThingList";
-import { ThingPanel } from "../things/ThingPanel";
+import { ObjectList } from "../objects/ObjectList";
+import { ObjectPanel } from "../objects/ObjectPanel";
 import { ErrorNote } from "../ui/parts";
 import { Tabs } from "../ui/Tabs";
 import type { LookAt } from "../viewer/poses";
@@ -46,7 +46,7 @@ interface Properties {
   remove: ComponentChildren;
 }
 
-/** A scene's name, how good it is, and four tabs: what is asked, its things, its photos, what is taken away. */
+/** A scene's name, how good it is, and four tabs: what is asked, its objects, its photos, what is taken away. */
 export function ScenePanel(properties: Properties) {
   const { state, scene, changed } = properties;
   const reload = () => void state.refresh();
@@ -84,10 +84,10 @@ export function ScenePanel(properties: Properties) {
             ),
           },
           {
-            name: "things",
-            title: texts.scene.tabs.things,
-            count: state.things.value?.filter((thing) => thing.kind === "thing").length,
-            content: <Things {...properties} reload={reload} />,
+            name: "objects",
+            title: texts.scene.tabs.objects,
+            count: state.objects.value?.filter((object) => object.kind === "object").length,
+            content: <Objects {...properties} reload={reload} />,
           },
           { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} /> },
           { name: "share", title: texts.scene.tabs.share, content: <Share {...properties} /> },
@@ -101,7 +101,7 @@ export function ScenePanel(properties: Properties) {
           {!state.isCurrent.value && (
             <p class="note">
               {texts.scene.oldVersion}{" "}
-              <a href={sceneAddress(scene.id, { text: state.text.value, things: state.selected.value })}>
+              <a href={sceneAddress(scene.id, { text: state.text.value, objects: state.selected.value })}>
                 {texts.scene.toCurrent}
               </a>
             </p>
@@ -118,12 +118,12 @@ export function ScenePanel(properties: Properties) {
   );
 }
 
-function Things({ state, scene, onFly, reload }: Properties & { reload: () => void }) {
+function Objects({ state, scene, onFly, reload }: Properties & { reload: () => void }) {
   if (isShared)
     return (
       <>
-        <SharedThing state={state} onFly={onFly} />
-        <ThingList state={state} onFly={onFly} />
+        <SharedObject state={state} onFly={onFly} />
+        <ObjectList state={state} onFly={onFly} />
         <ScaleFacts state={state} />
       </>
     );
@@ -131,9 +131,9 @@ function Things({ state, scene, onFly, reload }: Properties & { reload: () => vo
     <>
       <MovePanel state={state} />
       <LookAlikes state={state} onFly={onFly} />
-      <ThingPanel state={state} onFly={onFly} />
-      <ThingTools state={state} />
-      <ThingList state={state} onFly={onFly} />
+      <ObjectPanel state={state} onFly={onFly} />
+      <ObjectTools state={state} />
+      <ObjectList state={state} onFly={onFly} />
       <NamerPanel state={state} />
       <SceneTools state={state} />
       <CleanUpPanel state={state} />

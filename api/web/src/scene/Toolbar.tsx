@@ -46,9 +46,9 @@ export function Toolbar({ state, onHome }: { state: SceneState; onHome: () => vo
         <span class="tool-end">
           <Tool
             icon="undo"
-            text={texts.things.undo}
+            text={texts.objects.undo}
             disabled={!state.canUndo.value || state.busy.value}
-            onClick={() => void state.undo(texts.things.undone)}
+            onClick={() => void state.undo(texts.objects.undone)}
           />
           <Tool
             icon="redo"

@@ -264,7 +264,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         owners,
         view.sparesPictures ? 0 : state.hovered.value,
         selected,
-        (thing) => state.change.shows(thing),
+        (object) => state.change.shows(object),
         lit === "selection" ? part : null,
         going,
       ),

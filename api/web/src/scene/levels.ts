@@ -1,7 +1,7 @@
-import type { PickedThing, PickLevel } from "../api/types";
+import type { PickedObject, PickLevel } from "../api/types";
 
-/** The level after the one that was picked: part, thing, group, part, as far as they are there. */
-export function nextLevel({ levels, level }: Pick<PickedThing, "levels" | "level">): PickLevel {
+/** The level after the one that was picked: part, object, group, part, as far as they are there. */
+export function nextLevel({ levels, level }: Pick<PickedObject, "levels" | "level">): PickLevel {
   const there = levels.map((each) => each.level);
-  return there[(there.indexOf(level) + 1) % there.length] ?? "thing";
+  return there[(there.indexOf(level) + 1) % there.length] ?? "object";
 }

@@ -1,5 +1,5 @@
 import { ApiError, isAbort } from "../api/http";
-import type { PickedThing, PickIn, PickLevel } from "../api/types";
+import type { PickedObject, PickIn, PickLevel } from "../api/types";
 import type { SeenPlace } from "../state/changeState";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
@@ -14,7 +14,7 @@ const REST_MS = 90; // a moving pointer asks nothing
 const CLICK_PIXELS = 4;
 const LONGEST_SIDE = 640; // of the picture that the server picks in
 
-/** Asks the server which thing is under the pointer: hovering lights it up, a click selects it, a second one a part. */
+/** Asks the server which object is under the pointer: hovering lights it up, a click selects it, a second one a part. */
 export class Pointing {
   readonly #ended = new AbortController();
   #hover = new AbortController();
@@ -22,7 +22,7 @@ export class Pointing {
   #brushing = false;
   #pressed: { x: number; y: number } | null = null;
   /** Where the last click was, what it picked, and what was selected by that. */
-  #last: { place: SeenPlace; picked: PickedThing; selected: readonly number[] } | null = null;
+  #last: { place: SeenPlace; picked: PickedObject; selected: readonly number[] } | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -58,14 +58,14 @@ export class Pointing {
       const { signal } = this.#hover;
       this.#pickedAt(this.#place(event), signal).then(
         (picked) => {
-          if (!signal.aborted) this.state.hovered.value = picked?.thing.id ?? 0;
+          if (!signal.aborted) this.state.hovered.value = picked?.object.id ?? 0;
         },
         () => undefined, // a click says what is wrong
       );
     }, REST_MS);
   }
 
-  /** Marks the thing under the pointer; while the server looks for one, the pointer passes others. */
+  /** Marks the object under the pointer; while the server looks for one, the pointer passes others. */
   #brush(event: PointerEvent): void {
     const { brush } = this.state.change;
     if (this.#brushing) return;
@@ -73,7 +73,7 @@ export class Pointing {
     this.#pickedAt(this.#place(event), this.#ended.signal)
       .then(
         (picked) => {
-          if (picked && brush.value) brush.value = [...new Set([...brush.value, picked.thing.id])];
+          if (picked && brush.value) brush.value = [...new Set([...brush.value, picked.object.id])];
         },
         (error: unknown) => {
           if (!isAbort(error)) this.state.actionError.value = error;
@@ -103,14 +103,14 @@ export class Pointing {
     }
     const more = event.shiftKey;
     const place = this.#place(event);
-    const level = more ? "thing" : this.#levelAt(place);
+    const level = more ? "object" : this.#levelAt(place);
     this.#pickedAt(place, this.#ended.signal, { level, mask3d: !more }).then(
       (picked) => {
-        if (picked && more) this.state.select(picked.thing.id, true);
+        if (picked && more) this.state.select(picked.object.id, true);
         else if (picked) this.state.selectPicked(picked);
         else if (!more) this.state.clearSelection();
         this.#last = picked && !more ? { place, picked, selected: this.state.selected.value } : null;
-        if (!picked) this.state.message.value = texts.things.nothingThere;
+        if (!picked) this.state.message.value = texts.objects.nothingThere;
         else this.state.message.value = this.#last ? this.#levelText(picked) : "";
       },
       (error: unknown) => {
@@ -141,18 +141,18 @@ export class Pointing {
   }
 
   /** Says which level is selected, where there are several. */
-  #levelText(picked: PickedThing): string {
+  #levelText(picked: PickedObject): string {
     if (picked.levels.length < 2) return "";
     const members = picked.levels.find((each) => each.level === "group")?.members.length ?? 0;
-    const word = (level: PickLevel) => texts.things.level(level, picked.thing, picked.part ?? null, members);
-    return texts.things.clickAgain(word(picked.level), word(nextLevel(picked)));
+    const word = (level: PickLevel) => texts.objects.level(level, picked.object, picked.part ?? null, members);
+    return texts.objects.clickAgain(word(picked.level), word(nextLevel(picked)));
   }
 
   /** What is there and shown; null for nothing. */
-  async #pickedAt(place: SeenPlace, signal: AbortSignal, more?: Asked): Promise<PickedThing | null> {
+  async #pickedAt(place: SeenPlace, signal: AbortSignal, more?: Asked): Promise<PickedObject | null> {
     try {
       const picked = await this.state.pick(place, signal, more);
-      return this.state.change.shows(picked.thing.id) ? picked : null;
+      return this.state.change.shows(picked.object.id) ? picked : null;
     } catch (error) {
       if (error instanceof ApiError && error.status === 404) return null;
       throw error;

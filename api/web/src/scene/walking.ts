@@ -8,10 +8,10 @@ import { Projection } from "../viewer/projection";
 import type { Direction } from "../viewer/walk";
 import { nearestTo, nextIn } from "../viewer/walk";
 
-/** From thing to thing by keyboard in the picture on show: Enter begins and selects, arrows walk, Escape leaves. */
+/** From object to object by keyboard in the picture on show: Enter begins and selects, arrows walk, Escape leaves. */
 export class Walking {
   readonly #ended = new AbortController();
-  #at: number | null = null; // id of the thing that is lit up; null while nobody walks
+  #at: number | null = null; // id of the object that is lit up; null while nobody walks
 
   constructor(
     canvas: HTMLCanvasElement,
@@ -66,21 +66,21 @@ export class Walking {
     if (at === null && this.#at === null) return;
     this.#at = at;
     this.state.hovered.value = at ?? 0;
-    const thing = this.state.things.peek()?.find((each) => each.id === at);
-    this.state.message.value = thing ? texts.things.titleOf(thing) : "";
+    const object = this.state.objects.peek()?.find((each) => each.id === at);
+    this.state.message.value = object ? texts.objects.titleOf(object) : "";
   }
 
-  /** Where the middles of the things on show are in the picture. */
+  /** Where the middles of the objects on show are in the picture. */
   #places(): ReadonlyMap<number, Point> {
-    const { change, things } = this.state;
+    const { change, objects } = this.state;
     const [view, size] = [change.view.peek(), change.size.peek()];
     const places = new Map<number, Point>();
     if (!view || !size.width) return places;
     const projection = new Projection(view, size);
-    for (const thing of things.peek() ?? []) {
-      const point = thing.box && change.shows(thing.id) ? projection.point(centerOf(thing.box)) : null;
+    for (const object of objects.peek() ?? []) {
+      const point = object.box && change.shows(object.id) ? projection.point(centerOf(object.box)) : null;
       const inside = point && point[0] >= 0 && point[1] >= 0 && point[0] < size.width && point[1] < size.height;
-      if (inside) places.set(thing.id, point);
+      if (inside) places.set(object.id, point);
     }
     return places;
   }

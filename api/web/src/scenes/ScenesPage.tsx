@@ -20,7 +20,7 @@ import { WhereIs } from "./WhereIs";
 const BUSY_MS = 3_000;
 const QUIET_MS = 15_000;
 
-/** Every scene of the project, with a photo and its state; found by name, or by the things in it. */
+/** Every scene of the project, with a photo and its state; found by name, or by the objects in it. */
 export function ScenesPage() {
   const { value, error, reload } = useLoaded(listScenes, [], (scenes) =>
     scenes?.some((scene) => scene.state === "TRAINING") ? BUSY_MS : QUIET_MS,
@@ -157,7 +157,7 @@ function Card({ scene }: { scene: SceneSummary }) {
       </span>
       {ready && (
         <span class="hint names">
-          {texts.scenes.things(told?.things ?? scene.thing_count ?? null, told?.names ?? [])}
+          {texts.scenes.objects(told?.objects ?? scene.object_count ?? null, told?.names ?? [])}
         </span>
       )}
       <span class="hint">{[ready && texts.scenes.gaussians(scene.gaussians), made].filter(Boolean).join(" · ")}</span>

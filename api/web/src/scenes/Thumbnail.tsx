@@ -17,8 +17,8 @@ export interface Told {
   grade: Assessment["grade"] | null;
   /** Names in the scene, those of most Gaussians first. */
   names: readonly string[];
-  /** How many things it has; null where nobody could count them. */
-  things: number | null;
+  /** How many objects it has; null where nobody could count them. */
+  objects: number | null;
 }
 
 interface Shown extends Told {
@@ -85,7 +85,7 @@ async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise
   const told = {
     grade: scene.assessment?.grade ?? null,
     names: namesIn(scene.dictionary),
-    things: scene.thing_count ?? null,
+    objects: scene.object_count ?? null,
   };
   const camera = middleCamera(scene.cameras);
   if (!camera) return { address: "", ...told };

@@ -13,7 +13,7 @@ const RETRY_MS = 1_000;
 const SERVER_ERRORS = 500;
 const TOO_MANY = 429;
 
-/** What is shown: of which version, and which things are found, pointed at and selected. */
+/** What is shown: of which version, and which objects are found, pointed at and selected. */
 export interface Shown {
   version: string;
   found: readonly number[];
@@ -131,15 +131,15 @@ export class ServerView {
   }
 }
 
-/** Tints of the contract; the last one of a thing holds. */
+/** Tints of the contract; the last one of an object holds. */
 function tintsOf(shown: Shown): Tint[] {
   const marked: [readonly number[], { color: readonly number[]; strength: number }][] = [
     [shown.found, TINTS.found],
     [shown.hovered ? [shown.hovered] : [], TINTS.hovered],
     [shown.selected, TINTS.selected],
   ];
-  return marked.flatMap(([things, { color, strength }]) => {
+  return marked.flatMap(([objects, { color, strength }]) => {
     const [r = 0, g = 0, b = 0] = color;
-    return things.length ? [{ thing_ids: [...things], color: { r, g, b }, strength }] : [];
+    return objects.length ? [{ object_ids: [...objects], color: { r, g, b }, strength }] : [];
   });
 }

@@ -8,14 +8,14 @@ import type { ServerView } from "./ServerView";
 export function useServerView(view: Signal<ServerView | null>, state: SceneState): void {
   useSignalEffect(() => {
     const version = state.version.value;
-    // Things of the version before may be gone in this one: the server would refuse to draw them.
-    const listed = state.thingsVersion.value === version ? state.things.value : null;
-    const known = listed && [...listed, ...state.parts.value].map((thing) => thing.id);
+    // Objects of the version before may be gone in this one: the server would refuse to draw them.
+    const listed = state.objectsVersion.value === version ? state.objects.value : null;
+    const known = listed && [...listed, ...state.parts.value].map((object) => object.id);
     if (!view.value || !version) return;
     const answer = state.answer.value;
     const lit = state.lit.value;
     const found =
-      lit === "answer" && answer?.version === version && answer.thing_ids.length > 0 ? answer.thing_ids : null;
+      lit === "answer" && answer?.version === version && answer.object_ids.length > 0 ? answer.object_ids : null;
     const selected = lit === "selection" ? state.selected.value.filter((id) => known?.includes(id)) : [];
     view.value.show({
       version,

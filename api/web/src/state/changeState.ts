@@ -11,11 +11,11 @@ export interface SeenPlace {
   pixel: { x: number; y: number };
 }
 
-/** A thing that is being split, or one that is missing, by clicks in the view. */
+/** An object that is being split, or one that is missing, by clicks in the view. */
 export interface PromptTool {
   kind: "split" | "add";
-  /** Of the thing that is split; 0 for a missing one. */
-  thing: number;
+  /** Of the object that is split; 0 for a missing one. */
+  object: number;
   /** What the clicks so far have made; null before the first. */
   made: { id: number; count: number; version: string } | null;
   places: readonly SeenPlace[];
@@ -31,20 +31,20 @@ export interface RulerTool {
 
 /** What is being changed and how the view takes part in it; nothing of it is a version until it is sent. */
 export class ChangeState {
-  /** Things that are not shown, and those that alone are; neither is a change of the scene. */
+  /** Objects that are not shown, and those that alone are; neither is a change of the scene. */
   readonly hidden = signal<ReadonlySet<number>>(new Set());
   readonly isolated = signal<ReadonlySet<number> | null>(null);
-  /** How the selected things are moved on show. */
+  /** How the selected objects are moved on show. */
   readonly motion = signal<Motion | null>(null);
-  /** Clicks that say where a thing is, see `prompts.ts`. */
+  /** Clicks that say where an object is, see `prompts.ts`. */
   readonly prompt = signal<PromptTool | null>(null);
-  /** Things that the pointer has been drawn over, while they are marked so; null while they are not. */
+  /** Objects that the pointer has been drawn over, while they are marked so; null while they are not. */
   readonly brush = signal<readonly number[] | null>(null);
   /** Bytes, 1 for Gaussians that would go if what is set was done; they are not shown. */
   readonly going = signal<Uint8Array | null>(null);
   /** What is measured; null while nothing is. */
   readonly ruler = signal<RulerTool | null>(null);
-  /** Takes the next clicks in the view instead of selecting things; null for none. */
+  /** Takes the next clicks in the view instead of selecting objects; null for none. */
   readonly onPlace = signal<((place: SeenPlace) => void) | null>(null);
 
   /** From where the scene is looked at, and the picture's size on the page. */
@@ -53,10 +53,10 @@ export class ChangeState {
 
   readonly hides = computed(() => this.hidden.value.size > 0 || this.isolated.value !== null);
 
-  /** Whether Gaussians of a thing (0: of none) are shown. */
-  shows(thing: number): boolean {
+  /** Whether Gaussians of an object (0: of none) are shown. */
+  shows(object: number): boolean {
     const isolated = this.isolated.value;
-    return !this.hidden.value.has(thing) && (isolated === null || isolated.has(thing));
+    return !this.hidden.value.has(object) && (isolated === null || isolated.has(object));
   }
 
   hide(ids: readonly number[]): void {

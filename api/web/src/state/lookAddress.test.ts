@@ -6,8 +6,8 @@ describe("the look in the address", () => {
   test.each([
     { mode: "photo", cameras: false, photo: "" },
     { mode: "depth", cameras: true, photo: "" },
-    { mode: "photo", cameras: false, photo: "photos/~at:cameras~things & ü.jpg" },
-    { mode: "things", cameras: true, photo: "000.jpg" },
+    { mode: "photo", cameras: false, photo: "photos/~at:cameras~objects & ü.jpg" },
+    { mode: "objects", cameras: true, photo: "000.jpg" },
   ] as const)("comes back: %o", (look) => {
     expect(parseLook(lookText(look))).toEqual(look);
   });

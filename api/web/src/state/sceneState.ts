@@ -2,7 +2,7 @@ import { batch, computed, signal } from "@preact/signals";
 
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
-import type { Answer, Edit, Operation, PickedThing, Scene, SceneThing, SceneVersion } from "../api/types";
+import type { Answer, Edit, Operation, PickedObject, Scene, SceneObject, SceneVersion } from "../api/types";
 import { poseOf } from "../viewer/poses";
 import { fromBase64, unpackBits } from "../viewer/states";
 import type { SeenPlace } from "./changeState";
@@ -11,17 +11,17 @@ import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
 
 /** What the panel beside the view is about. */
-type PanelTab = "ask" | "things" | "photos" | "share";
+type PanelTab = "ask" | "objects" | "photos" | "share";
 
-/** A scene on show: what the server says of it, what was asked, and which things are selected. */
+/** A scene on show: what the server says of it, what was asked, and which objects are selected. */
 export class SceneState {
   readonly scene = signal<Scene | null>(null);
   readonly operation = signal<Operation | null>(null);
   readonly versions = signal<readonly SceneVersion[]>([]);
-  readonly things = signal<readonly SceneThing[] | null>(null);
-  readonly parts = signal<readonly SceneThing[]>([]);
-  /** The version whose things these are. */
-  readonly thingsVersion = signal("");
+  readonly objects = signal<readonly SceneObject[] | null>(null);
+  readonly parts = signal<readonly SceneObject[]>([]);
+  /** The version whose objects these are. */
+  readonly objectsVersion = signal("");
   readonly owners = signal<Uint16Array | null>(null);
   readonly error = signal<unknown>(null);
   readonly actionError = signal<unknown>(null);
@@ -58,19 +58,19 @@ export class SceneState {
   readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
   readonly found = computed(() => {
     const answer = this.answer.value;
-    return answer?.mask3d && (answer.thing_ids.length > 0 || answer.matches.some((match) => match.relevant))
+    return answer?.mask3d && (answer.object_ids.length > 0 || answer.matches.some((match) => match.relevant))
       ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
       : null;
   });
-  /** What lights up: one light at a time. While things are looked at, what is selected; else what answers. */
+  /** What lights up: one light at a time. While objects are looked at, what is selected; else what answers. */
   readonly lit = computed(() => {
-    const things = this.tab.value === "things" || this.change.motion.value !== null;
-    if (this.selected.value.length > 0 && (things || !this.answer.value)) return "selection";
+    const objects = this.tab.value === "objects" || this.change.motion.value !== null;
+    if (this.selected.value.length > 0 && (objects || !this.answer.value)) return "selection";
     return this.found.value ? "answer" : null;
   });
-  readonly selectedThings = computed(() =>
+  readonly selectedObjects = computed(() =>
     this.selected.value.flatMap((id) =>
-      [...(this.things.value ?? []), ...this.parts.value].filter((thing) => thing.id === id),
+      [...(this.objects.value ?? []), ...this.parts.value].filter((object) => object.id === id),
     ),
   );
   readonly canUndo = computed(() => {
@@ -107,24 +107,24 @@ export class SceneState {
     }
   }
 
-  /** Loads the things of the version on show, and which Gaussians are theirs. */
-  async loadThings(): Promise<void> {
+  /** Loads the objects of the version on show, and which Gaussians are theirs. */
+  async loadObjects(): Promise<void> {
     const version = this.version.value;
     const { signal } = this.#loads;
     try {
       const [everything, owners] = await Promise.all([
-        calls.listThings(this.sceneId, version),
-        calls.thingsOfGaussians(this.sceneId, version, signal),
+        calls.listObjects(this.sceneId, version),
+        calls.objectsOfGaussians(this.sceneId, version, signal),
       ]);
       if (signal.aborted || version !== this.version.value) return;
       batch(() => {
-        this.things.value = everything.filter((thing) => !thing.parent);
-        this.parts.value = everything.filter((thing) => thing.parent);
-        this.thingsVersion.value = version;
+        this.objects.value = everything.filter((object) => !object.parent);
+        this.parts.value = everything.filter((object) => object.parent);
+        this.objectsVersion.value = version;
         this.owners.value = owners;
         // Which Gaussians a part has is known only of the one that was clicked.
-        const shown = everything.filter((thing) => !thing.parent || thing.id === this.#pickedPart.value?.id);
-        const ids = new Set(shown.map((thing) => thing.id));
+        const shown = everything.filter((object) => !object.parent || object.id === this.#pickedPart.value?.id);
+        const ids = new Set(shown.map((object) => object.id));
         this.selected.value = this.selected.value.filter((id) => ids.has(id));
       });
     } catch (error) {
@@ -166,12 +166,12 @@ export class SceneState {
     }
   }
 
-  pick(place: SeenPlace, signal: AbortSignal, more?: Parameters<typeof calls.pick>[5]): Promise<PickedThing> {
+  pick(place: SeenPlace, signal: AbortSignal, more?: Parameters<typeof calls.pick>[5]): Promise<PickedObject> {
     return calls.pick(this.sceneId, this.version.value, place.camera, place.pixel, signal, more);
   }
 
-  /** Selects what was picked: a part, a thing, or the things of a group. */
-  selectPicked(picked: PickedThing): void {
+  /** Selects what was picked: a part, an object, or the objects of a group. */
+  selectPicked(picked: PickedObject): void {
     const level = picked.levels.find((each) => each.level === picked.level);
     if (!level) return;
     const rows = picked.mask3d && unpackBits(fromBase64(picked.mask3d), this.owners.value?.length ?? 0);
@@ -179,21 +179,21 @@ export class SceneState {
       this.actionError.value = null;
       this.#pickedPart.value = rows ? { id: level.id, rows } : null;
       this.selected.value = level.level === "group" ? level.members : [level.id];
-      this.tab.value = "things";
+      this.tab.value = "objects";
     });
   }
 
-  /** Selects a thing; with `more`, beside those selected, or no longer. */
+  /** Selects an object; with `more`, beside those selected, or no longer. */
   select(id: number, more = false): void {
     const before = this.selected.value;
     const others = before.filter((each) => each !== id);
     this.actionError.value = null;
-    this.tab.value = "things";
+    this.tab.value = "objects";
     if (!more) this.selected.value = [id];
     else this.selected.value = others.length < before.length ? others : [...before, id];
   }
 
-  /** Lights up a thing while something else than things is looked at. */
+  /** Lights up an object while something else than objects is looked at. */
   glow(id: number): void {
     void this.ask("");
     this.selected.value = [id];
@@ -240,7 +240,7 @@ export class SceneState {
     try {
       await call();
       await this.refresh();
-      await this.loadThings();
+      await this.loadObjects();
       if (this.text.value) await this.ask(this.text.value);
       this.message.value = message;
       return true;

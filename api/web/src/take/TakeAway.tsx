@@ -40,7 +40,7 @@ interface Running {
   of: number;
 }
 
-/** Everything that can be taken away: the scene, a thing, masks, cameras, a picture, a link. */
+/** Everything that can be taken away: the scene, an object, masks, cameras, a picture, a link. */
 export function TakeAway({ state, scene, view }: Properties) {
   const [running, setRunning] = useState<Running | null>(null);
   const [error, setError] = useState<unknown>(null);
@@ -107,21 +107,21 @@ export function TakeAway({ state, scene, view }: Properties) {
           ),
         )}
       </ul>
-      {state.selectedThings.value.map((thing) => (
-        <div key={thing.id}>
-          <h3>{texts.things.titleOf(thing)}</h3>
+      {state.selectedObjects.value.map((object) => (
+        <div key={object.id}>
+          <h3>{texts.objects.titleOf(object)}</h3>
           <ul class="chips">
             {names(KINDS).map((format) =>
               item(
-                texts.take.alone(texts.things.titleOf(thing), KINDS[format]),
-                (ending) => named(ending, texts.things.titleOf(thing), "thing"),
-                exportPath(scene.id, format, version, [thing.id]),
+                texts.take.alone(texts.objects.titleOf(object), KINDS[format]),
+                (ending) => named(ending, texts.objects.titleOf(object), "object"),
+                exportPath(scene.id, format, version, [object.id]),
               ),
             )}
           </ul>
         </div>
       ))}
-      {answer && (answer.thing_ids.length > 0 || answer.matches.some((match) => match.relevant)) && (
+      {answer && (answer.object_ids.length > 0 || answer.matches.some((match) => match.relevant)) && (
         <>
           <h3>{texts.take.masks(answer.text)}</h3>
           <ul class="chips">

@@ -1,6 +1,6 @@
 const LONGEST = 80;
 
-/** A file name that every system takes, of a scene's or thing's name; `fallback` where nothing of it is left. */
+/** A file name that every system takes, of a scene's or object's name; `fallback` where nothing of it is left. */
 export function fileName(name: string, fallback: string, ending: string): string {
   const safe = name
     .normalize("NFC")

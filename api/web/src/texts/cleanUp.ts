@@ -14,9 +14,9 @@ export const cleanUpTexts = {
     keepInside: "inside the box",
     keepOutside: "outside the box",
     sides: ["Left", "Right", "Front", "Back", "Bottom", "Top"],
-    brush: "Brush over things",
+    brush: "Brush over objects",
     brushHelp: (count: number) =>
-      `Draw over what is to go; the view stands still meanwhile. ${plural(count, "thing", "things")} marked.`,
+      `Draw over what is to go; the view stands still meanwhile. ${plural(count, "object", "objects")} marked.`,
     goes: (count: number, all: number) =>
       `${count.toLocaleString("en")} of ${plural(all, "Gaussian", "Gaussians")} would go; they are not shown.`,
     all: "Nothing would stay.",

@@ -7,7 +7,7 @@ import { namerTexts } from "./namer";
 import { sceneTexts } from "./scene";
 import { serverTexts } from "./server";
 import { takeTexts } from "./take";
-import { thingsTexts } from "./things";
+import { objectsTexts } from "./objects";
 import { uploadTexts } from "./upload";
 
 /** Every English text of the page. What the server says of an error or an answer is shown as it says it. */
@@ -21,6 +21,6 @@ export const texts = {
   ...sceneTexts,
   ...serverTexts,
   ...takeTexts,
-  ...thingsTexts,
+  ...objectsTexts,
   ...uploadTexts,
 };

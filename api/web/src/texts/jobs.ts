@@ -73,7 +73,7 @@ export const jobsTexts = {
   },
   lookAgain: {
     title: "Look for more names",
-    help: "The server looks at the scene again for what you name, and names the things that it finds. It takes a while.",
+    help: "The server looks at the scene again for what you name, and names the objects that it finds. It takes a while.",
     names: "Names, separated by commas",
     submit: "Look again",
     running: "Looking.",

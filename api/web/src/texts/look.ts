@@ -2,7 +2,7 @@
 export const lookTexts = {
   look: {
     colors: "Colors show",
-    modes: { photo: "Photo colors", depth: "Depth", normals: "Normals", labels: "Labels", things: "Things" },
+    modes: { photo: "Photo colors", depth: "Depth", normals: "Normals", labels: "Labels", objects: "Objects" },
     axes: ["x of the scene", "y of the scene", "z of the scene"],
     cameras: "Draw the cameras",
     standAt: "Stand at a photo",

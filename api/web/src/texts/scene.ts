@@ -15,8 +15,8 @@ export const sceneTexts = {
       `Delete ${names.map((name) => `“${name}”`).join(", ")}? Their versions and files are removed for good.`,
     untitled: "Untitled scene",
     gaussians: (count: number) => plural(count, "Gaussian", "Gaussians"),
-    things: (count: number | null, names: readonly string[]) =>
-      [count === null ? "" : plural(count, "thing", "things"), names.slice(0, 12).join(", ")]
+    objects: (count: number | null, names: readonly string[]) =>
+      [count === null ? "" : plural(count, "object", "objects"), names.slice(0, 12).join(", ")]
         .filter(Boolean)
         .join(": "),
     grades: { good: "Ready", fair: "Ready, fair", poor: "Ready, poor" },
@@ -25,7 +25,7 @@ export const sceneTexts = {
     askAll: "Ask all scenes",
     sort: "Sort by",
     orders: { newest: "Newest first", name: "By name", largest: "Largest first" },
-    noneNamed: (text: string) => `No scene is called “${text}”. “Ask all scenes” looks for it among the things.`,
+    noneNamed: (text: string) => `No scene is called “${text}”. “Ask all scenes” looks for it among the objects.`,
     foundIn: (text: string, found: number, all: number) =>
       `“${text}”: in ${found} of ${plural(all, "scene", "scenes")}`,
     states: { TRAINING: "In progress", READY: "Ready", FAILED: "Failed", CANCELLED: "Cancelled" },
@@ -39,13 +39,13 @@ export const sceneTexts = {
     canvasHelp:
       "Drag to orbit, drag with the right button or two fingers to move, wheel or pinch to zoom. Keys: arrows orbit, Shift and arrows turn, W A S D move, E and Q rise and sink, plus and minus zoom, Home goes back to the first view.",
     walkHelp:
-      "A click selects a thing. By keyboard, Enter begins to walk from thing to thing: arrows walk, Enter selects, Escape leaves. Anywhere, / asks and Ctrl+Z undoes.",
+      "A click selects an object. By keyboard, Enter begins to walk from object to object: arrows walk, Enter selects, Escape leaves. Anywhere, / asks and Ctrl+Z undoes.",
     tools: "Tools",
     panel: "About this scene",
-    tabs: { ask: "Ask", things: "Things", photos: "Photos", share: "Share" },
+    tabs: { ask: "Ask", objects: "Objects", photos: "Photos", share: "Share" },
     unseen: "No photo shows what is here.",
     backToSeen: "Back to the first view",
-    walkBegins: "Arrows walk from thing to thing, Enter selects, Escape leaves.",
+    walkBegins: "Arrows walk from object to object, Enter selects, Escape leaves.",
     help: "How to move",
     home: "First view",
     registered: (used: unknown, all: unknown) => `${String(used)} of ${String(all)} photos placed`,

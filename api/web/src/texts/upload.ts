@@ -5,7 +5,7 @@ export const uploadTexts = {
   upload: {
     title: "New scene",
     intro:
-      "20 to 200 sharp photos in which nothing moves, taken while walking around things; or one video, archive or splat.",
+      "20 to 200 sharp photos in which nothing moves, taken while walking around objects; or one video, archive or splat.",
     drop: "Drop files or a folder here",
     choose: "Choose files",
     chooseFolder: "Choose a folder",
@@ -20,7 +20,7 @@ export const uploadTexts = {
     doubtful: (count: number) =>
       count === 1 ? "1 photo would add little or nothing." : `${count} photos would add little or nothing.`,
     removeDoubtful: "Remove them",
-    guidePicture: "Twenty cameras on two rings around a thing, all looking at it",
+    guidePicture: "Twenty cameras on two rings around an object, all looking at it",
     guide: [
       "Walk around it, a photo every step: each shows two thirds of what the one before shows.",
       "One round at eye height, one higher or lower. Do not turn on one spot.",

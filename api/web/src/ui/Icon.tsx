@@ -1,7 +1,7 @@
 /** Drawings of 24 × 24, as strokes: see `Icon`. */
 const PATHS = {
   ask: "M10.5 4a6.5 6.5 0 1 0 0 13 6.5 6.5 0 0 0 0-13ZM15.3 15.3 20 20",
-  things: "M12 3 20 7.5v9L12 21l-8-4.5v-9L12 3ZM4 7.5 12 12l8-4.5M12 12v9",
+  objects: "M12 3 20 7.5v9L12 21l-8-4.5v-9L12 3ZM4 7.5 12 12l8-4.5M12 12v9",
   photos: "M4 6h16v13H4V6ZM4 16l4.5-4.5 4 4L16 12l4 4M15.5 9.3v.2",
   share: "M12 15V4M8 7.5 12 3.5l4 4M5 12v8h14v-8",
   undo: "M8 5 4 9l4 4M4 9h10a5.5 5.5 0 0 1 0 11h-3",

@@ -3,7 +3,7 @@ import { texts } from "../texts";
 const COUNT = 20;
 const [MIDDLE_X, MIDDLE_Y] = [120, 86];
 
-/** A camera as seen from above: it stands at a place of a ring around the thing, and looks at it. */
+/** A camera as seen from above: it stands at a place of a ring around the object, and looks at it. */
 function Camera({ angle, reach }: { angle: number; reach: number }) {
   const x = MIDDLE_X + reach * Math.cos(angle);
   const y = MIDDLE_Y + 0.62 * reach * Math.sin(angle);
@@ -16,7 +16,7 @@ function Camera({ angle, reach }: { angle: number; reach: number }) {
   );
 }
 
-/** What 20 good photos look like: a walk around the thing in small steps, in two rounds of different height. */
+/** What 20 good photos look like: a walk around the object in small steps, in two rounds of different height. */
 export function PhotoGuide() {
   return (
     <figure class="photo-guide">
@@ -30,7 +30,7 @@ export function PhotoGuide() {
             reach={number % 2 ? 72 : 104}
           />
         ))}
-        <path class="thing" d="M108 80 120 73 132 80 132 94 120 101 108 94ZM108 80 120 87 132 80M120 87V101" />
+        <path class="object" d="M108 80 120 73 132 80 132 94 120 101 108 94ZM108 80 120 87 132 80M120 87V101" />
       </svg>
       <figcaption>
         <ul>

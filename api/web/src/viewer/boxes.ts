@@ -1,7 +1,7 @@
-import type { SceneThing } from "../api/types";
+import type { SceneObject } from "../api/types";
 import type { Vec } from "./vectors";
 
-type Box = NonNullable<SceneThing["box"]>;
+type Box = NonNullable<SceneObject["box"]>;
 
 export function centerOf(box: Box): Vec {
   const { x, y, z } = box.center.position;

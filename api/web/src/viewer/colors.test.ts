@@ -1,11 +1,11 @@
 import { describe, expect, test } from "vitest";
 
-import type { SceneThing } from "../api/types";
-import { coloringByLabel, coloringByThing, colorOf, NOTHING, tintsOf } from "./colors";
+import type { SceneObject } from "../api/types";
+import { coloringByLabel, coloringByObject, colorOf, NOTHING, tintsOf } from "./colors";
 import { length, subtract } from "./vectors";
 
 describe("colors", () => {
-  const things = ["mug", "", "mug", "ball"].map((name, index) => ({ id: index + 1, name }) as SceneThing);
+  const objects = ["mug", "", "mug", "ball"].map((name, index) => ({ id: index + 1, name }) as SceneObject);
 
   test("differ from number to number", () => {
     const all = Array.from({ length: 24 }, (_, index) => colorOf(index + 1));
@@ -13,12 +13,12 @@ describe("colors", () => {
       for (const other of all.slice(index + 1)) expect(length(subtract(color, other))).toBeGreaterThan(12);
   });
 
-  test("things of one name have one color as labels, and each its own as things", () => {
-    const { byThing, legend } = coloringByLabel(things);
+  test("objects of one name have one color as labels, and each its own as objects", () => {
+    const { byObject, legend } = coloringByLabel(objects);
     expect(legend.map((entry) => entry.name)).toEqual(["ball", "mug"]);
-    expect(byThing.get(1)).toEqual(byThing.get(3));
-    expect(byThing.has(2)).toBe(false);
-    expect(new Set(coloringByThing(things, String).byThing.values()).size).toBe(4);
+    expect(byObject.get(1)).toEqual(byObject.get(3));
+    expect(byObject.has(2)).toBe(false);
+    expect(new Set(coloringByObject(objects, String).byObject.values()).size).toBe(4);
   });
 
   test("are each Gaussian's, by row", () => {

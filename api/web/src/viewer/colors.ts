@@ -1,7 +1,7 @@
-import type { SceneThing } from "../api/types";
+import type { SceneObject } from "../api/types";
 
 /** What the Gaussians' colors say. */
-export const MODES = ["photo", "depth", "normals", "labels", "things"] as const;
+export const MODES = ["photo", "depth", "normals", "labels", "objects"] as const;
 export type Mode = (typeof MODES)[number];
 
 type Rgb = readonly [number, number, number];
@@ -52,34 +52,34 @@ export interface LegendEntry {
   color: Rgb;
 }
 
-/** Colors by thing id, and what they mean: one a thing, or one a name. */
+/** Colors by object id, and what they mean: one an object, or one a name. */
 interface Coloring {
-  byThing: Map<number, Rgb>;
+  byObject: Map<number, Rgb>;
   legend: LegendEntry[];
 }
 
-/** A color for each thing. */
-export function coloringByThing(things: readonly SceneThing[], titleOf: (thing: SceneThing) => string): Coloring {
-  const byThing = new Map(things.map((thing) => [thing.id, colorOf(thing.id)]));
-  return { byThing, legend: things.map((thing) => ({ name: titleOf(thing), color: colorOf(thing.id) })) };
+/** A color for each object. */
+export function coloringByObject(objects: readonly SceneObject[], titleOf: (object: SceneObject) => string): Coloring {
+  const byObject = new Map(objects.map((object) => [object.id, colorOf(object.id)]));
+  return { byObject, legend: objects.map((object) => ({ name: titleOf(object), color: colorOf(object.id) })) };
 }
 
-/** A color for each label: the things of one name have one. Those without a name have none. */
-export function coloringByLabel(things: readonly SceneThing[]): Coloring {
-  const names = [...new Set(things.map((thing) => thing.name).filter(Boolean))].sort();
+/** A color for each label: the objects of one name have one. Those without a name have none. */
+export function coloringByLabel(objects: readonly SceneObject[]): Coloring {
+  const names = [...new Set(objects.map((object) => object.name).filter(Boolean))].sort();
   const colors = new Map(names.map((name, index) => [name, colorOf(index + 1)]));
-  const byThing = new Map<number, Rgb>();
-  for (const thing of things) {
-    const color = colors.get(thing.name);
-    if (color) byThing.set(thing.id, color);
+  const byObject = new Map<number, Rgb>();
+  for (const object of objects) {
+    const color = colors.get(object.name);
+    if (color) byObject.set(object.id, color);
   }
-  return { byThing, legend: [...colors].map(([name, color]) => ({ name, color })) };
+  return { byObject, legend: [...colors].map(([name, color]) => ({ name, color })) };
 }
 
-/** Red, green, blue and 255 of each Gaussian, by the thing it belongs to. */
-export function tintsOf(owners: Uint16Array, byThing: ReadonlyMap<number, Rgb>): Uint8Array {
+/** Red, green, blue and 255 of each Gaussian, by the object it belongs to. */
+export function tintsOf(owners: Uint16Array, byObject: ReadonlyMap<number, Rgb>): Uint8Array {
   const packed = new Uint32Array(0x10000).fill(word(NOTHING));
-  for (const [id, color] of byThing) packed[id] = word(color);
+  for (const [id, color] of byObject) packed[id] = word(color);
   const tints = new Uint32Array(owners.length);
   for (let row = 0; row < owners.length; row++) tints[row] = packed[owners[row] ?? 0] ?? 0;
   return new Uint8Array(tints.buffer);

@@ -81,7 +81,7 @@ const FAINT = { moving: 0.04, resting: 1 / 255 };
 
 /**
  * A Gaussian as it was trained and as the server draws it, exp(-d²/2): the engine's own fall-off is lower towards the rim,
- * so that things would have a fainter outline and let more of what is behind them through.
+ * so that objects would have a fainter outline and let more of what is behind them through.
  */
 const FALL_OFF = `
 void modifySplatColor(vec2 gaussianUV, inout vec4 color) {
@@ -208,7 +208,7 @@ export class SplatView {
     return this.#columns;
   }
 
-  /** Whether a picture takes so long that not every thing that the pointer passes is worth one. */
+  /** Whether a picture takes so long that not every object that the pointer passes is worth one. */
   get sparesPictures(): boolean {
     return this.#pace.isSlow && this.#count > MANY;
   }

@@ -22,19 +22,19 @@ export function fromBase64(text: string): Uint8Array<ArrayBuffer> {
  *
  * @param count how many Gaussians there are.
  * @param found bytes [count], 1 where it answers the question; null without a question.
- * @param things uint16 [count], which thing it belongs to; null while unknown.
- * @param hovered,selected ids of things; 0 for none.
- * @param shows whether the Gaussians of a thing (0: of none) are shown.
+ * @param objects uint16 [count], which object it belongs to; null while unknown.
+ * @param hovered,selected ids of objects; 0 for none.
+ * @param shows whether the Gaussians of an object (0: of none) are shown.
  * @param part bytes [count], 1 where a part is that is selected; null for none.
  * @param going bytes [count], 1 for what is not shown because it would go; null for none.
  */
 export function statesOf(
   count: number,
   found: Uint8Array | null,
-  things: Uint16Array | null,
+  objects: Uint16Array | null,
   hovered: number,
   selected: readonly number[],
-  shows: (thing: number) => boolean = () => true,
+  shows: (object: number) => boolean = () => true,
   part: Uint8Array | null = null,
   going: Uint8Array | null = null,
 ): Uint8Array {
@@ -42,11 +42,11 @@ export function statesOf(
   const chosen = new Set(selected);
   const shown = new Map<number, boolean>();
   for (let row = 0; row < count; row++) {
-    const thing = things?.[row] ?? 0;
-    if (!shown.has(thing)) shown.set(thing, shows(thing));
-    if (!shown.get(thing) || going?.[row]) states[row] = HIDDEN;
-    else if ((thing && chosen.has(thing)) || part?.[row]) states[row] = SELECTED;
-    else if (thing && thing === hovered) states[row] = HOVERED;
+    const object = objects?.[row] ?? 0;
+    if (!shown.has(object)) shown.set(object, shows(object));
+    if (!shown.get(object) || going?.[row]) states[row] = HIDDEN;
+    else if ((object && chosen.has(object)) || part?.[row]) states[row] = SELECTED;
+    else if (object && object === hovered) states[row] = HOVERED;
     else if (found?.[row]) states[row] = FOUND;
   }
   return states;

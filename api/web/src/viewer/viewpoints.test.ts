@@ -17,7 +17,7 @@ const cameras = [at([3, 0, 1], "a"), at([0, 3, 1], "b"), at([-3, 0, 1], "c")];
 const now: LookAt = { position: [1, -3, 1], target: [0, 0, 0], up: [0, 0, 1] };
 const direction = (view: LookAt) => unit(subtract(view.position, view.target));
 
-test("a thing is looked at from the photo that shows it best, at a third of the height", () => {
+test("an object is looked at from the photo that shows it best, at a third of the height", () => {
   const view = viewOfSight({ middle: [0, 0, 0], size: 0.6, views: ["b", "a"] }, cameras, now, SIZE);
   expect(length(subtract(direction(view), unit([0, 3, 1])))).toBeLessThan(1e-9);
   const projection = new Projection(view, SIZE);
@@ -28,7 +28,7 @@ test("a thing is looked at from the photo that shows it best, at a third of the 
 });
 
 test.each([0.001, 0.1, 5, 80])(
-  "of a thing of size %f the camera stays between half a photo's distance and it",
+  "of an object of size %f the camera stays between half a photo's distance and it",
   (size) => {
     const view = viewOfSight({ middle: [0.2, 0, 0], size }, cameras, now, SIZE);
     const photo = length(subtract([3, 0, 1], [0.2, 0, 0]));
@@ -47,7 +47,7 @@ test.each([
   { width: 460, height: 1050 },
   { width: 390, height: 380 },
   { width: 1000, height: 600 },
-])("a thing is shown whole in a picture of $width x $height, though the head turns to what was seen", (size) => {
+])("an object is shown whole in a picture of $width x $height, though the head turns to what was seen", (size) => {
   const sight = { middle: [0.5, 0.8, 0] as Vec, size: 0.7, views: ["a"] };
   for (const shown of [() => true, ({ target }: LookAt) => length(subtract(target, sight.middle)) > 0.3]) {
     const projection = new Projection(viewOfSight(sight, cameras, now, size, shown), size);

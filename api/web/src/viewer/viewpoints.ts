@@ -13,11 +13,11 @@ export interface Sight {
   views?: readonly string[] | undefined;
 }
 
-const OF_HEIGHT = 1 / 3; // how much of the picture's height a thing is to take
+const OF_HEIGHT = 1 / 3; // how much of the picture's height an object is to take
 const OF_WIDTH = 2 / 3; // and at most of its width, where that is much less than the height
 const AROUND = 1.25; // of half its longest side: corners are farther out, and what is nearer looks larger
 const [NEAREST, FARTHEST] = [0.5, 1.1]; // of the photo's distance: nearer it is blurred, farther nobody has been
-const TURNS = [0, 0.25, 0.5, 0.75, 1]; // of the way from the thing to where the photo looked
+const TURNS = [0, 0.25, 0.5, 0.75, 1]; // of the way from the object to where the photo looked
 const ASIDE = 4; // how much a turn of the head counts against a way
 
 /**
@@ -25,7 +25,7 @@ const ASIDE = 4; // how much a turn of the head counts against a way
  * camera to it, which is free, since the photo shows it.
  *
  * @param shown whether a view shows what was seen: if not, the head turns to where the photo looked, as far as it must,
- *   and no farther than the picture shows the thing whole, if it can.
+ *   and no farther than the picture shows the object whole, if it can.
  */
 export function viewOfSight(
   sight: Sight,
@@ -52,7 +52,7 @@ export function viewOfSight(
   return (whole.length ? (whole.find(shown) ?? whole.at(-1)) : turned.find(shown)) ?? view;
 }
 
-/** Whether a picture shows all of a thing, however it is turned. */
+/** Whether a picture shows all of an object, however it is turned. */
 function showsWhole(view: LookAt, { middle, size: across }: Sight, size: Size): boolean {
   const point = new Projection(view, size).point(middle);
   const depth = dot(subtract(middle, view.position), unit(subtract(view.target, view.position)));

@@ -27,7 +27,7 @@ TRAINED_FRAME = "scene"
 """The frame of the scene as it was trained, below the map that it was aligned to."""
 
 _FLOAT32, _UINT16 = 7, 4  # of sensor_msgs/PointField
-_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("label", "<u2"), ("thing", "<u2")])
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("label", "<u2"), ("object", "<u2")])
 _PLY_TYPES = {"float": "<f4", "uchar": "u1", "ushort": "<u2"}
 
 
@@ -44,16 +44,16 @@ class MessageMaker(Protocol):
 
 
 def detection_array(make: MessageMaker, page: DetectionList, stamp_ns: int) -> Any:
-    """vision_msgs/Detection3DArray of all things that have a box.
+    """vision_msgs/Detection3DArray of all objects that have a box.
 
-    A detection's id is the thing's. Its results are its label and then the other names that it may have, each with
-    its probability; a thing of which nothing has a name has none. All of them have the box's pose, with the
+    A detection's id is the object's. Its results are its label and then the other names that it may have, each with
+    its probability; an object of which nothing has a name has none. All of them have the box's pose, with the
     covariance; where the orientation is not known its variances are `UNKNOWN_ROTATION`. Its stamp is the time at
     which a photo last showed it, where that is known.
 
     Args:
         make: see `MessageMaker`.
-        page: the things, of all pages.
+        page: the objects, of all pages.
         stamp_ns: of the message, nanoseconds since 1970.
 
     Raises:
@@ -69,13 +69,13 @@ def detection_array(make: MessageMaker, page: DetectionList, stamp_ns: int) -> A
 
 
 def found(page: DetectionList, answer: Answer) -> DetectionList:
-    """The things that answer a question, the best first; parts of things are not among them."""
-    by_id = {each.thing_id: each for each in page.detections}
-    return page._replace(detections=tuple(by_id[number] for number in answer.thing_ids if number in by_id))
+    """The objects that answer a question, the best first; parts of objects are not among them."""
+    by_id = {each.object_id: each for each in page.detections}
+    return page._replace(detections=tuple(by_id[number] for number in answer.object_ids if number in by_id))
 
 
 def point_cloud(make: MessageMaker, ply: bytes, frame_id: str, stamp_ns: int) -> Any:
-    """sensor_msgs/PointCloud2 of the export `points`: x y z rgb label thing; label and thing are ids, 0 for none.
+    """sensor_msgs/PointCloud2 of the export `points`: x y z rgb label object; label and object are ids, 0 for none.
 
     Args:
         make: see `MessageMaker`.
@@ -85,7 +85,7 @@ def point_cloud(make: MessageMaker, ply: bytes, frame_id: str, stamp_ns: int) ->
     """
     rows = ply_rows(ply)
     points = np.empty(len(rows), _POINT)
-    for name in ("x", "y", "z", "label", "thing"):
+    for name in ("x", "y", "z", "label", "object"):
         points[name] = rows[name]
     red, green, blue = (rows[name].astype(np.uint32) for name in ("red", "green", "blue"))
     points["rgb"] = red << 16 | green << 8 | blue  # packed, as PCL and RViz read it
@@ -95,7 +95,7 @@ def point_cloud(make: MessageMaker, ply: bytes, frame_id: str, stamp_ns: int) ->
             "sensor_msgs/msg/PointField",
             name=name,
             offset=offset,
-            datatype=_UINT16 if name in ("label", "thing") else _FLOAT32,
+            datatype=_UINT16 if name in ("label", "object") else _FLOAT32,
             count=1,
         )
         for name, (_, offset, *_) in _POINT.fields.items()
@@ -235,13 +235,13 @@ def _detection(make: MessageMaker, each: Detection, frame_id: str, stamp_ns: int
             for name, score in names
         ],
         bbox=make.message("vision_msgs/msg/BoundingBox3D", center=pose, size=_vector(make, each.box.size)),
-        id=str(each.thing_id),
+        id=str(each.object_id),
     )
 
 
 def pose_covariance(each: Detection) -> NDArray[np.float64]:
     """float64 [6, 6] of x y z and rotations about x y z: `Detection.covariance`, with `UNKNOWN_ROTATION` for what is
-    not known of the orientation; every thing with a box has one of its position."""
+    not known of the orientation; every object with a box has one of its position."""
     if each.rotation_covariance:
         return each.covariance()
     unknown = tuple((UNKNOWN_ROTATION * np.eye(3)).ravel().tolist())

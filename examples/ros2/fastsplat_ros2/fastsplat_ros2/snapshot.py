@@ -16,7 +16,7 @@ class Snapshot:
 
     Attributes:
         scene: as it is.
-        detections: all of its things.
+        detections: all of its objects.
         points: the export `points`, a PLY.
         floor_map: the export `map`, a zip; None where the scene has none.
         no_map: why it has none, in the server's words; "" where it has.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
-from fastsplat.service.query.language.meaning.common_things import COLUMNS, KnownLabels
+from fastsplat.service.query.language.meaning.common_objects import COLUMNS, KnownLabels
 from fastsplat.service.query.language.meaning.definition_words import DefinitionWords, verbs_of
 from fastsplat.service.query.language.meaning.embeddings import TextCaches
 from fastsplat.service.query.language.meaning.label_texts import UNKNOWN, LabelTexts
@@ -76,7 +76,7 @@ _MATERIALS = frozenset(
     "ceramic china clay terracotta silk felt woolen knitted crocheted wax plaster concrete jade ivory chocolate "
     "marzipan gingerbread sugar balloon robot robotic mechanical electronic".split()
 )
-"""Materials that no living thing is made of."""
+"""Materials that no living object is made of."""
 _RAREST = 1.5
 """Largest rareness of a label's sense with kinds; "piano key" is a rare one."""
 
@@ -131,7 +131,7 @@ class LabelMeanings:
             [definitions(each[0], m.senses, lexicon) for each, m in zip(names, meanings, strict=True)],
             caches.definitions,
         )
-        self._known_things = KnownLabels(names, caches.definitions)
+        self._known_objects = KnownLabels(names, caches.definitions)
         self._definition_words = DefinitionWords(
             [
                 [*(s.definition for s in m.senses[:_WORD_SENSES]), *above_definitions(m.senses, lexicon)]
@@ -162,8 +162,8 @@ class LabelMeanings:
     def nbytes(self) -> int:
         """Estimated bytes in memory."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
-        keys += len(self._last) + len(self._words) + self._known_things.keys
-        texts = self._definitions.nbytes + self._known_things.nbytes
+        keys += len(self._last) + len(self._words) + self._known_objects.keys
+        texts = self._definitions.nbytes + self._known_objects.nbytes
         return texts + _PER_KEY * keys
 
     def is_of(self, dictionary: Dictionary) -> bool:
@@ -226,7 +226,7 @@ class LabelMeanings:
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)
         columns[place["done_with"]] = self._definition_words.mentioned(glosses_of_verbs)
-        columns[place[COLUMNS[0]] :] = self._known_things.compare(phrase, question, similarity).T
+        columns[place[COLUMNS[0]] :] = self._known_objects.compare(phrase, question, similarity).T
         return Comparison(columns.T, meaning, relations, named_last)
 
     def relations(self, meaning: Meaning) -> Relations:

@@ -35,7 +35,7 @@ class SceneLabels:
         text_encoder, templates: their source: encoder name and digest, and templates.
     """
 
-    dictionary: Dictionary  # N names: the scene's labels, then what is merely suggested, see `ThingNames`
+    dictionary: Dictionary  # N names: the scene's labels, then what is merely suggested, see `ObjectNames`
     embeddings: NDArray[np.float32]
     text_encoder: tuple[str, str]
     templates: tuple[str, ...]

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon.wordnet import Lexicon, Sense
 
 SOLID = frozenset({"artifact", "food", "animal", "plant", "body", "object", "substance", "person", "tops"})
-"""Lexical classes of physical things."""
+"""Lexical classes of physical objects."""
 _SENSES = 10
 """Senses considered, most frequent first."""
 _RARENESS = 0.5
@@ -27,7 +27,7 @@ _SHORTEST = 3
 class Meaning:
     """The senses of a text."""
 
-    ranked: tuple[tuple[Sense, float], ...]  # senses of physical things, most frequent first, with rareness in steps
+    ranked: tuple[tuple[Sense, float], ...]  # senses of physical objects, most frequent first, with rareness in steps
     whole: bool  # whether the lexicon has the whole text; else they are the senses of its head
     words: int = 0  # how many of its last words the lexicon has
 
@@ -69,7 +69,7 @@ def compound_parts(word: str, lexicon: Lexicon) -> tuple[str, ...]:
 
 
 def ranked(senses: Sequence[Sense]) -> tuple[tuple[Sense, float], ...]:
-    """Senses of physical things with their rareness, else the most frequent sense."""
+    """Senses of physical objects with their rareness, else the most frequent sense."""
     solid = [sense for sense in senses if sense.lexical_class in SOLID][:_SENSES] or senses[:1]
     return tuple((sense, _RARENESS * place) for place, sense in enumerate(solid))
 

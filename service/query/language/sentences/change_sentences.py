@@ -11,11 +11,11 @@ from fastsplat_contract.photos.observations import Observation
 
 
 def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
-    """Updates an observation's names and sentences by current names, by thing id."""
+    """Updates an observation's names and sentences by current names, by object id."""
 
     def told(change: SceneChange) -> SceneChange:
-        name = names.get(change.thing_id, change.name)
-        sentence = change_sentence(change.kind, change.thing_id, name, change.distance, observation.meters)
+        name = names.get(change.object_id, change.name)
+        sentence = change_sentence(change.kind, change.object_id, name, change.distance, observation.meters)
         return change._replace(name=name, sentence=sentence)
 
     changes = tuple(map(told, observation.changes))
@@ -26,17 +26,17 @@ def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
     """Sentence of an observation."""
     if changes:
         return " ".join(change.sentence for change in changes)
-    things = "the one thing" if looked_at == 1 else f"the {looked_at} things"
-    return f"None of {things} that were looked at has changed." if looked_at else "The photos show no thing twice."
+    objects = "the one object" if looked_at == 1 else f"the {looked_at} objects"
+    return f"None of {objects} that were looked at has changed." if looked_at else "The photos show no object twice."
 
 
-def change_sentence(kind: ChangeKind, thing_id: int, name: str, distance: float, meters: bool) -> str:
-    """Sentence of one change; `thing_id` 0: of no thing of the scene."""
+def change_sentence(kind: ChangeKind, object_id: int, name: str, distance: float, meters: bool) -> str:
+    """Sentence of one change; `object_id` 0: of no object of the scene."""
     by = f"has moved by {distance:.2f} {'m' if meters else 'scene units'}."
-    if not thing_id:
+    if not object_id:
         told = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}
         return f"Something {told.get(kind, 'new stands where nothing stood.')}"
-    called = f"The {quoted(name)}" if name else f"Thing {thing_id}, which has no name,"
+    called = f"The {quoted(name)}" if name else f"Object {object_id}, which has no name,"
     if kind == "gone":
         return f"{called} is not where it was."
     if kind == "moved":

@@ -1,40 +1,40 @@
-"""Possible hiding places: closed things and the room that a thing needs."""
+"""Possible hiding places: closed objects and the room that an object needs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fastsplat.service.query.language.meaning.common_things import common_things
-from fastsplat.service.query.things.absence import USUAL_M, Hollow, UnseenSpace
+from fastsplat.service.query.language.meaning.common_objects import common_objects
+from fastsplat.service.query.objects.absence import USUAL_M, Hollow, UnseenSpace
 
 _SHUT = frozenset({"storage", "cabinet", "closet", "drawer", "box", "luggage", "white good"})
-"""Kinds of things that others are kept in, see `common_things`; they may stand open."""
+"""Kinds of objects that others are kept in, see `common_objects`; they may stand open."""
 _FURNITURE = frozenset(
     {"furniture", "white good", "bathroom fixture", "part of a building", "room", "structure", "nature", "landscape"}
     | {"street furniture"}
 )
 _LARGE = _FURNITURE | {"vehicle", "wild animal", "farm animal"}
 _LARGE_M = 0.8
-"""Ball width for large things, meters; a stool needs less, a car more."""
+"""Ball width for large objects, meters; a stool needs less, a car more."""
 
 
 def is_kept_shut(name: str) -> bool:
-    """True if such things can enclose others; nameless ones may, unknown names do not."""
-    return not name or any(_SHUT & thing.kinds for thing in common_things(name)[0])
+    """True if such objects can enclose others; nameless ones may, unknown names do not."""
+    return not name or any(_SHUT & obj.kinds for obj in common_objects(name)[0])
 
 
 def width_needed(text: str) -> float:
-    """Width of the ball that a thing needs, meters, by its kind if known."""
-    return _LARGE_M if any(_LARGE & thing.kinds for thing in common_things(text)[0]) else USUAL_M
+    """Width of the ball that an object needs, meters, by its kind if known."""
+    return _LARGE_M if any(_LARGE & obj.kinds for obj in common_objects(text)[0]) else USUAL_M
 
 
 def is_furniture(text: str) -> bool:
     """True if a text names something of furniture size, except vehicles and animals."""
-    return any(_FURNITURE & thing.kinds for thing in common_things(text)[0])
+    return any(_FURNITURE & obj.kinds for obj in common_objects(text)[0])
 
 
 def may_hold(unseen: UnseenSpace, text: str, taken_for: Mapping[int, str]) -> tuple[Hollow, ...]:
-    """Unseen insides of things where `text` ("": of usual size) may be, largest first."""
+    """Unseen insides of objects where `text` ("": of usual size) may be, largest first."""
     width = width_needed(text) * unseen.meter
-    wide = (each for each in unseen.hollows if each.width >= width and each.thing_id in taken_for)
-    return tuple(each for each in wide if is_kept_shut(taken_for[each.thing_id]))
+    wide = (each for each in unseen.hollows if each.width >= width and each.object_id in taken_for)
+    return tuple(each for each in wide if is_kept_shut(taken_for[each.object_id]))

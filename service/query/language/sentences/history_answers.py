@@ -9,8 +9,8 @@ from datetime import datetime
 from fastsplat.service.query.language.sentences.change_sentences import change_sentence
 from fastsplat.service.query.language.sentences.sentences import InWords, enumerated, percent
 from fastsplat.service.query.language.sentences.time_questions import TimeQuestion, When
-from fastsplat.service.query.things.names.thing_names import ThingNames
-from fastsplat.service.query.things.thing_history import SceneHistory, Sighting
+from fastsplat.service.query.objects.names.object_names import ObjectNames
+from fastsplat.service.query.objects.object_history import SceneHistory, Sighting
 from fastsplat_contract.messages.queries import Answer, Outcome
 from fastsplat_contract.photos.localization import SceneChange
 
@@ -20,7 +20,7 @@ _MOST_TOLD = 5
 class HistoryAnswers:
     """Answers from a scene's history; `unit` is "m" or "scene units"."""
 
-    def __init__(self, history: SceneHistory, names: ThingNames, in_words: InWords, unit: str) -> None:
+    def __init__(self, history: SceneHistory, names: ObjectNames, in_words: InWords, unit: str) -> None:
         self._history = history
         self._parents = {part.id: part.parent for part in names.parts}
         self._names = names
@@ -28,41 +28,41 @@ class HistoryAnswers:
         self._unit = unit
 
     def plain(self, answer: Answer) -> Answer:
-        """Adds later changes to an answer; "not here" if all things are missing."""
+        """Adds later changes to an answer; "not here" if all objects are missing."""
         if answer.outcome not in ("here", "probably_here"):
             return answer
-        things = self._things(answer)
-        changed = [each for each in things if (last := self._last(each)) is not None and last.change is not None]
+        objects = self._objects(answer)
+        changed = [each for each in objects if (last := self._last(each)) is not None and last.change is not None]
         missing = [each for each in changed if self._missing_since(each) is not None]
         told = " ".join(map(self._told, changed[:_MOST_TOLD]))
         if not changed:
             return answer
-        if len(missing) < len(things):
+        if len(missing) < len(objects):
             return _saying(answer, answer.outcome, f"{answer.sentence} {told}")
         where = "its place is that where it was" if len(missing) == 1 else "their places are those where they were"
-        return _saying(answer, "not_here", f"Not here any more: {self._in_words(things)}; {where}. {told}")
+        return _saying(answer, "not_here", f"Not here any more: {self._in_words(objects)}; {where}. {told}")
 
     def asked(self, question: TimeQuestion, answer: Answer) -> Answer:
-        """Answers a question about time, given the answer to its words for things."""
+        """Answers a question about time, given the answer to its words for objects."""
         if question.asks == "events":
             return self._events(question, answer)
-        things = self._things(answer)
-        if not things or answer.outcome not in ("here", "probably_here"):
+        objects = self._objects(answer)
+        if not objects or answer.outcome not in ("here", "probably_here"):
             return answer
         opening = "" if answer.outcome == "here" else f"Probably{percent(answer.probability)}: "
         if question.asks == "place":
             assert question.when is not None
-            told = [self._place_at(each, question.when) for each in things[:_MOST_TOLD]]
+            told = [self._place_at(each, question.when) for each in objects[:_MOST_TOLD]]
         else:
-            told = [self._seen(each) for each in things[:_MOST_TOLD]]
-        more = len(things) - _MOST_TOLD
+            told = [self._seen(each) for each in objects[:_MOST_TOLD]]
+        more = len(objects) - _MOST_TOLD
         sentence = opening + " ".join(told) + (f" There are {more} more." if more > 0 else "")
-        gone = question.asks == "last_seen" and all(self._missing_since(each) is not None for each in things)
+        gone = question.asks == "last_seen" and all(self._missing_since(each) is not None for each in objects)
         return _saying(answer, "not_here" if gone else answer.outcome, sentence)
 
-    def _things(self, answer: Answer) -> Sequence[int]:
-        """The things that answer, also of a scene that stores none."""
-        return answer.thing_ids or self._names.of_labels(answer.relevant_ids)
+    def _objects(self, answer: Answer) -> Sequence[int]:
+        """The objects that answer, also of a scene that stores none."""
+        return answer.object_ids or self._names.of_labels(answer.relevant_ids)
 
     def _events(self, question: TimeQuestion, answer: Answer) -> Answer:
         observations, since = self._history.later, question.when
@@ -72,7 +72,7 @@ class HistoryAnswers:
             coverage=None,
             presence=None,
             phrase=None,
-            thing_ids=(),
+            object_ids=(),
             matches=(),
             relation_subject=None,
             probability=None,
@@ -89,8 +89,8 @@ class HistoryAnswers:
         if not changes:
             total = max(len(self._names.present), len(seen))
             share = f"{len(seen)} of {total}" if len(seen) < total else f"{total}"
-            things = f"{share} thing{'' if total == 1 else 's'}"
-            none = f"{_nothing(question)}: photos of {days} looked at {things}."
+            objects = f"{share} object{'' if total == 1 else 's'}"
+            none = f"{_nothing(question)}: photos of {days} looked at {objects}."
             return _saying(replace(about, relation="absent"), "not_here", none)
         told = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
         more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
@@ -98,7 +98,7 @@ class HistoryAnswers:
             replace(
                 about,
                 relation="same",
-                thing_ids=tuple(change.thing_id for change, _ in changes if change.thing_id),
+                object_ids=tuple(change.object_id for change, _ in changes if change.object_id),
                 probability=min(change.probability for change, _ in changes),
             ),
             "here",
@@ -121,15 +121,15 @@ class HistoryAnswers:
         for observation in self._history.later[-1:]:
             if question.when is None or observation.seen_at >= question.when.start:
                 nameless = [
-                    change for change in observation.changes if not change.thing_id and change.kind in question.events
+                    change for change in observation.changes if not change.object_id and change.kind in question.events
                 ]
                 found += [(each, observation.seen_at) for each in nameless]
         return sorted(found, key=lambda each: -each[0].probability)
 
-    def _place_at(self, thing_id: int, when: When) -> str:
-        """Sentence about a thing's place on a day, by the last photos until its end."""
-        name = self._name(thing_id)
-        known = [each for each in self._sightings(thing_id) if each.at < when.end]
+    def _place_at(self, object_id: int, when: When) -> str:
+        """Sentence about an object's place on a day, by the last photos until its end."""
+        name = self._name(object_id)
+        known = [each for each in self._sightings(object_id) if each.at < when.end]
         day = _day(when.start)
         if known:
             last = known[-1]
@@ -143,52 +143,52 @@ class HistoryAnswers:
             return f"No photo of {day} or before shows {name[0].lower()}{name[1:]}, and {unknown}."
         return f"No photo is of {day} or before: the scene is of {_day(made)}."
 
-    def _seen(self, thing_id: int) -> str:
-        seen, name = self._history.last_seen(self._whole(thing_id)), self._name(thing_id)
-        if self._missing_since(thing_id) is not None:
-            return self._told(thing_id)
+    def _seen(self, object_id: int) -> str:
+        seen, name = self._history.last_seen(self._whole(object_id)), self._name(object_id)
+        if self._missing_since(object_id) is not None:
+            return self._told(object_id)
         if seen is None:
             return f"{name} is in the scene, whose photos do not say when they were taken."
-        last = self._last(thing_id)
+        last = self._last(object_id)
         moved = f" {self._sentence(last.change)}" if last is not None and last.change is not None else ""
         return f"{name} was last seen on {_day(seen)}.{moved}"
 
-    def _told(self, thing_id: int) -> str:
-        """Sentence about a thing's last change."""
-        since, seen = self._missing_since(thing_id), self._history.last_seen(self._whole(thing_id))
-        last = self._last(thing_id)
+    def _told(self, object_id: int) -> str:
+        """Sentence about an object's last change."""
+        since, seen = self._missing_since(object_id), self._history.last_seen(self._whole(object_id))
+        last = self._last(object_id)
         assert last is not None and last.change is not None
         if since is None:
             return f"By photos of {_day(last.at)}: {self._sentence(last.change)}"
         before = f", and was last seen on {_day(seen)}" if seen is not None else ""
-        return f"{self._name(thing_id)} is missing since {_day(since)}{before}."
+        return f"{self._name(object_id)} is missing since {_day(since)}{before}."
 
     def _sentence(self, change: SceneChange) -> str:
-        name = self._names.called.get(change.thing_id, change.name)
-        said = change_sentence(change.kind, change.thing_id, name, change.distance, self._unit == "m")
-        place = change.after if change.kind in ("moved", "new") else None if change.thing_id else change.before
+        name = self._names.called.get(change.object_id, change.name)
+        said = change_sentence(change.kind, change.object_id, name, change.distance, self._unit == "m")
+        place = change.after if change.kind in ("moved", "new") else None if change.object_id else change.before
         if place is None:
             return said
         x, y, z = place.center.position
         return f"{said[:-1]}, {'to' if change.kind == 'moved' else 'at'} ({x:.2f}, {y:.2f}, {z:.2f}) {self._unit}."
 
-    def _name(self, thing_id: int) -> str:
-        said = self._in_words((thing_id,))
+    def _name(self, object_id: int) -> str:
+        said = self._in_words((object_id,))
         return f"The {said}" if said.startswith('"') else said[0].upper() + said[1:]
 
-    def _whole(self, thing_id: int) -> int:
-        """Id of the whole thing."""
-        return self._parents.get(thing_id, thing_id)
+    def _whole(self, object_id: int) -> int:
+        """Id of the whole object."""
+        return self._parents.get(object_id, object_id)
 
-    def _sightings(self, thing_id: int) -> Sequence[Sighting]:
-        return self._history.sightings(self._whole(thing_id))
+    def _sightings(self, object_id: int) -> Sequence[Sighting]:
+        return self._history.sightings(self._whole(object_id))
 
-    def _last(self, thing_id: int) -> Sighting | None:
-        own = self._sightings(thing_id)
+    def _last(self, object_id: int) -> Sighting | None:
+        own = self._sightings(object_id)
         return own[-1] if own else None
 
-    def _missing_since(self, thing_id: int) -> datetime | None:
-        return self._history.missing_since(self._whole(thing_id))
+    def _missing_since(self, object_id: int) -> datetime | None:
+        return self._history.missing_since(self._whole(object_id))
 
 
 def _saying(answer: Answer, outcome: Outcome, sentence: str) -> Answer:

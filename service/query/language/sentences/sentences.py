@@ -10,16 +10,16 @@ from fastsplat.service.query.language.sentences.enclosures import may_hold
 from fastsplat.service.query.language.words.english import NoQuestion
 from fastsplat.service.query.language.words.judgement import Ranked, Remarks
 from fastsplat.service.query.language.words.noun_phrases import noun_phrase
-from fastsplat.service.query.things.absence import RATHER, Hollow, UnseenSpace
-from fastsplat.service.query.things.names.thing_names import ThingNames
+from fastsplat.service.query.objects.absence import RATHER, Hollow, UnseenSpace
+from fastsplat.service.query.objects.names.object_names import ObjectNames
 from fastsplat_contract.messages.phrases import PhraseAnswer, RefusalReason
 from fastsplat_contract.messages.queries import Answer, Outcome, Relation, RelationSubject
 
 MOST_NAMED = 3
-"""Things and names listed in a sentence; the others are counted."""
+"""Objects and names listed in a sentence; the others are counted."""
 _MAX_QUOTED = 60
 InWords = Callable[[Sequence[int]], str]
-"""Describes things, see `ThingWords.listed`."""
+"""Describes objects, see `ObjectWords.listed`."""
 
 _OPENINGS: Mapping[Outcome, str] = {
     "here": "Here",
@@ -36,7 +36,7 @@ _RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
     ("related", None): "related to {text}",
 }
 _NO_QUESTIONS: Mapping[NoQuestion, str] = {
-    "empty": "{text} names nothing that could be looked for; name a thing",
+    "empty": "{text} names nothing that could be looked for; name an object",
     "foreign": "only English is understood, and {text} is of another language; no name in this scene is written so",
     "unknown": "{text} is a name that nobody gave here; name what it is",
 }
@@ -48,7 +48,7 @@ _REFUSALS: Mapping[RefusalReason, str] = {
     "too_close": "{part} is too close to call",
     "out_of_view": "{part} is of what the asker faces, and some of it is behind or too near",
     "indirect": "it rests on something else, and only that is {part}",
-    "ambiguous_referent": "several things here may be meant in {part}, with different answers",
+    "ambiguous_referent": "several objects here may be meant in {part}, with different answers",
     "referent_absent": "no {part} is here",
     "nothing_to_compare": "there is only one, so nothing says whether it is {part}",
     "not_measured": "nothing here measures {part}",
@@ -91,7 +91,7 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
     return "probably_here"
 
 
-def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
+def spoken(ranked: Ranked, names: ObjectNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
     """Adds outcome and sentence to an answer."""
     answer, remarks = replace(ranked.answer, asked=ranked.asked), ranked.remarks
     of_conditions = answer.phrase is not None and not remarks.head
@@ -121,7 +121,7 @@ def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InW
 def _without_closest(answer: Answer) -> Answer:
     """Clears the matches of an answer; the closest one's probability does not apply."""
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
-    return replace(answer, relation="absent", probability=None, presence=None, thing_ids=(), matches=matches)
+    return replace(answer, relation="absent", probability=None, presence=None, object_ids=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
@@ -131,21 +131,21 @@ def percent(probability: float | None) -> str:
     return f" ({min(max(round(100 * probability), 1), 99)} %)" if probability else " (0 %)"
 
 
-def doubt_of(answer: Answer, names: ThingNames) -> str:
+def doubt_of(answer: Answer, names: ObjectNames) -> str:
     """Explains the doubt about the name in a probable answer."""
     match = answer.matches[0]
     return f"that it is {quoted(match.label)} is {'not sure' if names.is_borne(match.label_id) else 'only suggested'}"
 
 
-def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
+def _found(ranked: Ranked, names: ObjectNames, in_words: InWords) -> str:
     """Phrase for what answers a name or a description."""
     answer, verdict, remarks = ranked.answer, ranked.verdict, ranked.remarks
     question = quoted(noun_phrase(answer.text))
     if remarks.by_shape:
         taken = "" if verdict == "exact" else f", taken for {question}"
-        return f"{in_words(answer.thing_ids)}{taken}, by shape and place"
+        return f"{in_words(answer.object_ids)}{taken}, by shape and place"
     if remarks.by_looks:
-        return f"{in_words(answer.thing_ids)}, taken for {question}, by its looks"
+        return f"{in_words(answer.object_ids)}, taken for {question}, by its looks"
     ids = answer.relevant_ids
     labels = _labels(answer)
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
@@ -157,7 +157,7 @@ def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
         sources = sorted({source for each in ids if each in names.table for source in names.table[each].sources})
         said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
-        return f"{in_words(answer.thing_ids)} may be {may_be}{said_by}{relation}{remark}"
+        return f"{in_words(answer.object_ids)} may be {may_be}{said_by}{relation}{remark}"
     if verdict in ("exact", "possible"):
         doubt = "" if verdict == "exact" else ", but that name is not sure"
         return f"{_belonging(ids, labels, names, in_words)}{relation}{doubt}{remark}"
@@ -170,24 +170,24 @@ def _labels(answer: Answer) -> Mapping[int, str]:
     return {match.label_id: match.label for match in answer.matches if match.relevant}
 
 
-def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:
-    """Describes the things of some names, or the names if labels are not of things."""
+def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ObjectNames, in_words: InWords) -> str:
+    """Describes the objects of some names, or the names if labels are not of objects."""
     if all(label_id in names.by_label for label_id in label_ids):
         return in_words(names.of_labels(label_ids))
     shown = [quoted(labels[label_id]) for label_id in label_ids]
     return enumerated(shown[:MOST_NAMED], max(0, len(shown) - MOST_NAMED))
 
 
-def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
-    """Describes the things that a phrase means."""
-    shown = in_words(answer.thing_ids)
+def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ObjectNames, in_words: InWords) -> str:
+    """Describes the objects that a phrase means."""
+    shown = in_words(answer.object_ids)
     count = f"{phrase.count} ({shown})" if phrase.count is not None else shown
-    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.thing_ids)
+    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.object_ids)
     head = f" for {quoted(phrase.head)}" if phrase.head and other else ""
     return ", ".join((f"{count}{head}", *phrase.conditions)) + _left_open(phrase, remarks, in_words)
 
 
-def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+def _missing(answer: Answer, remarks: Remarks, names: ObjectNames, in_words: InWords) -> str:
     """Phrase for what is not here."""
     if answer.phrase is not None and not remarks.head:
         return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
@@ -200,7 +200,7 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     return f"{none}{_unnamed(answer)}{only}"
 
 
-def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_words: InWords) -> str:
+def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ObjectNames, in_words: InWords) -> str:
     """Phrase for where it may be hidden."""
     called = names.called if names.stored else names.taken_for
     said = []
@@ -210,7 +210,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_w
         said.append(f"no photo shows {round(100 * unseen.share)} % of the place{where}")
     if held:
         first = held[0]
-        inside = in_words([first.thing_id]) if names.stored else quoted(called[first.thing_id])
+        inside = in_words([first.object_id]) if names.stored else quoted(called[first.object_id])
         volume = f" ({first.volume:.1g} m³)" if unseen.in_meters else ""
         more = f", and into {len(held) - 1} more" if held[1:] else ""
         view = f"; look into it, from where {first.view} was taken" if first.view else ""
@@ -218,7 +218,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_w
     return ", and ".join(said)
 
 
-def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+def _unsaid(answer: Answer, remarks: Remarks, names: ObjectNames, in_words: InWords) -> str:
     """Phrase for why it cannot be said, and what would help."""
     question, phrase = quoted(noun_phrase(answer.text)), answer.phrase
     if remarks.no_question:
@@ -228,17 +228,17 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWor
         understood = ""
         if phrase.refusal.reason == "not_understood" and (phrase.head or phrase.conditions):
             understood = f"; understood was {_asked(phrase)}"
-        may_be = f"; it may be {in_words(answer.thing_ids)}" if answer.thing_ids else ""
+        may_be = f"; it may be {in_words(answer.object_ids)}" if answer.object_ids else ""
         choice = _CHOICES.get(phrase.refusal.reason, "")
         return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
-    unnamed, asked = answer.searched.unnamed_things, answer.asked
+    unnamed, asked = answer.searched.unnamed_objects, answer.asked
     if not unnamed:
         return f" whether {quoted(asked)} is here: something here may be it, and no name says so; ask by another word"
-    have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"
+    have = "one object has no name" if unnamed == 1 else f"{unnamed} objects have no name"
     none = "nothing bears that name" if names.dictionary.id_of(asked) else "no name here is it"
-    named = "no thing here has a name yet" if not names.table else f"{none}, and {have}"
-    count = len(answer.thing_ids)
-    may_be = f"; {'one thing' if count == 1 else f'{count} things'} may be it" if count else ""
+    named = "no object here has a name yet" if not names.table else f"{none}, and {have}"
+    count = len(answer.object_ids)
+    may_be = f"; {'one object' if count == 1 else f'{count} objects'} may be it" if count else ""
     return f" whether {quoted(asked)} is here: {named}{may_be}; name what it is"
 
 
@@ -253,5 +253,5 @@ def _asked(phrase: PhraseAnswer) -> str:
 
 
 def _unnamed(answer: Answer) -> str:
-    count = answer.searched.unnamed_things
-    return f"; {count} {'thing has' if count == 1 else 'things have'} no name" if count else ""
+    count = answer.searched.unnamed_objects
+    return f"; {count} {'object has' if count == 1 else 'objects have'} no name" if count else ""

@@ -23,7 +23,7 @@ _EVENTS: dict[str, frozenset[ChangeKind]] = {
     **dict.fromkeys(("new", "added", "appeared"), frozenset[ChangeKind](("new",))),
     **dict.fromkeys(("changed", "different"), frozenset[ChangeKind](("gone", "moved", "new", "changed"))),
 }
-"""Events that a word asks for; a thing replaced by something else is gone."""
+"""Events that a word asks for; an object replaced by something else is gone."""
 _ANYTHING = "|".join(sorted(_EVENTS, key=len, reverse=True))
 _WHAT = re.compile(
     rf"(?:what|what else|which (?:thing|object)s?|(?:is|has|have|did|was|are) (?:anything|something))"
@@ -53,8 +53,8 @@ class When:
 class TimeQuestion:
     """A parsed question about time."""
 
-    asks: Literal["events", "place", "last_seen"]  # changes of all things; past places; last sightings
-    about: str = ""  # the words for those things; "" for events
+    asks: Literal["events", "place", "last_seen"]  # changes of all objects; past places; last sightings
+    about: str = ""  # the words for those objects; "" for events
     events: frozenset[ChangeKind] = frozenset()  # those that are asked for
     when: When | None = None  # the day that is asked about, or since which; None for none
 

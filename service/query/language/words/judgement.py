@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
 """Verdict on a question.
 
-exact: the thing is here; related: something close is; absent: nothing relevant is here; possible: it may be here, but
+exact: the object is here; related: something close is; absent: nothing relevant is here; possible: it may be here, but
 its name is unsure or only suggested; undecided: it cannot be said."""
 
 
@@ -40,8 +40,8 @@ class Remarks:
     doubt: str = ""  # what is taken for something that a phrase speaks of, where that is not sure
     head: str = ""  # what alone a phrase was looked up by, because nothing here is that; "" otherwise
     by_shape: bool = False  # whether surfaces without a name answer, by their shape and place
-    by_looks: bool = False  # whether things answer by their looks, whatever they are called
-    other: bool = False  # whether what comes closest is known to be another thing than the one that was asked for
+    by_looks: bool = False  # whether objects answer by their looks, whatever they are called
+    other: bool = False  # whether what comes closest is known to be another object than the one that was asked for
     calibrated: bool = True  # whether other words than names were compared
 
 

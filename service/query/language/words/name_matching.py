@@ -74,7 +74,7 @@ class NameIndex:
         It is exact if (1) the whole of it, without question words and articles, is a name; (2) a name adds plain
         modifiers to it: "scissors" matches "red scissors"; (3) it adds plain modifiers to a name, and no name has them:
         "red mug" matches "mug", as names are of classes and say nothing of color, size or number. Any other addition
-        may change the thing, and is never exact."""
+        may change the object, and is never exact."""
         phrase = parse_noun_phrase(text)
         for name in (text, phrase.text):
             label_id = self._dictionary.id_of(name)

@@ -1,0 +1,111 @@
+"""Unnamed objects, drawn on sheets for the configured namer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.capture.views.kept_photos import read_photo
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.drawing.object_sheets import MOST_OBJECTS, cell_side, object_cell, object_sheet
+from fastsplat.service.query.measures.object_views import best_view_of_each, small_view
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.settings import NamerSettings
+from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
+from fastsplat_contract.messages.objects import SceneObject
+
+if TYPE_CHECKING:
+    from fastsplat_client.namer import NamedSheets
+
+SHEET_PHOTO_SIDE = 1_024
+"""Maximum longer side in pixels of a photo or rendering from which objects are cropped."""
+_NEIGHBORS = 3
+_MOST_LINES = 200
+
+
+def said_by(namer: NamerSettings, sheets: Iterable[ObjectSheet]) -> NamedSheets:
+    """Asks the configured namer about a scene's sheets; raises as `ask_namer`."""
+    # Imported lazily: servers without a namer do not need the client.
+    from fastsplat_client.namer import Namer, ask_namer
+
+    return ask_namer(Namer(namer.url, namer.model, namer.key, namer.request_s, namer.total_s), sheets)
+
+
+def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ObjectSheet]:
+    """Yields all sheets of a version, using only its folder."""
+    nameless = [obj for obj in index.objects.listed if not obj.name]
+    for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_OBJECTS):
+        objects = nameless[first : first + MOST_OBJECTS]
+        picture, shown = drawn_sheet(index, objects, lambda views: kept_photos(index, folder, views))
+        seen = {each.object_id for each in shown}
+        unseen = tuple(obj.id for obj in objects if obj.id not in seen)
+        meters, written = index.scene.scale == "METRIC", written_on(index.objects.listed)
+        yield ObjectSheet(picture, shown, unseen, meters, "", version, written)
+
+
+def drawn_sheet(
+    index: SceneIndex, objects: Sequence[SceneObject], photos_of: Callable[[set[str]], Mapping[str, Path]]
+) -> tuple[bytes, tuple[SheetObject, ...]]:
+    """Draws at most `MOST_OBJECTS` objects; empty bytes if no camera shows any.
+
+    Cameras without a photo in `photos_of` (see `kept_photos`) are rendered. Raises `SceneFileError` for a damaged
+    photo.
+    """
+    best = best_view_of_each(index, [obj.id for obj in objects])
+    shown = [obj for obj in objects if obj.id in best]
+    if not shown:
+        return b"", ()
+    photos = photos_of({best[obj.id].name for obj in shown})
+    side, cells = cell_side(len(shown)), {}
+    for name in sorted({best[obj.id].name for obj in shown}):  # one full picture in memory at a time
+        check_cancelled()
+        if name in photos:
+            whole = read_photo(photos[name], SHEET_PHOTO_SIDE)
+        else:
+            whole = index.render(small_view(index.view(name), SHEET_PHOTO_SIDE))
+        for obj in shown:
+            if best[obj.id].name == name:
+                cells[obj.id] = object_cell(whole, best[obj.id].mask, side)
+    told = (
+        SheetObject(
+            number,
+            obj.id,
+            best[obj.id].name,
+            best[obj.id].name in photos,
+            None if obj.box is None else obj.box.size,
+            obj.surface,
+            _neighbors(obj, index.objects.listed),
+            obj.suggestions,
+        )
+        for number, obj in enumerate(shown, start=1)
+    )
+    return object_sheet([cells[obj.id] for obj in shown]), tuple(told)
+
+
+def written_on(objects: Sequence[SceneObject]) -> tuple[str, ...]:
+    """Distinct text lines read on objects, most probable first, at most `_MOST_LINES`."""
+    lines = [read for obj in objects for read in obj.reads if read.kind == "text"]
+    ranked = sorted(lines, key=lambda one: -one.probability)
+    return tuple(dict.fromkeys(read.text for read in ranked))[:_MOST_LINES]
+
+
+def kept_photos(index: SceneIndex, folder: Path, views: set[str]) -> Mapping[str, Path]:
+    """Kept photos by view name, from the version's folder; none once edits changed views."""
+    if index.scene.facts.changed_by:
+        return {}
+    numbered = ((posed.name, photo_path(folder, n)) for n, posed in enumerate(index.scene.cameras))
+    return {name: path for name, path in numbered if name in views and path.is_file()}
+
+
+def _neighbors(obj: SceneObject, listed: Sequence[SceneObject]) -> tuple[NeighborObject, ...]:
+    """At most three nearest objects by centroid distance."""
+    if obj.centroid is None:
+        return ()
+    others = [each for each in listed if each.id != obj.id and each.centroid is not None]
+    middles = np.array([each.centroid for each in others]).reshape(-1, 3)
+    nearest = np.linalg.norm(middles - np.array(obj.centroid), axis=1).argsort(kind="stable")[:_NEIGHBORS]
+    return tuple(NeighborObject(others[n].id, others[n].name) for n in nearest.tolist())

@@ -1,0 +1,106 @@
+"""Suggests names that people gave to similar objects in other scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.scene.artefact.scene import Object, Objects
+from fastsplat.service.scene.artefact.suggestions import SaidName
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.objects.names.look_alikes import Sizes
+
+_PER_SIZE = 0.5
+"""Likeness lost per unit of log size difference, up to `_MOST_APART`."""
+_MOST_APART = 1.5
+_UNKNOWN_APART = 0.25
+"""Size difference of a pair with an unknown size."""
+_NONE_OF_THESE = 0.6
+"""Assumed likeness of an unnamed rival, needed where few objects or names are known."""
+_SCORES, _PROBABILITIES = (0.7, 0.88, 0.95, 1.2), (0.4, 0.55, 0.88, 0.95)
+"""Thresholds for suggestions: scores and their probabilities, interpolated in between.
+
+Chosen on objects found in the six validation rooms of `benchmarks.rooms`, each compared with one, five and all names of
+the five others; results on held-out objects are in docs/naming.md."""
+_SMALLEST = 1e-4
+"""Least size in meters, for flat objects."""
+_NO_SIZE = np.full(3, np.nan)
+_NO_SIZE_BYTES = _NO_SIZE.astype(np.float16).tobytes()
+_SIZE_BYTES = len(_NO_SIZE_BYTES)
+
+
+@dataclass(frozen=True)
+class KnownObject:
+    """An object that a person named, with its descriptor, earlier suggestions and tags."""
+
+    scene_id: str
+    name: str
+    appearance: bytes = field(repr=False)
+    said: tuple[SaidName, ...] = ()
+    tags: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class NameFromScene:
+    """A name suggested from another scene, by looks or, with a `source`, by tag."""
+
+    name: str
+    probability: float
+    scene_id: str
+    source: str = ""
+
+
+def described(objects: Objects | None, sizes: Sizes) -> Mapping[int, bytes]:
+    """Descriptors for other scenes: `Object.appearance`, then the size as float16 [3] if known."""
+    ends = {object_id: size.astype(np.float16).tobytes() for object_id, size in sizes.items()}
+    table = () if objects is None else objects.table
+    return {obj.id: obj.appearance + ends.get(obj.id, b"") for obj in table if obj.appearance}
+
+
+def names_by_looks(
+    objects: Sequence[Object], known: Sequence[KnownObject], sizes: Sizes
+) -> Mapping[int, NameFromScene]:
+    """Suggests a name by looks for each object, by id; for most none.
+
+    Suggestions need mutual best matches. Likeness is the cosine of the descriptors less the size difference; the score
+    adds the lead over the best rival of another name, or over an assumed unnamed one. Objects that a person named get
+    no suggestion, and no other object gets the one they match best, so pass them, too. Descriptors of another length
+    are ignored."""
+    here = [obj for obj in objects if obj.appearance]
+    length = len(here[0].appearance) if here else 0
+    there = [obj for obj in known if len(obj.appearance) - length in (0, _SIZE_BYTES)]
+    if not here or not there:
+        return {}
+    likeness = _rows([obj.appearance for obj in here]) @ _rows([obj.appearance[:length] for obj in there]).T
+    ours = np.array([sizes.get(obj.id, _NO_SIZE) for obj in here])
+    theirs = np.array([np.frombuffer(obj.appearance[length:] or _NO_SIZE_BYTES, np.float16) for obj in there])
+    likeness = likeness - _PER_SIZE * _apart(ours, theirs.astype(np.float64))
+    keys = np.array([label_key(obj.name) for obj in there])
+    names = {}
+    for row, obj in zip(likeness, here, strict=True):
+        best = int(row.argmax())
+        if obj.source == "person" or likeness[:, best].max() > row[best]:
+            continue
+        rival = max(_NONE_OF_THESE, float(row[keys != keys[best]].max(initial=0.0)))
+        score = 2 * float(row[best]) - rival
+        if score >= _SCORES[0]:
+            probability = float(np.interp(score, _SCORES, _PROBABILITIES))
+            names[obj.id] = NameFromScene(there[best].name, probability, there[best].scene_id)
+    return names
+
+
+def _apart(ours: NDArray[np.float64], theirs: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean absolute log size difference of sizes [A, 3] and [B, 3], float64 [A, B]."""
+    logs = [np.log(np.maximum(sizes, _SMALLEST)) for sizes in (ours, theirs)]
+    apart = np.minimum(np.abs(logs[0][:, None] - logs[1][None]).mean(axis=2), _MOST_APART)
+    return np.where(np.isfinite(apart), apart, _UNKNOWN_APART)
+
+
+def _rows(descriptors: Sequence[bytes]) -> NDArray[np.float32]:
+    return np.stack([np.frombuffer(descriptor, np.float16) for descriptor in descriptors]).astype(np.float32)

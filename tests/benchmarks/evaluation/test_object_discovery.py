@@ -1,0 +1,94 @@
+"""Discovered objects against true ones: every figure is 1 for the truth itself, and falls with what it measures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.evaluation.datasets.dataset import Dataset, TrueView
+from benchmarks.evaluation.object_discovery import ObjectCounts, count_objects, precision_at, recall_at, simulate_clicks
+from fastsplat.service.scene.artefact.scene import Object, Objects, Scene
+from fastsplat.service.scene.objects.label_evidence import evidence_of
+from fastsplat.service.splatting.labels.blending import object_map
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.camera import PosedCamera
+from tests.benchmarks.evaluation import made_data
+
+IDS = (3, 4, 8)
+POSED = PosedCamera(made_data.CAMERA.scaled_to(256, 192), np.eye(4), "a.png")
+
+
+def _scene(objects: Objects | None = None) -> Scene:
+    """Three balls, each an object of its own id."""
+    membership = evidence_of(np.arange(3), np.array(IDS), np.full(3, 1 << 18), 3)
+    own = Objects(tuple(Object(number, consensus=1 - number / 100) for number in IDS), membership)
+    return replace(made_data.scene(), objects=objects or own)
+
+
+def _dataset(truth: np.ndarray) -> Dataset:
+    view = TrueView("a.png", POSED, instances=truth.astype(np.int32))
+    return Dataset(
+        Path("made"), "nerfstudio", made_data.scene().dictionary, ("b.png",), (view,), instances=("ball",) * 3
+    )
+
+
+def _truth() -> np.ndarray:
+    """What the scene shows, its objects numbered from 1."""
+    shown = object_map(_scene(), POSED)
+    return np.searchsorted([0, *IDS], shown)
+
+
+def test_the_map_shows_ids_of_objects() -> None:
+    shown = object_map(_scene(), POSED)
+    assert set(np.unique(shown)) == {0, *IDS}
+    columns = [np.nonzero(shown == number)[1].mean() for number in IDS]
+    assert columns == sorted(columns)  # the balls stand in a row
+    with pytest.raises(InvalidInputError, match="no objects"):
+        object_map(made_data.scene(), POSED)
+
+
+def test_the_truth_itself_reaches_everything() -> None:
+    scene, dataset = _scene(), _dataset(_truth())
+    maps = {"a.png": object_map(scene, POSED)}
+    counts = count_objects(scene, dataset, maps)
+    assert recall_at(counts, 0.75) == precision_at(counts, 0.5) == 1
+    assert simulate_clicks(dataset, maps) == 1
+
+
+def test_two_objects_as_one_are_found_by_no_more_than_one() -> None:
+    truth = _truth()
+    truth[truth == 2] = 1
+    truth[truth == 3] = 2
+    scene = _scene()
+    maps = {"a.png": object_map(scene, POSED)}
+    counts = count_objects(scene, _dataset(truth), maps)
+    assert recall_at(counts, 0.75) == 1 / 2 and precision_at(counts, 0.75) == pytest.approx(1 / 3)
+    assert simulate_clicks(_dataset(truth), maps) < 0.8
+
+
+def test_an_object_that_is_missing_costs_recall_and_its_click_names_nothing() -> None:
+    scene = _scene()
+    seen = object_map(scene, POSED)
+    maps = {"a.png": np.where(seen == 4, 0, seen)}
+    counts = count_objects(scene, _dataset(_truth()), maps)
+    assert recall_at(counts, 0.5) == pytest.approx(2 / 3) and precision_at(counts, 0.5) == 1
+    assert simulate_clicks(_dataset(_truth()), maps) == pytest.approx(2 / 3)
+
+
+def test_pixels_that_do_not_count_change_nothing() -> None:
+    scene, dataset = _scene(), _dataset(_truth())
+    valid = np.zeros((192, 256), np.bool_)
+    valid[:, :128] = True
+    half = replace(dataset, test=(replace(dataset.test[0], valid=valid),))
+    counts = count_objects(scene, half, {"a.png": object_map(scene, POSED)})
+    assert counts.pixels.sum() == valid.sum()
+
+
+def test_what_lies_where_nothing_is_named_is_neither_right_nor_wrong() -> None:
+    pixels = np.array([[500, 0, 400, 70], [0, 300, 0, 0], [0, 0, 90, 80]])
+    counts = ObjectCounts(pixels)
+    assert counts.judged.tolist() == [True, False, True]
+    assert precision_at(counts, 0.5) == 1 / 2

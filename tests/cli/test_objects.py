@@ -1,0 +1,157 @@
+"""`fastsplat objects`: what a scene holds is listed, picked and named from the command line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import Result
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.settings import load_settings
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
+from tests.scenes import store_scene
+
+_PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
+
+
+def _listed(objects: Callable[..., Result], *words: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = json.loads(objects("list", *words, "--json").stdout)["objects"]
+    return rows
+
+
+def test_an_object_is_picked_named_and_listed(objects: Callable[..., Result], scene_id: str) -> None:
+    picked = json.loads(objects("pick", scene_id, "--view", "front.png", "--pixel", "15.5", "18.5", "--json").stdout)
+    assert picked["object"]["name"] == "mug" and picked["mask"]["area"] > 20
+    object_id = str(picked["object"]["id"])
+    named = objects("name", scene_id, "violin", object_id, "--alias", "moon", "--looked-at", picked["version"])
+    assert named.exit_code == 0 and named.stdout.startswith("version e")
+    assert "violin" in objects("list", scene_id).stdout
+    rows = _listed(objects, scene_id)
+    assert [(row["id"], row["name"]) for row in rows] == [(1, "violin"), (2, "ball"), (3, "story book")]
+    assert isinstance(objects("name", scene_id, "carrot", object_id).exception, ConflictError)
+    assert objects("merge", scene_id, "2", "3").exit_code == 0
+    assert objects("discard", scene_id, "2").exit_code == 0
+    assert isinstance(objects("unname", scene_id, "1").exception, ConflictError)
+    assert [row["id"] for row in _listed(objects, scene_id)] == [1]
+    for _ in range(3):
+        undone = objects("undo", scene_id)
+    assert undone.stdout == "version 1 is current\n"
+    point = [str(value) for value in rows[1]["box"]["center"]["position"].values()]
+    assert json.loads(objects("pick", scene_id, "--point", *point, "--json").stdout)["object"]["name"] == "ball"
+
+
+def test_an_object_of_another_scene_is_inserted_where_it_is_put(
+    objects: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    other = add_scene(service, load_settings())
+    before = _listed(objects, scene_id)
+    half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
+    inserted = objects("insert", scene_id, other, "2", *half_turn)
+    assert inserted.exit_code == 0 and inserted.stdout.startswith("version e")
+    after = _listed(objects, scene_id)
+    assert after[:-1] == before and (after[-1]["id"], after[-1]["name"]) == (4, "ball")
+    here, there = (row["box"]["center"]["position"] for row in (before[1], after[-1]))
+    moved = (2 - here["x"], -here["y"], here["z"] + 0.5)
+    assert tuple(there.values()) == pytest.approx(moved, abs=1e-4)
+    assert objects("undo", scene_id).stdout == "version 1 is current\n"
+    assert isinstance(objects("insert", scene_id, "0" * 32, "2").exception, NotFoundError)
+    assert isinstance(objects("insert", scene_id, other, "9").exception, NotFoundError)
+    assert isinstance(objects("insert", scene_id, other, "2", "--source-version", "e1").exception, NotFoundError)
+    long = objects("insert", scene_id, other, "2", "--orientation", "0", "0", "0", "2")
+    assert isinstance(long.exception, InvalidInputError)
+    assert _listed(objects, scene_id) == before
+
+
+def test_parts_are_listed_under_their_objects(
+    objects: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    assert objects("list", scene_id, "--parts").stdout == objects("list", scene_id).stdout
+    scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
+    rows = np.arange(len(scene.gaussians))
+    owner = np.where(rows < len(rows) - 20, 1, 3)
+    every = evidence_of(rows, owner, np.full(len(rows), UNIT), len(rows))
+    some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
+    parts = Parts((Object(2, parent=1),), some)
+    groups = (ObjectGroup(4, (1, 3), 0.9),)
+    kept = Objects((Object(1), Object(3)), every, 0, parts, groups=groups)
+    parted = store_scene(service._store, replace(scene, objects=kept))
+    lines = objects("list", parted, "--parts").stdout.splitlines()
+    assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
+    rows_of_parts = _listed(objects, parted, "--parts")
+    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1), (3, 0)]
+    assert len(_listed(objects, parted)) == 2
+    said = objects("pick", parted, *_PICK).stdout
+    assert "in group 4: objects 1, 3" in said and "the mask is of the object" in said
+    whole, both = (
+        json.loads(objects("pick", parted, *_PICK, *level, "--json").stdout) for level in ((), ("--level", "group"))
+    )
+    assert (whole["level"], both["level"]) == ("object", "group") and both["mask"]["area"] >= whole["mask"]["area"]
+
+
+def test_what_people_named_is_shown_and_forgotten(
+    objects: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    name_id = add_known_name(service, scene_id, "violin")
+    shown = objects("known")
+    assert name_id in shown.stdout and "violin" in shown.stdout
+    assert isinstance(objects("known", "--forget", "0" * 32).exception, NotFoundError)
+    assert name_id not in objects("known", "--forget", name_id).stdout
+    add_known_name(service, scene_id)
+    assert name_id in objects("known").stdout
+    assert name_id not in objects("known", "--forget", "all").stdout
+
+
+def test_what_is_not_there_says_so(objects: Callable[..., Result], scene_id: str) -> None:
+    assert isinstance(objects("list", "0" * 32).exception, NotFoundError)
+    assert isinstance(objects("discard", scene_id, "9").exception, NotFoundError)
+    assert isinstance(objects("list", scene_id, "--project", "elsewhere").exception, NotFoundError)
+
+
+def test_an_object_is_split_and_a_missing_one_is_added(objects: Callable[..., Result], scene_id: str) -> None:
+    def listed() -> dict[int, str]:
+        return {obj["id"]: obj["name"] for obj in _listed(objects, scene_id)}
+
+    objects("merge", scene_id, "1", "2")
+    place = ("--view", "front.png", "--pixel", "24.5,18.5")
+    done = objects("split", scene_id, "1", *place, "--beside", "15.5,18.5", "--name", "violin", "--alias", "moon")
+    assert done.exit_code == 0 and done.stdout.startswith("object 4 has "), done.stdout
+    assert listed() == {1: "mug", 3: "story book", 4: "violin"}
+    looked_at = json.loads(objects("pick", scene_id, *_PICK, "--json").stdout)["version"]
+    objects("discard", scene_id, "4", "--looked-at", looked_at)
+    done = objects("add", scene_id, "--view", "front.png", "--box", "20", "13", "29", "22")
+    assert done.exit_code == 0 and listed() == {1: "mug", 3: "story book", 5: ""}
+    assert isinstance(objects("add", scene_id, "--view", "front.png", "--pixel", "24").exception, InvalidInputError)
+    assert isinstance(objects("split", scene_id, "1", "--pixel", "2,2").exception, InvalidInputError)
+
+
+def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Result], scene_id: str) -> None:
+    def ask(*words: str) -> Result:
+        return fastsplat("ask", scene_id, *words)
+
+    said = ask("the object left of the ball", "--from", "front.png")
+    assert said.exit_code == 0 and "mug" in said.stdout
+    told = ask("the object left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
+    (behind,) = json.loads(told.stdout)["answers"]
+    assert behind["object_ids"] == [3] and behind["phrase"]["witnesses"]
+    assert "depends on where you stand" in ask("the object left of the ball").stdout
+    assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)
+
+
+def test_a_scene_is_cropped_as_its_preview_says(fastsplat: Callable[..., Result], scene_id: str) -> None:
+    box = ("--center", "0", "0", "4", "--size", "1.5", "9", "9", "--outside")
+    told = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--preview", "--json").stdout)
+    assert 0 < told["count"] < told["gaussians"]
+    made = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--json").stdout)
+    assert made["gaussians"] == told["gaussians"] - told["count"] and made["parent"] == told["version"]
+    assert fastsplat("objects", "undo", scene_id).exit_code == 0
+    refused = fastsplat("scenes", "clean", scene_id, "--center", "0", "0", "4").exception
+    assert isinstance(refused, InvalidInputError) and refused.field == "edits[0].filter.box.size"

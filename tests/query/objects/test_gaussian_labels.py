@@ -1,0 +1,156 @@
+"""One field of labels and one way to draw it, whether a scene keeps its labels in codes or in evidence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.scene.artefact.scene import Evidence, Scene, SemanticHead
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
+from fastsplat.service.splatting.raster import share_maps
+from fastsplat_contract.geometry.camera import PosedCamera
+from tests.query.conftest import make_scene, plain_index_of
+
+
+def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
+    return replace(scene, evidence=evidence)
+
+
+def sure(labels: np.ndarray, count: int) -> Evidence:
+    """Every Gaussian seen through a thousand pixels of its label."""
+    return evidence_of(np.arange(count), labels, np.full(count, 1000 * UNIT), count)
+
+
+def as_evidence(scene: Scene) -> Scene:
+    """The scene with its codes' labels written down as evidence."""
+    classes = label_gaussians(scene).classes
+    return with_evidence(scene, sure(classes, len(classes)))
+
+
+def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) -> None:
+    scene = make_scene(per_label=3)
+    codes, evidence = plain_index_of(scene), plain_index_of(as_evidence(scene))
+    np.testing.assert_array_equal(codes.gaussian_classes, evidence.gaussian_classes)
+    np.testing.assert_array_equal(codes.label_map(front), evidence.label_map(front))
+    for label in ("mug", "spoon", "bed"):
+        (a,), (b,) = codes.ask([label]), evidence.ask([label])
+        np.testing.assert_array_equal(codes.mask3d(a), evidence.mask3d(b))
+        seen, other = codes.mask2d(a, front), evidence.mask2d(b, front)
+        np.testing.assert_array_equal(seen.mask, other.mask)
+        np.testing.assert_array_equal(seen.rgb, other.rgb)
+
+
+def test_confidence_is_the_probability_of_the_class() -> None:
+    scene = make_scene()
+    found = label_gaussians(scene)
+    logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
+    expected = np.exp(logits.max(1)) / np.exp(logits).sum(1)
+    np.testing.assert_allclose(found.confidence, expected, rtol=1e-5)
+    assert found.classes.dtype == np.int32 and found.confidence.dtype == np.float32
+
+
+def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(front: PosedCamera) -> None:
+    """Codes on a line have the second label between the first and the third; probabilities have none between."""
+    line = np.array([[-1.0, 0], [0, 0], [1, 0]], np.float32)
+    head = SemanticHead(np.array([[0, 0], [-8, 0], [0, 0], [8, 0]], np.float32), np.array([-50, 0, 4, 0], np.float32))
+    scene = make_scene()
+    rows = np.repeat([1, 3], 40)
+    rng = np.random.default_rng(0)
+    means = np.column_stack([rng.uniform(-1, 1, (80, 2)), rng.uniform(-0.5, 0.5, 80)]).astype(np.float32)
+    gaussians = replace(
+        scene.gaussians,
+        means=means,
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (80, 1)),
+        log_scales=np.full((80, 3), np.log(0.25), np.float32),
+        logit_opacities=np.zeros(80, np.float32),
+        sh=np.zeros((80, 1, 3), np.float32),
+        codes=line[rows - 1],
+    )
+    codes = replace(scene, gaussians=gaussians, head=head)
+    np.testing.assert_array_equal(label_gaussians(codes).classes, rows)
+    assert 2 in plain_index_of(codes).label_map(front)
+    shown = np.unique(plain_index_of(with_evidence(codes, sure(rows, 80))).label_map(front))
+    assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
+
+
+def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> None:
+    never = with_evidence(make_scene(), no_evidence(4))
+    found = label_gaussians(never)
+    assert not found.classes.any() and not found.confidence.any()
+    index = plain_index_of(never)
+    assert not index.label_map(front).any()
+    seen = index.mask2d(index.ask(["mug"])[0], front)
+    assert not seen.mask.any() and not seen.relevancy.any() and seen.rgb.any()
+
+
+def test_every_pixel_undetected_is_a_scene_of_nothing(front: PosedCamera) -> None:
+    index = plain_index_of(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
+    assert not index.gaussian_classes.any() and not index.label_map(front).any()
+    (answer,) = index.ask(["mug"])
+    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
+    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
+
+
+def test_a_scene_without_labels(front: PosedCamera) -> None:
+    for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
+        index = plain_index_of(scene)
+        (answer,) = index.ask(["mug"])
+        assert answer.matches == () and answer.is_absent
+        assert not index.gaussian_classes.any() and not index.label_map(front).any()
+        assert not index.mask2d(answer, front).mask.any() and not label_gaussians(scene).confidence.any()
+
+
+@pytest.mark.parametrize("evidence", [False, True])
+def test_ten_thousand_labels(front: PosedCamera, evidence: bool) -> None:
+    few = make_scene()
+    names = [f"object {number}x" for number in range(10_000)]
+    weight = np.zeros((10_001, 4), np.float32)
+    weight[[0, 1, 5000, 10_000]] = few.head.weight
+    bias = np.full(10_001, -50, np.float32)
+    bias[[0, 1, 5000, 10_000]] = 0
+    scene = replace(
+        few,
+        dictionary=dictionary_of(names),
+        label_embeddings=np.zeros((10_000, 16), np.float32),
+        head=SemanticHead(weight, bias),
+    )
+    index = plain_index_of(as_evidence(scene) if evidence else scene)
+    assert index.gaussian_classes.tolist() == [0, 1, 5000, 10_000]
+    assert set(np.unique(index.label_map(front)).tolist()) == {0, 1, 5000, 10_000}
+    (answer,) = index.ask(["object 9999x"])
+    assert answer.relevant_ids == (10_000,) and index.mask2d(answer, front).mask.any()
+
+
+def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
+    front: PosedCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    labels = [f"object {number}x" for number in range(12)]
+    scene = make_scene(labels=labels, per_label=4)
+    rng = np.random.default_rng(3)
+    rows, names = np.nonzero(rng.random((52, 13)) < 0.5)
+    counts = rng.integers(1, 5 * UNIT, len(rows))
+    counts[rng.random(len(rows)) < 0.3] = UNIT  # some ties
+    scene = with_evidence(scene, evidence_of(rows, names, counts, 52))
+    at_once = plain_index_of(scene)
+    expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["object 3x"])[0], front)
+    monkeypatch.setattr(share_maps, "_CHANNELS", 5)
+    in_pieces = plain_index_of(scene)
+    np.testing.assert_array_equal(expected[0], in_pieces.label_map(front))
+    seen = in_pieces.mask2d(in_pieces.ask(["object 3x"])[0], front)
+    np.testing.assert_array_equal(expected[1].mask, seen.mask)
+    np.testing.assert_allclose(expected[1].relevancy, seen.relevancy, atol=1e-6)
+
+
+def test_relevancy_of_evidence_is_the_expected_relevancy(front: PosedCamera) -> None:
+    index = plain_index_of(as_evidence(make_scene()))
+    (answer,) = index.ask(["mug"])
+    by_id = {match.label_id: match.relevancy for match in answer.matches}
+    seen = index.mask2d(answer, front)
+    label_map = index.label_map(front)
+    for label_id, relevancy in by_id.items():
+        inside = seen.relevancy[label_map == label_id]
+        assert inside.max() == pytest.approx(relevancy, rel=0.05)
