@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -64,9 +64,9 @@ class SceneFacts:
 def split_quality(stored: Mapping[str, Any]) -> tuple[SceneFacts, dict[str, Any]]:
     """Splits a stored quality into facts and the rest, which keeps values that are not of their field's type."""
     facts, rest = {}, dict(stored)
-    for name, kind in _types().items():
-        with suppress(KeyError, ValidationError):
-            facts[name] = _adapter(kind).validate_python(rest[name])
+    for name in _readers().keys() & stored.keys():
+        with suppress(ValidationError):
+            facts[name] = _readers()[name](stored[name])
             del rest[name]
     return SceneFacts(**facts), rest
 
@@ -75,5 +75,5 @@ _adapter = cache(TypeAdapter)
 
 
 @cache
-def _types() -> Mapping[str, Any]:
-    return get_type_hints(SceneFacts)
+def _readers() -> Mapping[str, Callable[[Any], Any]]:
+    return {name: TypeAdapter(kind).validate_python for name, kind in get_type_hints(SceneFacts).items()}
