@@ -37,7 +37,7 @@ class Truth:
     right_names: Mapping[str, Sequence[str]]  # by key
 
     def named(self, key: str) -> bool:
-        """Whether an object is an object that bears one of its right names."""
+        """True if an object bears one of its right names."""
         name = label_key(self.names.get(self.ids.get(key, 0), ""))
         return bool(name) and name in {label_key(each) for each in self.right_names[key]}
 

@@ -251,8 +251,8 @@ EXAMPLES = (
     *(
         _bad("RenderView", PictureRequest("", "rgb", view="front.png", tints=tints), field, "NOT_FOUND")
         for tints, field in (
-            ((Tint((1, 60_000), RED, 0.5),), "tints[0].objects[1]"),
-            ((Tint((), RED, 0.5), Tint((-1,), RED, 0.5)), "tints[1].objects[0]"),
+            ((Tint((1, 60_000), RED, 0.5),), "tints[0].object_ids[1]"),
+            ((Tint((), RED, 0.5), Tint((-1,), RED, 0.5)), "tints[1].object_ids[0]"),
         )
     ),
     _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),

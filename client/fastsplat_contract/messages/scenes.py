@@ -231,7 +231,7 @@ class Edit(Request):
             "what it is taken for; merge makes the objects one under the first one's id and name; discard leaves their "
             "Gaussians, which then belong to no object. insert: adds objects of another scene, which get new ids. "
             "split: makes the piece of an object that a prompt shows an object of its own; add: makes what a prompt "
-            "shows a object, whatever its Gaussians belonged to. scale: makes the scene's units meters by known "
+            "shows an object, whatever its Gaussians belonged to. scale: makes the scene's units meters by known "
             "lengths or sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. "
             "align: puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names "
             "that objects may have, which can be asked for and which nothing bears until a person gives them. "
@@ -291,7 +291,7 @@ class Edit(Request):
         Many[SuggestedName],
         Field(
             description="for suggest: names for objects, at most five of a source for an object; what a source says "
-            "of a object replaces what it said before"
+            "of an object replaces what it said before"
         ),
     ] = ()
 

@@ -124,7 +124,7 @@ def _tinted(
     """Applies the request's tints; `drawn` shows the scene's objects."""
     objects = index.objects
     tints = [
-        tint._replace(object_ids=objects.with_members(tint.object_ids, field=f"tints[{number}].objects"))
+        tint._replace(object_ids=objects.with_members(tint.object_ids, field=f"tints[{number}].object_ids"))
         for number, tint in enumerate(request.tints)
     ]
     ids = drawn.map(posed)

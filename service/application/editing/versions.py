@@ -77,7 +77,7 @@ class Versions:
             author: id of the caller's key; "" for none.
 
         Raises:
-            NotFoundError: no such scene, version, label, object or object.
+            NotFoundError: no such scene, version, label or object.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an invalid edit.
             LimitExceededError: too many edits, too many Gaussians, or too much memory.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.formats.colmap_writing import colmap_text_model
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.exporting.camera_files import transforms
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_mesh import surface_mesh
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, surface_points
@@ -19,6 +18,7 @@ from fastsplat.service.scene.formats.colmap_writing import colmap_model
 from fastsplat.service.scene.formats.glb import GlbScene, NamedRows
 from fastsplat.service.scene.formats.mesh_glb import mesh_glb
 from fastsplat.service.scene.formats.point_ply import point_ply, point_rows
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import InvalidInputError
 
 ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fastsplat.service.application.exporting.geometry_files import ViewsOf, surface_bytes
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.query.objects.floors import floor_ids, names_of_others
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import (
@@ -18,6 +17,7 @@ from fastsplat.service.query.surfaces.occupancy import (
     occupancy_map,
 )
 from fastsplat.service.query.surfaces.surface_views import surface_views
+from fastsplat.service.scene.formats.zips import zipped
 
 _PER_CELL, _PER_SAMPLE = 32, 160
 _SAMPLES = 1 << 20

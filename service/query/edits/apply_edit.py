@@ -72,7 +72,7 @@ def apply_edit(
         piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows.
 
     Raises:
-        NotFoundError: no such label, object or object here.
+        NotFoundError: no such label or object here.
         InvalidInputError: an unknown action, not exactly one of label and objects, or an invalid field.
         LimitExceededError: the scene would be too large, or see `edit_objects`.
         ConflictError: see `edit_objects`.

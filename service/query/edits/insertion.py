@@ -32,7 +32,7 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     copied as numbers, without conversion.
 
     Raises:
-        NotFoundError: no such label, object or object there.
+        NotFoundError: no such label or object there.
         InvalidInputError: not exactly one of label and objects; a part; one scene is metric and the other has no unit.
         LimitExceededError: more objects than there are ids.
     """

@@ -19,8 +19,8 @@ from PIL import Image
 from scipy.sparse import csr_array
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.artefact.scene import F32, Gaussians
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat.service.scene.gaussians.morton import morton_order
 from fastsplat_contract.errors import LimitExceededError
 

@@ -16,8 +16,8 @@ from PIL import Image
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.formats.sog_writing import sog_bytes
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 from tests.capture.splat_writers import columns_of, write_table
 from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, photo_file, points_file

@@ -14,8 +14,8 @@ from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
-from fastsplat.service.common.zips import zipped
 from fastsplat.service.scene.artefact.scene import Gaussians
+from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.capture.splat_writers import columns_of, write_table
 from tests.capture.upload_files import PINHOLE, frames_of
