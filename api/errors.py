@@ -75,7 +75,7 @@ STATUSES: dict[type[FastSplatError], Status] = {
     errors.UnauthenticatedError: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
     errors.PermissionDeniedError: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
     errors.NotReadyNowError: _UNAVAILABLE,
-    errors.NamerError: _UNAVAILABLE,
+    errors.CaptionerError: _UNAVAILABLE,
     errors.DatabaseError: _UNAVAILABLE,
     errors.ObjectStoreError: _UNAVAILABLE,
     errors.ArtefactError: _FAILED,

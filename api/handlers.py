@@ -120,14 +120,14 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=change_examples.SUGGESTED,
         ),
         Handler(
-            calls.ASK_NAMER,
-            lambda service, asked: service.namer.order(asked.scene_id, asked.request_id),
-            bodies=change_examples.NAMER_ASKED,
+            calls.ASK_CAPTIONER,
+            lambda service, asked: service.captioner.order(asked.scene_id, asked.request_id),
+            bodies=change_examples.CAPTIONER_ASKED,
         ),
         Handler(
-            calls.AGREE_TO_NAMER,
-            lambda service, asked: service.namer.agree(asked.host),
-            example=admin_examples.NAMER,
+            calls.AGREE_TO_CAPTIONER,
+            lambda service, asked: service.captioner.agree(asked.host),
+            example=admin_examples.CAPTIONER,
             bodies=admin_examples.AGREEMENTS,
         ),
         Handler(
@@ -252,13 +252,13 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=scene_examples.BEST_VIEWS,
         ),
         Handler(
-            calls.GET_OBJECT_SHEET,
+            calls.GET_CONTACT_SHEET,
             lambda service, asked: service.sheets.page(
                 asked.scene_id, asked.version, asked.page_size, asked.page_token
             ),
             computes=True,
             renders=True,
-            example=scene_examples.OBJECT_SHEET,
+            example=scene_examples.CONTACT_SHEET,
         ),
         Handler(
             calls.CREATE_KEY,

@@ -95,7 +95,7 @@ def _megabytes(count: float) -> str:
     return f"{count / 1e6:.1f} MB"
 
 
-def _summary(default: Document, objects: Document, absence: Document, standing: Document) -> Iterator[Row]:
+def _summary(default: Document, objects: Document, absence: Document, subscriptions: Document) -> Iterator[Row]:
     """Of README alone: its links begin at the repository's root."""
     sample, found, figures = default["sample"], objects["rows"], absence["figures"]
     alone = "docs/method.md#from-photos-alone"
@@ -109,7 +109,7 @@ def _summary(default: Document, objects: Document, absence: Document, standing: 
     said = " and ".join(f"{figures[each]['value'] * 100:.0f} %" for each in ("found_and_named", "rightly_absent"))
     reliable = "docs/asking.md#how-far-an-answer-can-be-relied-on"
     yield f"[asked in other words: found; absent objects said to be absent]({reliable})", said
-    within = f"95 % within {standing['p95_ms']:.0f} ms"
+    within = f"95 % within {subscriptions['p95_ms']:.0f} ms"
     yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
 
 
@@ -243,7 +243,7 @@ def _relations(document: Document) -> Iterator[Row]:
     yield "not decided by it", _right(document["rightly_refused"]), "refused"
 
 
-def _standing(document: Document) -> Iterator[Row]:
+def _subscriptions(document: Document) -> Iterator[Row]:
     yield "poses answered", f"{document['answered']:,} of {document['sent']:,}"
     yield "poses passed over for a newer one", str(document["dropped"])
     latencies = ", ".join(f"{document[f'{each}_ms']:.0f} ms" for each in ("p50", "p95", "max"))
@@ -306,7 +306,9 @@ def _changes(document: Document) -> Iterator[Row]:
 _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")
 
 TABLES: Mapping[str, Table] = {
-    "summary": Table(("default_path", "objects", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
+    "summary": Table(
+        ("default_path", "objects", "absence", "subscriptions"), ("on two CPU cores, no GPU", ""), _summary
+    ),
     "raster": Table(("raster",), ("instructions", "Gaussians", "picture", "forward, ms", "backward, ms"), _raster),
     "gpu": Table(
         ("gpu", "gpu_million"), ("NVIDIA H200", "Gaussians", "picture", "ms", "peak MiB of the GPU's memory"), _gpu
@@ -359,7 +361,9 @@ TABLES: Mapping[str, Table] = {
     ),
     "presence": Table(("presence",), ("", "denied", "refused", "evaded", "left open"), _presence),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
-    "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
+    "subscriptions": Table(
+        ("subscriptions",), ("three questions, ten poses a second each, ten minutes", ""), _subscriptions
+    ),
     "serve": Table(("serve",), ("", ""), _serve),
     "workers": Table(
         ("workers",),

@@ -164,7 +164,7 @@ class CallOptions(Options):
     max_known_names: int = Field(1_000, ge=1)
     """Names that people gave whose looks a project remembers; the oldest leave."""
     heartbeat_s: float = Field(5.0, gt=0)
-    """A standing question says that it lives after so long a silence."""
+    """A subscription says that it lives after so long a silence."""
 
 
 class CallSettings(CallOptions, SettingGroup, section="calls"):
@@ -183,8 +183,8 @@ class CallSettings(CallOptions, SettingGroup, section="calls"):
     """Versions of one scene that are kept; an edit beyond removes undone ones, then the oldest."""
 
 
-class NamerOptions(Options):
-    """What asking the namer may cost."""
+class CaptionerOptions(Options):
+    """What asking the captioner may cost."""
 
     request_s: float = Field(60.0, gt=0)
     """Seconds for one answer."""
@@ -192,7 +192,7 @@ class NamerOptions(Options):
     """Seconds for all answers about one scene."""
 
 
-class NamerSettings(NamerOptions, SettingGroup, section="namer"):
+class CaptionerSettings(CaptionerOptions, SettingGroup, section="captioner"):
     """A model that sees pictures and suggests names for new scenes of projects that agreed; none by default."""
 
     url: str = Field("", pattern=r"^$|^https?://[^\s/?#@]+(/[^\s?#]*)?$")
@@ -203,7 +203,7 @@ class NamerSettings(NamerOptions, SettingGroup, section="namer"):
     """For an interface that wants one, best from a file."""
 
     @model_validator(mode="after")
-    def _check_model(self) -> NamerSettings:
+    def _check_model(self) -> CaptionerSettings:
         if self.url and not self.model.strip():
             raise ValueError("a url needs a model")
         return self
@@ -323,7 +323,7 @@ class Settings(BaseSettings):
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()
     quotas: QuotaSettings = QuotaSettings()
-    namer: NamerSettings = NamerSettings()
+    captioner: CaptionerSettings = CaptionerSettings()
     localization: LocalizationSettings = LocalizationSettings()
 
     @classmethod

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
-from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, CaptionerStatus
 from fastsplat_contract.messages.known_names import KnownName, KnownNameList
 from fastsplat_contract.messages.projects import CreateProjectRequest, Project
 from fastsplat_contract.server.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
@@ -48,7 +48,7 @@ KNOWN_NAMES = KnownNameList(
     ),
     PAGE_TOKEN,
 )
-NAMER = NamerStatus("localhost:11434", "model-of-your-choice", agreed=True)
+CAPTIONER = CaptionerStatus("localhost:11434", "model-of-your-choice", agreed=True)
 AGREEMENTS: Bodies = {
     "yes": ("pictures of objects without a name may go there", AgreeIn("localhost:11434")),
     "no": ("nothing is sent any more", AgreeIn("")),
@@ -71,7 +71,7 @@ STATUS = ServerStatus(
     max_upload_bytes=10_000_000_000,
     max_images=2_000,
     addresses=("http://192.168.1.20:8000/",),
-    namer=NAMER,
+    captioner=CAPTIONER,
     health=ServerHealth(
         workers=(WorkerHealth("b2f1c0", 4_217, 1.5, alive=True), WorkerHealth("b2f1c0", 4_218, 1.9, alive=True)),
         queue=QueueHealth(waiting=3, running=2, waits_s=340.0),

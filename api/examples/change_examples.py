@@ -14,7 +14,7 @@ from fastsplat_contract.geometry.object_prompts import Pixel
 from fastsplat_contract.geometry.places import KnownLength, Place
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.jobs.look_again import LookAgainIn
-from fastsplat_contract.jobs.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
+from fastsplat_contract.jobs.name_suggestions import AskCaptionerIn, SuggestedName, SuggestIn
 from fastsplat_contract.jobs.operations import RetryIn
 from fastsplat_contract.messages.detections import Detection, DetectionList, Support
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditIn
@@ -136,7 +136,7 @@ SUGGESTED: Bodies = {
         ),
     )
 }
-NAMER_ASKED: Bodies = {"all": ("about all objects without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
+CAPTIONER_ASKED: Bodies = {"all": ("about all objects without a name", AskCaptionerIn("a-sixth-name-of-your-choice"))}
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
 RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}
 RESTORED: Bodies = {"trained": ("back to the scene as it was trained", RestoreIn("1"))}

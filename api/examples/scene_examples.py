@@ -18,8 +18,8 @@ from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.jobs.operations import OperationList
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
+from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from fastsplat_contract.messages.object_reads import ObjectRead
-from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
 from fastsplat_contract.messages.objects import (
     NameSuggestion,
     ObjectList,
@@ -177,7 +177,7 @@ OBJECTS = ObjectList((_OBJECT, _UNNAMED), "", "1")
 PICKED = PickedObject(_OBJECT, _VIEW_MASK, "1", levels=(PickedLevel("object", _OBJECT.id, (), 1.0),))
 PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
-OBJECT_SHEET = ObjectSheet(
+CONTACT_SHEET = ContactSheet(
     b"\xff\xd8\xff",
     (SheetObject(1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborObject(_OBJECT.id, "mug"),), _SUGGESTED),),
     (),

@@ -1,15 +1,17 @@
-"""A person's time to name twelve drawn rooms whole, by what a namer suggests.
+"""A person's time to name twelve drawn rooms whole, by what a captioner suggests.
 
     python -m benchmarks.naming [ROOM ...] --models DIR [--views 12]
 
-A stand-in for a model answers each sheet of objects with the truth, but for one object in ten, all with 90 %. What it
-says is suggested as the server's namer suggests it. Then a person goes through the objects one by one on the page:
-Enter where the name in the field is right, else the right name and Enter. Objects are the true ones, as points on their
+A stand-in for a model answers each contact sheet of objects with the truth, but for one object in ten, all with 90 %.
+What it says is suggested as the server's captioner suggests it. Then a person goes through the objects one by one on
+the page: Enter where the name in the field is right, else the right name and Enter. Objects are the true ones, as
+    points on their
 surfaces, and sheets are cut from drawn photos: what is measured is naming, not discovery.
 
   objects: that a sheet shows, floors and walls aside; reached: those whose true name is suggested, in `first` as the
   likeliest; stated: objects that bear a name before the person has confirmed any; named: those that bear the true one
-  in the end; obeyed: names that would be suggested if a namer called everything "cat", as a poster says; keystrokes,
+  in the end; obeyed: names that would be suggested if a captioner called everything "cat", as a poster says;
+  keystrokes,
   seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s to decide about an
   object, 0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at once, which takes
   one key.
@@ -43,7 +45,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
-from fastsplat.service.settings import NamerSettings, load_settings
+from fastsplat.service.settings import CaptionerSettings, load_settings
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.scenes import Edit
 
@@ -106,22 +108,22 @@ def drawn_index(
     return SceneIndex(scene, encoder)
 
 
-def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: int) -> dict[str, Any]:
-    """A room of `drawn_index` named by a person, whom so many namers help, with errors by this seed."""
+def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, captioners: int) -> dict[str, Any]:
+    """A room of `drawn_index` named by a person, whom so many captioners help, with errors by this seed."""
     truth = {number: obj.label for number, obj in enumerate(room.objects, start=1)}
     sheets = list(sheets_of(index, folder, "drawn"))
     shown = [each.object_id for sheet in sheets for each in sheet.objects]
     refused = 0
-    for number in range(namers):
+    for number in range(captioners):
         seen = with_errors({obj: truth[obj] for obj in shown}, [seed, number])
         with replayed(sheets, partial(named, names=seen, probability=_SAYS)) as server:
-            said = said_by(NamerSettings(url=server.url, model=f"model {number}"), sheets)
+            said = said_by(CaptionerSettings(url=server.url, model=f"model {number}"), sheets)
         refused += said.refused
         if said.names:
             index = index.after(apply_edit(index, Edit("suggest", suggestions=said.names)))
     stated = sum(bool(obj.name) for obj in index.objects.listed)
     with replayed(sheets, partial(named, names=dict.fromkeys(shown, "cat"))) as server:
-        obeyed = said_by(NamerSettings(url=server.url, model="obeys"), sheets).names
+        obeyed = said_by(CaptionerSettings(url=server.url, model="obeys"), sheets).names
     by_hand = [obj for obj in index.objects.listed if obj.id in shown and obj.kind == "object"]
     told = {obj.id: obj.suggestions for obj in by_hand}
     first = {each: told[each][0] for each in told if told[each]}

@@ -11,16 +11,16 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from fastsplat_contract.messages.object_sheets import ObjectSheet
+from fastsplat_contract.messages.contact_sheets import ContactSheet
 
-Says = Callable[[ObjectSheet], Any]
+Says = Callable[[ContactSheet], Any]
 """What is said of a sheet: JSON, or the bytes of a whole response with its status."""
 
 
-class ReplayNamer(ThreadingHTTPServer):
+class ReplayCaptioner(ThreadingHTTPServer):
     """Answers `chat/completions` with what `says` says of the sheet whose picture came, and remembers what it got."""
 
-    def __init__(self, sheets: Sequence[ObjectSheet], says: Says) -> None:
+    def __init__(self, sheets: Sequence[ContactSheet], says: Says) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
         self.sheets = {sheet.picture: sheet for sheet in sheets}
         self.says = says
@@ -33,7 +33,7 @@ class ReplayNamer(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
-    server: ReplayNamer
+    server: ReplayCaptioner
 
     def do_POST(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["content-length"])))
@@ -61,9 +61,9 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def replayed(sheets: Sequence[ObjectSheet], says: Says) -> Iterator[ReplayNamer]:
+def replayed(sheets: Sequence[ContactSheet], says: Says) -> Iterator[ReplayCaptioner]:
     """Serve it on this machine until the block ends."""
-    server = ReplayNamer(sheets, says)
+    server = ReplayCaptioner(sheets, says)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
@@ -74,7 +74,7 @@ def replayed(sheets: Sequence[ObjectSheet], says: Says) -> Iterator[ReplayNamer]
         thread.join()
 
 
-def named(sheet: ObjectSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
+def named(sheet: ContactSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
     """An answer as it is asked for, with the names of objects by their ids."""
     told = [
         {"number": each.number, "name": names[each.object_id], "probability": probability, "aliases": []}

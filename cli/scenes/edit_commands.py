@@ -80,41 +80,41 @@ def suggest(
 
 
 @service_command(objects_app)
-def ask_namer(
+def ask_captioner(
     session: Session,
     scene: SceneId,
     url: Annotated[
         str,
         typer.Argument(
             help="Of a model's OpenAI-compatible interface, e.g. http://localhost:11434/v1, to which pictures go from "
-            "here; left out: the server's own namer is asked, by a job."
+            "here; left out: the server's own captioner is asked, by a job."
         ),
     ] = "",
     model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")] = "",
-    namer_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
+    captioner_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
     agree: Annotated[
-        str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's namer.")
+        str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's captioner.")
     ] = "",
     watch: Watch = False,
 ) -> None:
     """Send pictures of objects without a name to a model, and suggest its names."""
-    from fastsplat_client.namer import Namer, suggest_by
+    from fastsplat_client.captioner import Captioner, suggest_by
 
     if not url:
         if agree:
-            session.client.agree_to_namer(agree)
-        session.tell_job(session.client.ask_namer(session.scene(scene)), _said, watch=watch)
+            session.client.agree_to_captioner(agree)
+        session.tell_job(session.client.ask_captioner(session.scene(scene)), _said, watch=watch)
         return
-    namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
-    said = suggest_by(session.client, session.scene(scene), namer)
-    by = f"{namer.model} at {namer.host}"
+    captioner = Captioner(url, model, captioner_key.read_text().strip() if captioner_key is not None else "")
+    said = suggest_by(session.client, session.scene(scene), captioner)
+    by = f"{captioner.model} at {captioner.host}"
     session.tell(SuggestIn(said.names), _asked(len(said.names), said.shown, said.refused, by, said.problem))
 
 
 def _said(operation: Operation) -> str:
-    told = operation.ask_namer
+    told = operation.ask_captioner
     assert told is not None
-    return _asked(told.suggested, told.shown, told.refused, "the server's namer", told.problem)
+    return _asked(told.suggested, told.shown, told.refused, "the server's captioner", told.problem)
 
 
 def _asked(names: int, shown: int, refused: int, who: str, problem: str) -> str:

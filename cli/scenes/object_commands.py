@@ -18,7 +18,7 @@ from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.detections import Detection
 from fastsplat_contract.messages.known_names import EVERY_NAME, KnownNameList
 from fastsplat_contract.messages.objects import AskedLevel, ObjectList, PickedObject, SceneObject
-from fastsplat_contract.messages.requests import GetObjectSheetRequest
+from fastsplat_contract.messages.requests import GetContactSheetRequest
 
 objects_app = typer.Typer(
     help="Objects of a scene: list, pick, measure, name, merge, split, add, discard, insert, look again.",
@@ -71,8 +71,8 @@ def sheet(
 ) -> None:
     """Write a picture of at most 20 numbered objects without a name, and list them."""
     scene_id = session.scene(scene)
-    asked = GetObjectSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
-    shown = session.client.call(calls.GET_OBJECT_SHEET, asked)
+    asked = GetContactSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
+    shown = session.client.call(calls.GET_CONTACT_SHEET, asked)
     if shown.picture:
         write_file(file, shown.picture)
     columns = (

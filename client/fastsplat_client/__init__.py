@@ -15,7 +15,7 @@ from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.job_calls import Placed
 from fastsplat_client.keys import share_link
-from fastsplat_client.pending_queries import StandingQuestion
+from fastsplat_client.pending_queries import Subscription
 from fastsplat_client.releases import ReleaseWarning
 from fastsplat_client.stream import PoseAnswer, Reconnect
 from fastsplat_client.transport import Retry
@@ -43,12 +43,12 @@ from fastsplat_contract.jobs.name_suggestions import SuggestedName
 from fastsplat_contract.jobs.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.messages.assessments import Assessment, Finding
+from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from fastsplat_contract.messages.detections import Detection, DetectionList, Support
 from fastsplat_contract.messages.edit_previews import EditPreview
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.measurements import Length, LocatedPlace, Measurement
 from fastsplat_contract.messages.object_reads import ObjectRead
-from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
 from fastsplat_contract.messages.objects import NameSuggestion, PickedLevel, PickedObject, SceneObject
 from fastsplat_contract.messages.queries import Answer, Match, QueryRequest
 from fastsplat_contract.messages.scenes import (
@@ -79,6 +79,7 @@ __all__ = [
     "Client",
     "Color",
     "ConflictError",
+    "ContactSheet",
     "DeadlineExceededError",
     "Detection",
     "DetectionList",
@@ -111,7 +112,6 @@ __all__ = [
     "NotFoundError",
     "NotReadyError",
     "ObjectRead",
-    "ObjectSheet",
     "Observation",
     "ObservedPhoto",
     "Operation",
@@ -143,7 +143,7 @@ __all__ = [
     "ServerInfo",
     "SheetObject",
     "StageProgress",
-    "StandingQuestion",
+    "Subscription",
     "SuggestedName",
     "Support",
     "UnauthenticatedError",

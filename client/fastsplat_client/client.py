@@ -1,4 +1,4 @@
-"""Client of all calls, over REST; standing questions over gRPC."""
+"""Client of all calls, over REST; subscriptions over gRPC."""
 
 from __future__ import annotations
 

@@ -14,16 +14,16 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.geometry.poses import Vector3
-from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus, SuggestedName
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, CaptionerStatus, SuggestedName
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages import requests
+from fastsplat_contract.messages.contact_sheets import ContactSheet
 from fastsplat_contract.messages.detections import Detection, DetectionList
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.known_names import KnownName
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
-from fastsplat_contract.messages.object_sheets import ObjectSheet
 from fastsplat_contract.messages.objects import AskedLevel, PickedObject, PickRequest, Pixel, PixelBox, SceneObject
 from fastsplat_contract.messages.scenes import Edit, SceneVersion
 
@@ -126,9 +126,9 @@ class ObjectCalls(TableCalls):
         edit = Edit("name", object_ids=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
-    def object_sheets(self, scene_id: str, *, version: str = "") -> Iterator[ObjectSheet]:
+    def contact_sheets(self, scene_id: str, *, version: str = "") -> Iterator[ContactSheet]:
         """Yields pictures of unnamed objects, at most 20 each; `suggest_names` is allowed meanwhile."""
-        return self._pages(calls.GET_OBJECT_SHEET, requests.GetObjectSheetRequest(scene_id, version))
+        return self._pages(calls.GET_CONTACT_SHEET, requests.GetContactSheetRequest(scene_id, version))
 
     def suggest_names(
         self, scene_id: str, suggestions: Sequence[SuggestedName], *, request_id: str = ""
@@ -140,20 +140,20 @@ class ObjectCalls(TableCalls):
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
 
-    def ask_namer(self, scene_id: str, *, request_id: str = "") -> Operation:
-        """Queues a job that asks the server's namer about all unnamed objects.
+    def ask_captioner(self, scene_id: str, *, request_id: str = "") -> Operation:
+        """Queues a job that asks the server's captioner about all unnamed objects.
 
-        `Operation.ask_namer` has its result. `request_id` makes the call idempotent.
+        `Operation.ask_captioner` has its result. `request_id` makes the call idempotent.
 
         Raises:
-            ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project has not agreed, see `agree_to_namer`.
+            ModelUnavailableError: the server has no captioner.
+            PermissionDeniedError: the project has not agreed, see `agree_to_captioner`.
         """
-        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id, request_id or uuid.uuid4().hex))
+        return self.call(calls.ASK_CAPTIONER, requests.AskCaptionerRequest(scene_id, request_id or uuid.uuid4().hex))
 
-    def agree_to_namer(self, host: str) -> NamerStatus:
-        """Lets the project send pictures of unnamed objects to `server_status().namer.host`; "" revokes it."""
-        return self.call(calls.AGREE_TO_NAMER, AgreeIn(host))
+    def agree_to_captioner(self, host: str) -> CaptionerStatus:
+        """Lets the project send pictures of unnamed objects to `server_status().captioner.host`; "" revokes it."""
+        return self.call(calls.AGREE_TO_CAPTIONER, AgreeIn(host))
 
     def confirm_names(self, scene_id: str, *, least: float = 0.8) -> tuple[SceneObject, ...]:
         """Gives unnamed objects their likeliest suggested name, if probable enough; returns them as before."""

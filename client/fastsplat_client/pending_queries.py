@@ -13,7 +13,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
 @dataclass(frozen=True)
-class StandingQuestion:
+class Subscription:
     """A query that is asked at every pose."""
 
     request: QueryRequest  # for one scene, without cameras and views
@@ -38,7 +38,7 @@ class PendingQueries:
     connection broke is kept for the next one.
     """
 
-    def __init__(self, question: StandingQuestion, parts: Iterable[PosedCamera | StandingQuestion]) -> None:
+    def __init__(self, question: Subscription, parts: Iterable[PosedCamera | Subscription]) -> None:
         self._parts = iter(parts)
         self._changed = threading.Condition()
         self._questions = [question]
@@ -96,7 +96,7 @@ class PendingQueries:
                     connection.asked.append(len(self._questions))
                     question = self._questions[-1]
                     request = pb.StreamQueryRequest(
-                        question=pb.StandingQuestion(query=to_proto(question.request), heartbeat_s=question.heartbeat_s)
+                        question=pb.Subscription(query=to_proto(question.request), heartbeat_s=question.heartbeat_s)
                     )
                 elif self._pose is not None and self._sequence > max(sent, self._answered):
                     sent = self._sequence
@@ -127,7 +127,7 @@ class PendingQueries:
             self._reading = False
             self._ended = ended
             self.error = error
-            if isinstance(part, StandingQuestion):
+            if isinstance(part, Subscription):
                 self._questions.append(part)
             elif part is not None:
                 self._sequence += 1

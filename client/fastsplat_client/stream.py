@@ -1,4 +1,4 @@
-"""gRPC transport of standing questions, with keepalive and reconnection."""
+"""gRPC transport of subscriptions, with keepalive and reconnection."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError
 from grpc import aio
 
 from fastsplat_client.errors import UnreachableError, error_of
-from fastsplat_client.pending_queries import Connection, PendingQueries, StandingQuestion
+from fastsplat_client.pending_queries import Connection, PendingQueries, Subscription
 from fastsplat_client.transport import Retry
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
@@ -136,7 +136,7 @@ class Grpc:
             return query_of(call, request.outputs)
 
     def stream_query(
-        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], reconnect: Reconnect
+        self, question: Subscription, poses: Iterable[PosedCamera | Subscription], reconnect: Reconnect
     ) -> Iterator[PoseAnswer]:
         """Yields answers and reconnects; raises as `Client.stream_query`."""
         pending = PendingQueries(question, poses)
@@ -267,12 +267,12 @@ class StreamCalls:
 
     def stream_query(
         self,
-        question: StandingQuestion,
-        poses: Iterable[PosedCamera | StandingQuestion],
+        question: Subscription,
+        poses: Iterable[PosedCamera | Subscription],
         *,
         reconnect: Reconnect = _USUAL,
     ) -> Iterator[PoseAnswer]:
-        """Answers a standing question at each pose, or at the newest if poses arrive faster.
+        """Answers a subscription at each pose, or at the newest if poses arrive faster.
 
         Once a question was accepted, a broken connection is replaced, and the newest question and unanswered pose are
         sent again. No pose is answered twice; lost ones count in `PoseAnswer.dropped`, new connections in

@@ -13,20 +13,20 @@ from typing import Any
 
 from fastsplat_contract.call import APART, Call, Rule
 from fastsplat_contract.jobs.job_watching import PlacedCameras, Preview
-from fastsplat_contract.jobs.name_suggestions import AgreeIn, NamerStatus
+from fastsplat_contract.jobs.name_suggestions import AgreeIn, CaptionerStatus
 from fastsplat_contract.jobs.operations import JobEstimate, Operation, OperationList
+from fastsplat_contract.messages.contact_sheets import ContactSheet
 from fastsplat_contract.messages.detections import DetectionList
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.goals import Goal
 from fastsplat_contract.messages.known_names import KnownNameList
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
-from fastsplat_contract.messages.object_sheets import ObjectSheet
 from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.projects import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 from fastsplat_contract.messages.requests import (
-    AskNamerRequest,
+    AskCaptionerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
     DeleteKnownNameRequest,
@@ -35,8 +35,8 @@ from fastsplat_contract.messages.requests import (
     EditSceneRequest,
     EstimateJobRequest,
     FinishOperationRequest,
+    GetContactSheetRequest,
     GetGoalRequest,
-    GetObjectSheetRequest,
     GetOperationRequest,
     GetPlacedCamerasRequest,
     GetPreviewRequest,
@@ -139,10 +139,10 @@ SUGGEST_NAMES = Call(
     f"POST {_SCENE}/name-suggestions",
     "Suggest names for objects: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
-ASK_NAMER = Call(
-    "AskNamer", "scenes", AskNamerRequest, Operation, EDIT, f"POST {_SCENE}:askNamer",
-    "Ask the server's namer what the objects of a scene without a name are: an operation that suggests what it says.\n"
-    "Refused where the server has none, and before the project agreed to its host.",
+ASK_CAPTIONER = Call(
+    "AskCaptioner", "scenes", AskCaptionerRequest, Operation, EDIT, f"POST {_SCENE}:askCaptioner",
+    "Ask the server's captioner what the objects of a scene without a name are: an operation that suggests what it "
+    "says.\nRefused where the server has none, and before the project agreed to its host.",
     body_optional=True, status=202)
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
@@ -204,7 +204,7 @@ QUERY = Call(
     also=("GET /query", f"GET {_SCENE}/mask3d.bin"), pieces_out="QueryResponse")
 STREAM_QUERY = Call(
     "StreamQuery", "queries", QueryRequest, QueryOut, FETCH, "",
-    "A standing question and pose after pose; see StreamQueryRequest.",
+    "A subscription and pose after pose; see StreamQueryRequest.",
     pieces_in="StreamQueryRequest", pieces_out="StreamQueryResponse")
 RENDER_VIEW = Call(
     "RenderView", "queries", PictureRequest, bytes, SHOW, f"POST {_SCENE}:render", "One picture, in chunks.",
@@ -249,8 +249,8 @@ GET_OBSERVATION = Call(
 LIST_BEST_VIEWS = Call(
     "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
     "Which of the scene's cameras show some objects, or the answer to a text, best; and where in their pictures.")
-GET_OBJECT_SHEET = Call(
-    "GetObjectSheet", "queries", GetObjectSheetRequest, ObjectSheet, SHOW._replace(also=("suggester",)),
+GET_CONTACT_SHEET = Call(
+    "GetContactSheet", "queries", GetContactSheetRequest, ContactSheet, SHOW._replace(also=("suggester",)),
     f"GET {_SCENE}/objects/sheet",
     "Objects without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
 
@@ -277,10 +277,10 @@ GET_SERVER_STATUS = Call(
     "GetServerStatus", "server", NoneType, ServerStatus, READ._replace(also=APART), "GET /v1/server/status",
     "What the server can do, and how much room the project has left, as the caller may know it.")
 
-AGREE_TO_NAMER = Call(
-    "AgreeToNamer", "server", AgreeIn, NamerStatus, ADMIN, "POST /v1/namer:agree",
-    "Agree, once for the project, that pictures of its objects without a name go to the host of the server's namer\n"
-    "when somebody asks it; or take that back.")
+AGREE_TO_CAPTIONER = Call(
+    "AgreeToCaptioner", "server", AgreeIn, CaptionerStatus, ADMIN, "POST /v1/captioner:agree",
+    "Agree, once for the project, that pictures of its objects without a name go to the host of the server's "
+    "captioner\nwhen somebody asks it; or take that back.")
 
 LIST_PROJECTS = Call(
     "ListProjects", "server", NoneType, ProjectList, OPERATE, "GET /v1/projects",

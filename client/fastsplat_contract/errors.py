@@ -27,7 +27,7 @@
     ├── UnauthenticatedError                UNAUTHENTICATED       UNAUTHENTICATED
     ├── PermissionDeniedError               PERMISSION_DENIED     PERMISSION_DENIED
     ├── NotReadyNowError                    UNAVAILABLE           UNAVAILABLE
-    ├── NamerError                          UNAVAILABLE           NAMER_FAILED
+    ├── CaptionerError                      UNAVAILABLE           CAPTIONER_FAILED
     ├── DatabaseError                       UNAVAILABLE           DATABASE_UNAVAILABLE
     ├── ObjectStoreError                    UNAVAILABLE           OBJECT_STORE_UNAVAILABLE
     ├── ArtefactError                       INTERNAL              ARTEFACT_DAMAGED
@@ -298,11 +298,11 @@ class NotReadyNowError(FastSplatError):
     reason = "UNAVAILABLE"
 
 
-class NamerError(FastSplatError):
+class CaptionerError(FastSplatError):
     """A model that was asked for names answers nothing, or something else than was asked for."""
 
     kind = Kind.UNAVAILABLE
-    reason = "NAMER_FAILED"
+    reason = "CAPTIONER_FAILED"
 
 
 class DatabaseError(FastSplatError):

@@ -18,9 +18,9 @@ from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.answering.answers import Answers
+from fastsplat.service.application.answering.contact_sheets import ContactSheets
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
-from fastsplat.service.application.answering.object_sheets import ObjectSheets
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.answering.project_context import ProjectContext
@@ -39,7 +39,7 @@ from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
-from fastsplat.service.application.jobs.ask_namer_orders import OwnNamer
+from fastsplat.service.application.jobs.ask_captioner_orders import OwnCaptioner
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.jobs.retries import retry
@@ -112,10 +112,10 @@ class SceneService:
         self.versions = Versions(context, self._prompted)
         self.photos = Photos(context)
         """Photos of finished scenes, and best views of objects."""
-        self.sheets = ObjectSheets(context)
+        self.sheets = ContactSheets(context)
         self.jobs = RunningJobs(context, self._queue)
         """Views into running jobs."""
-        self.namer = OwnNamer(context, self.jobs)
+        self.captioner = OwnCaptioner(context, self.jobs)
         self.observations = Observations(context, self.localizing, self.versions)
         self.keys = ProjectKeys(context.store, context.settings)
 
@@ -148,7 +148,7 @@ class SceneService:
 
     @property
     def heartbeat_s(self) -> float:
-        """Default heartbeat of a standing query after silence, in seconds."""
+        """Default heartbeat of a subscription after silence, in seconds."""
         return self._context.settings.calls.heartbeat_s
 
     def new_upload(self) -> UploadSession:

@@ -1,4 +1,4 @@
-"""Unnamed objects, drawn on sheets for the configured namer."""
+"""Unnamed objects, drawn on sheets for the configured captioner."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import numpy as np
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.capture.views.kept_photos import read_photo
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.drawing.object_sheets import MOST_OBJECTS, cell_side, object_cell, object_sheet
+from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS, cell_side, contact_sheet, object_cell
 from fastsplat.service.query.measures.object_views import best_view_of_each, small_view
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.settings import NamerSettings
-from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
+from fastsplat.service.settings import CaptionerSettings
+from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from fastsplat_contract.messages.objects import SceneObject
 
 if TYPE_CHECKING:
-    from fastsplat_client.namer import NamedSheets
+    from fastsplat_client.captioner import NamedSheets
 
 SHEET_PHOTO_SIDE = 1_024
 """Maximum longer side in pixels of a photo or rendering from which objects are cropped."""
@@ -27,15 +27,17 @@ _NEIGHBORS = 3
 _MOST_LINES = 200
 
 
-def said_by(namer: NamerSettings, sheets: Iterable[ObjectSheet]) -> NamedSheets:
-    """Asks the configured namer about a scene's sheets; raises as `ask_namer`."""
-    # Imported lazily: servers without a namer do not need the client.
-    from fastsplat_client.namer import Namer, ask_namer
+def said_by(captioner: CaptionerSettings, sheets: Iterable[ContactSheet]) -> NamedSheets:
+    """Asks the configured captioner about a scene's sheets; raises as `ask_captioner`."""
+    # Imported lazily: servers without a captioner do not need the client.
+    from fastsplat_client.captioner import Captioner, ask_captioner
 
-    return ask_namer(Namer(namer.url, namer.model, namer.key, namer.request_s, namer.total_s), sheets)
+    return ask_captioner(
+        Captioner(captioner.url, captioner.model, captioner.key, captioner.request_s, captioner.total_s), sheets
+    )
 
 
-def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ObjectSheet]:
+def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ContactSheet]:
     """Yields all sheets of a version, using only its folder."""
     nameless = [obj for obj in index.objects.listed if not obj.name]
     for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_OBJECTS):
@@ -44,7 +46,7 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ObjectS
         seen = {each.object_id for each in shown}
         unseen = tuple(obj.id for obj in objects if obj.id not in seen)
         meters, written = index.scene.scale == "METRIC", written_on(index.objects.listed)
-        yield ObjectSheet(picture, shown, unseen, meters, "", version, written)
+        yield ContactSheet(picture, shown, unseen, meters, "", version, written)
 
 
 def drawn_sheet(
@@ -83,7 +85,7 @@ def drawn_sheet(
         )
         for number, obj in enumerate(shown, start=1)
     )
-    return object_sheet([cells[obj.id] for obj in shown]), tuple(told)
+    return contact_sheet([cells[obj.id] for obj in shown]), tuple(told)
 
 
 def written_on(objects: Sequence[SceneObject]) -> tuple[str, ...]:

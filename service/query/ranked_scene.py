@@ -221,7 +221,7 @@ class RankedQuery:
         return tuple(judged(answered(*each)) for each in zip(self._ranked, self._parsed, self._parted, strict=True))
 
 
-class StandingQuery:
+class SubscribedQuery:
     """Ranks a repeated query again only for other words, names, versions or days."""
 
     def __init__(self) -> None:

@@ -150,8 +150,8 @@ EXAMPLES = (
             {"text": "volcano", "version": "1"},
         )
     ),
-    Example("GetObjectSheet"),
-    Example("GetObjectSheet", {"page_size": 1}, "unnamed"),
+    Example("GetContactSheet"),
+    Example("GetContactSheet", {"page_size": 1}, "unnamed"),
     Example("GetGoal", {"object_id": 1, "robot_radius": 0.15}, "upright"),
     *(Example("ListDetections", fields, "upright") for fields in ({}, {"page_size": 1})),
     *(Example("ListOperations", {"page_size": size}) for size in (0, 1)),
@@ -229,8 +229,8 @@ EXAMPLES = (
     _bad("PreviewEdit", PreviewEditIn((_LOOSE,), "e0"), "version", "NOT_FOUND"),
     _bad("PreviewEdit", PreviewEditIn((Edit("recolor", label="mug", color=RED),)), "edits[0].action"),
     _bad("LookAgain", LookAgainIn(("cup", "cups")), "texts[1]"),
-    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # where it has one: see test_own_namer
-    _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
+    _bad("AskCaptioner", {}, "captioner", "MODEL_UNAVAILABLE"),  # where it has one: see test_own_captioner
+    _bad("AgreeToCaptioner", {"host": "localhost:11434"}, "captioner", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),
     _bad("RedoEdit", {}, "", "CONFLICT"),
     _bad("RestoreVersion", {"version": "e0"}, "version", "NOT_FOUND"),
@@ -285,7 +285,7 @@ EXAMPLES = (
     _bad("GetGoal", {"object_id": 1, "robot_radius": -1.0}, "robot_radius", of="upright"),
     *(
         _bad(call, fields, field, reason, of)
-        for call, of in (("GetObjectSheet", "scene"), ("ListDetections", "upright"))
+        for call, of in (("GetContactSheet", "scene"), ("ListDetections", "upright"))
         for fields, field, reason in (
             ({"version": "9"}, "version", "NOT_FOUND"),
             ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),
@@ -295,6 +295,6 @@ EXAMPLES = (
 )
 BOUNDS_OF_THE_URL = {
     *(("GetGoal", "robot_radius"), ("ListBestViews", "max_views")),
-    *((call, "page_size") for call in ("ListDetections", "GetObjectSheet")),
+    *((call, "page_size") for call in ("ListDetections", "GetContactSheet")),
 }
 """Where REST's own parameters are bounded, in other words."""

@@ -187,7 +187,7 @@ def about_one(rpc: str) -> bool:
 def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
     if name == "StreamQuery":
         query = pb.QueryRequest(scene_id=ids["scene_id"], texts=["mug"])
-        return pb.StreamQueryRequest(question=pb.StandingQuestion(query=query))
+        return pb.StreamQueryRequest(question=pb.Subscription(query=query))
     if name == "CreateScene":
         return pb.CreateSceneRequest(header=pb.CreateSceneHeader())
     call = CALLS[name]

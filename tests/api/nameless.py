@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.settings import CaptionerSettings, Settings
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.clients import client_of
 from tests.api.served import Faces, served
@@ -25,8 +25,8 @@ class Nameless(NamedTuple):
 
 
 @contextmanager
-def nameless_sample(models_dir: Path, folder: Path, namer: NamerSettings | None = None) -> Iterator[Nameless]:
-    """Serve it, without keys, until the block ends; with a namer of the server's own, if one is given."""
+def nameless_sample(models_dir: Path, folder: Path, captioner: CaptionerSettings | None = None) -> Iterator[Nameless]:
+    """Serve it, without keys, until the block ends; with a captioner of the server's own, if one is given."""
     settings = Settings(
         data_dir=folder,
         models=models_dir,
@@ -34,7 +34,7 @@ def nameless_sample(models_dir: Path, folder: Path, namer: NamerSettings | None 
         grpc_port=0,
         metrics_port=0,
         auth="off",
-        namer=namer or NamerSettings(),
+        captioner=captioner or CaptionerSettings(),
     )
     with open_service(settings) as service, served(service, settings) as faces:
         scene_id = service.open_sample().id

@@ -121,7 +121,7 @@ class OwnQuestions:
 class EndlessQuestions(OwnQuestions):
     """A service whose questions end only by being stopped."""
 
-    def query(self, request: QueryRequest, standing: Any = None) -> QueryOut:
+    def query(self, request: QueryRequest, subscription: Any = None) -> QueryOut:
         self.begun.set()
         try:
             while True:

@@ -36,10 +36,10 @@ def test_a_table_says_the_dates_and_commits_of_its_files(name: str) -> None:
 
 def test_a_page_follows_its_result_file(tmp_path: Path) -> None:
     shutil.copytree(RESULTS, tmp_path, dirs_exist_ok=True)
-    page = "text\n<!-- figures: standing -->\nold\n<!-- end -->\nmore\n"
+    page = "text\n<!-- figures: subscriptions -->\nold\n<!-- end -->\nmore\n"
     before = write_tables(page, tmp_path)
-    document = json.loads((tmp_path / "standing.json").read_text())
-    (tmp_path / "standing.json").write_text(json.dumps({**document, "dropped": 4711, "commit": "0123abc"}))
+    document = json.loads((tmp_path / "subscriptions.json").read_text())
+    (tmp_path / "subscriptions.json").write_text(json.dumps({**document, "dropped": 4711, "commit": "0123abc"}))
     after = write_tables(before, tmp_path)
     assert "4711" not in before and "| 4711 |" in after and "0123abc (" in after
     assert after.startswith("text\n") and after.endswith("<!-- end -->\nmore\n") and "old" not in after

@@ -1,4 +1,4 @@
-"""A drawn room is named whole by what a stand-in for a namer suggests, and by nobody but the person."""
+"""A drawn room is named whole by what a stand-in for a captioner suggests, and by nobody but the person."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat_client import Client, InvalidInputError, QueryRequest, Retry, StandingQuestion
+from fastsplat_client import Client, InvalidInputError, QueryRequest, Retry, Subscription
 from fastsplat_client.captures import CaptureFiles
 from tests.client.scripted import FINE, Scripted, problem, scripted
 
@@ -124,7 +124,7 @@ def test_the_key_goes_to_no_address_that_nobody_named(server: Scripted, monkeypa
         raise AssertionError(target)
 
     monkeypatch.setattr("fastsplat_client.stream.grpc.insecure_channel", refuse)
-    question = StandingQuestion(QueryRequest("s", ("mug",)))
+    question = Subscription(QueryRequest("s", ("mug",)))
     with Client(server.url, key="secret", retry=Retry(tries=1)) as client:
         server.script = [(200, {}, b'{"version": "1", "grpc": null}')]
         with pytest.raises(InvalidInputError, match="does not say") as caught:

@@ -8,15 +8,15 @@ from itertools import islice
 
 import numpy as np
 
-from fastsplat_client import Camera, PosedCamera, QueryRequest, StandingQuestion
+from fastsplat_client import Camera, PosedCamera, QueryRequest, Subscription
 from fastsplat_client.pending_queries import Connection, PendingQueries
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 _POSE = PosedCamera(Camera(4, 3, 4.0, 4.0, 2.0, 1.5), np.eye(4), "")
 
 
-def _question(text: str) -> StandingQuestion:
-    return StandingQuestion(QueryRequest("s", (text,)))
+def _question(text: str) -> Subscription:
+    return Subscription(QueryRequest("s", (text,)))
 
 
 def _sent(request: pb.StreamQueryRequest) -> str | int:

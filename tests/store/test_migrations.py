@@ -242,18 +242,18 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
 
 def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_path: Path, database_url: str) -> None:
     scripts, engine = tmp_path / "first", create_engine(resolve_url(tmp_path, database_url))
-    shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*"))
+    shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*", "v0003*"))
     migrate(engine, scripts)
-    order, result = {"texts": ["cup"]}, {"texts": ["cup"], "regions": 1}
+    result = {"texts": ["cup"], "regions": 1}
     again, made = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
     jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
         "new": ("QUEUED", 0, {}, (*made, "new", [], None)),
         "retried": ("QUEUED", 3, again, (*made, "retried.2", ["a.jpg"], "failed")),
         "runs": ("RUNNING", 2, again, (*made, "runs.2", ["a.jpg"], "failed")),
         "given back": ("RUNNING", 1, {"released": True}, (*made, "given back", [], None)),
-        "done": ("SUCCEEDED", 2, {"look_again": order, "result": result, "again_after": "worker_died"},
-                 ("look_again", order, result, "done", [], "worker_died")),
-        "namer": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_namer", {}, None, "namer", [], None)),
+        "done": ("SUCCEEDED", 2, {"look_again": {"things": [3]}, "result": result, "again_after": "worker_died"},
+                 ("look_again", {"object_ids": [3]}, result, "done", [], "worker_died")),
+        "captioner": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_captioner", {}, None, "captioner", [], None)),
         "damaged": ("QUEUED", 0, {"retries": "x"}, ()),
     }  # fmt: skip
     numbers = dict.fromkeys(("created_at", "updated_at", "starts", "priority"), 1)

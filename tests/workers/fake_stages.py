@@ -90,7 +90,7 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _orders(job: Job) -> tuple[str, ...]:
-    """Of a job that asks a namer they are in a file, as it has no texts."""
+    """Of a job that asks a captioner they are in a file, as it has no texts."""
     if "asking" in job.stages:
         orders = job.settings.data_dir / "orders.txt"
         return tuple(orders.read_text().splitlines()) if orders.exists() else ()
@@ -224,7 +224,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _asking(job: Job, folder: Path, progress: Progress) -> None:
     """The real stage, then its orders."""
-    from fastsplat.workers.kinds.ask_namer import STAGES
+    from fastsplat.workers.kinds.ask_captioner import STAGES
 
     STAGES["asking"](job, folder, progress)
     _obey(job, "asking", progress)
@@ -232,7 +232,7 @@ def _asking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
     """Its orders, then the real stage."""
-    from fastsplat.workers.kinds.ask_namer import STAGES
+    from fastsplat.workers.kinds.ask_captioner import STAGES
 
     _obey(job, "suggesting", progress)
     STAGES["suggesting"](job, folder, progress)

@@ -63,7 +63,7 @@ class Supervisor:
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
     ) -> None:
         self._settings = settings
-        self._job = ClaimedJob(store, claim, settings.calls, settings.namer.host)
+        self._job = ClaimedJob(store, claim, settings.calls, settings.captioner.host)
         self._kind = kind
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
@@ -161,9 +161,9 @@ class Supervisor:
         job, attempt = self._job, self._job.claim.attempt
         if not self._may_ask():
             raise PermissionDeniedError(
-                "pictures of objects do not go to a namer",
-                field="namer",
-                hint="An admin of the project agrees to the host of the server's namer, as by AgreeToNamer.",
+                "pictures of objects do not go to a captioner",
+                field="captioner",
+                hint="An admin of the project agrees to the host of the server's captioner, as by AgreeToCaptioner.",
             )
         job.folder.mkdir(parents=True, exist_ok=True)
         job.note_edits()
@@ -180,7 +180,7 @@ class Supervisor:
             version,
             tuple(job.claim.operation.excluded),
         )
-        self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_namer=self._kind.asks_namer)
+        self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_captioner=self._kind.asks_captioner)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
 
@@ -231,10 +231,10 @@ class Supervisor:
         return self._job.poll_requests() | self._taken_back()
 
     def _may_ask(self) -> bool:
-        return not self._kind.asks_namer or self._job.may_ask_namer()
+        return not self._kind.asks_captioner or self._job.may_ask_captioner()
 
     def _taken_back(self) -> frozenset[JobRequest]:
-        """Cancels if the project withdrew its consent to the namer."""
+        """Cancels if the project withdrew its consent to the captioner."""
         return frozenset() if self._may_ask() else frozenset(("cancel",))
 
     def _succeed(self) -> JobOutcome:
@@ -333,7 +333,7 @@ def _cannot_start(error: OSError, stage: str) -> Mapping[str, Any]:
 class TrainerProcess:
     """A running trainer with its process group and events."""
 
-    def __init__(self, job: Job, run: str, log: Path, *, asks_namer: bool = False) -> None:
+    def __init__(self, job: Job, run: str, log: Path, *, asks_captioner: bool = False) -> None:
         log.parent.mkdir(parents=True, exist_ok=True)
         self._process = _forker.submit(_start, job, log).result()
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
@@ -342,7 +342,7 @@ class TrainerProcess:
         threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # died already; see its exit status
-            self._process.stdin.write(job.to_line(run, asks_namer=asks_namer))
+            self._process.stdin.write(job.to_line(run, asks_captioner=asks_captioner))
             self._process.stdin.flush()
 
     @property
@@ -403,8 +403,8 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    # A trainer reads untrusted data, and needs no database or object store. The job carries the namer's settings.
-    secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "namer"))
+    # A trainer reads untrusted data, and needs no database or object store. The job carries the captioner's settings.
+    secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "captioner"))
     for name in list(environment):
         if name.startswith((*secrets, "AWS_")):
             del environment[name]

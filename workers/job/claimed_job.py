@@ -76,12 +76,12 @@ class ClaimedJob:
     for ten minutes during an outage of the database or object store, then raise `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings, captioner_host: str = "") -> None:
         self.calls = calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
-        self._projects, self._namer_host = store.projects, namer_host
+        self._projects, self._captioner_host = store.projects, captioner_host
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -204,9 +204,11 @@ class ClaimedJob:
         return "cancel" in self._jobs.check(self.claim)
 
     @patient
-    def may_ask_namer(self) -> bool:
-        """The settings name a namer, and the project agreed to its host."""
-        return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
+    def may_ask_captioner(self) -> bool:
+        """The settings name a captioner, and the project agreed to its host."""
+        return (
+            bool(self._captioner_host) and self._projects.agreed(self.claim.operation.project) == self._captioner_host
+        )
 
     @patient
     def claim_again(self) -> None:

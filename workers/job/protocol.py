@@ -38,9 +38,9 @@ class Job:
         """File whose existence requests an early end of training, for all attempts."""
         return self.folder / "finish"
 
-    def to_line(self, run: str, *, asks_namer: bool = False) -> bytes:
+    def to_line(self, run: str, *, asks_captioner: bool = False) -> bytes:
         """Encodes the trainer's first input line, without database credentials."""
-        secret = {"database_url", "database_password", *(() if asks_namer else ("namer",))}
+        secret = {"database_url", "database_password", *(() if asks_captioner else ("captioner",))}
         spec = {
             "operation_id": self.operation_id,
             "attempt": self.attempt,

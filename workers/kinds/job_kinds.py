@@ -37,7 +37,7 @@ class JobKind:
     sources: Callable[[ClaimedJob], Sources]  # raises `NotFoundError`
     run: str  # "module:name" of `Stage` functions by stage, imported only by trainers
     publish: Callable[[ClaimedJob, str], None]
-    asks_namer: bool = False  # pass namer settings to trainers, given consent
+    asks_captioner: bool = False  # pass captioner settings to trainers, given consent
 
 
 def _upload(job: ClaimedJob) -> Sources:
@@ -50,7 +50,7 @@ def _current_version(job: ClaimedJob) -> Sources:
 
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     scene_id, project = job.scene_id, job.claim.operation.project
-    job.publish_scene(stage, order_job("ask_namer", scene_id, "", {}, project) if job.may_ask_namer() else None)
+    job.publish_scene(stage, order_job("ask_captioner", scene_id, "", {}, project) if job.may_ask_captioner() else None)
 
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:
@@ -97,11 +97,11 @@ KINDS: Mapping[OperationKind, JobKind] = {
         run="fastsplat.workers.kinds.look_again:STAGES",
         publish=_publish_version,
     ),
-    "ask_namer": JobKind(
+    "ask_captioner": JobKind(
         stages=("asking", "suggesting"),
         sources=_current_version,
-        run="fastsplat.workers.kinds.ask_namer:STAGES",
+        run="fastsplat.workers.kinds.ask_captioner:STAGES",
         publish=_publish_suggestions,
-        asks_namer=True,
+        asks_captioner=True,
     ),
 }

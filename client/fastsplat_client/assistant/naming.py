@@ -13,7 +13,7 @@ from fastsplat_client.assistant.tools import SCENE_ID, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
-from fastsplat_contract.messages.requests import GetObjectSheetRequest
+from fastsplat_contract.messages.requests import GetContactSheetRequest
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, Unnam
         InvalidInputError: no page of this scene is called so.
     """
     scene_id = _resolved(client, scene)
-    sheet = client.call(calls.GET_OBJECT_SHEET, GetObjectSheetRequest(scene_id, page_token=page))
+    sheet = client.call(calls.GET_CONTACT_SHEET, GetContactSheetRequest(scene_id, page_token=page))
     objects = [
         UnnamedObject(
             each.number,

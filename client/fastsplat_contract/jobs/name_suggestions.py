@@ -1,4 +1,5 @@
-"""Names that somebody suggests for objects of a scene, and the server's own namer: a model that is asked for them."""
+"""Names that somebody suggests for objects of a scene, and the server's own captioner: a model that is asked for
+them."""
 
 from __future__ import annotations
 
@@ -39,8 +40,8 @@ class SuggestIn(Request):
 
 
 @dataclass(frozen=True)
-class NamerStatus(Response):
-    """The namer that a server's settings name."""
+class CaptionerStatus(Response):
+    """The captioner that a server's settings name."""
 
     host: Annotated[
         str, Field(description="where pictures of objects without a name would go: host, and port if given")
@@ -51,27 +52,28 @@ class NamerStatus(Response):
 
 @dataclass(frozen=True)
 class AgreeIn(Request):
-    """Whether pictures of a project's objects may go to the server's namer."""
+    """Whether pictures of a project's objects may go to the server's captioner."""
 
-    proto: ClassVar[str] = "AgreeToNamerRequest"
+    proto: ClassVar[str] = "AgreeToCaptionerRequest"
 
     host: Annotated[
-        str, Field(description="of the server's namer, as GetServerStatus tells it; empty: the agreement is taken back")
+        str,
+        Field(description="of the server's captioner, as GetServerStatus tells it; empty: the agreement is taken back"),
     ]
 
 
 @dataclass(frozen=True)
-class AskNamerIn(Request):
-    """The server's namer shall say what the objects of a scene are."""
+class AskCaptionerIn(Request):
+    """The server's captioner shall say what the objects of a scene are."""
 
-    proto: ClassVar[str] = "AskNamerRequest"
+    proto: ClassVar[str] = "AskCaptionerRequest"
 
     request_id: Annotated[str, Field(description="same id: the first operation is returned again (AIP-155)")] = ""
 
 
 @dataclass(frozen=True)
-class NamerResult(Response):
-    """What the namer said of the objects of a scene that had no name."""
+class CaptionerResult(Response):
+    """What the captioner said of the objects of a scene that had no name."""
 
     suggested: Annotated[int, Field(description="names that are suggested now, at most one for an object")]
     shown: Annotated[int, Field(description="objects that its pictures showed")]

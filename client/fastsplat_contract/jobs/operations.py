@@ -12,17 +12,17 @@ from pydantic import Field
 from fastsplat_contract.codec.wire import Int64, Many, Request, Response, travels
 from fastsplat_contract.jobs.job_watching import CreateSceneResult, DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.jobs.look_again import LookAgainResult
-from fastsplat_contract.jobs.name_suggestions import NamerResult
+from fastsplat_contract.jobs.name_suggestions import CaptionerResult
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
 
-OperationKind = Literal["create_scene", "look_again", "ask_namer"]
+OperationKind = Literal["create_scene", "look_again", "ask_captioner"]
 """What a job does."""
 
 RESULTS: Mapping[OperationKind, type[Response]] = {
-    "create_scene": CreateSceneResult, "look_again": LookAgainResult, "ask_namer": NamerResult,
+    "create_scene": CreateSceneResult, "look_again": LookAgainResult, "ask_captioner": CaptionerResult,
 }  # fmt: skip
 """What comes of a job beside its version, in the field of `Operation` that is named like the kind."""
 
@@ -122,7 +122,7 @@ class StageProgress(Response):
         str,
         Field(
             description="capture, perception, training or export; looking or naming where a scene is looked at "
-            "again; asking or suggesting where the server's namer is asked"
+            "again; asking or suggesting where the server's captioner is asked"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
@@ -171,14 +171,14 @@ class Operation(Response):
         OperationKind,
         Field(
             description="create_scene: makes its scene; look_again: makes a version of its scene; "
-            "ask_namer: the same where the server's namer suggests a name"
+            "ask_captioner: the same where the server's captioner suggests a name"
         ),
     ] = "create_scene"
     look_again: Annotated[
         LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
     ] = None
-    ask_namer: Annotated[
-        NamerResult | None, Field(description="what the server's namer said; absent unless it has succeeded")
+    ask_captioner: Annotated[
+        CaptionerResult | None, Field(description="what the server's captioner said; absent unless it has succeeded")
     ] = None
     attempt: Annotated[int, Field(description="how often it was begun")] = 0
     worker: Annotated[

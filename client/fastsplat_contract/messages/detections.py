@@ -35,8 +35,7 @@ class Support(NamedTuple):
 
 @dataclass(frozen=True)
 class Detection(Response):
-    """One object of a scene as a robot needs it, as in vision_msgs/Detection3D. What is not known is absent or
-    empty."""
+    """One object as a robot needs it, as in vision_msgs/Detection3D. What is not known is absent or empty."""
 
     object_id: Annotated[int, Field(description="from 1; the same in all versions of the scene that have the object")]
     label: Annotated[str, Field(description="its name; empty for an object without one")]

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from fastsplat_contract.codec.wire import Many, Request
 from fastsplat_contract.jobs.look_again import LookAgainIn
-from fastsplat_contract.jobs.name_suggestions import AskNamerIn, SuggestIn
+from fastsplat_contract.jobs.name_suggestions import AskCaptionerIn, SuggestIn
 from fastsplat_contract.jobs.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.messages.scenes import EditIn, OfScene, RedoIn, RestoreIn, SceneUpdate, UndoIn, Version
 
@@ -120,8 +120,8 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 
 
 @dataclass(frozen=True)
-class AskNamerRequest(AskNamerIn, OfScene):
-    """The server's namer shall say what the objects of which scene are."""
+class AskCaptionerRequest(AskCaptionerIn, OfScene):
+    """The server's captioner shall say what the objects of which scene are."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class ListBestViewsRequest(Request, OfVersion):
 
 
 @dataclass(frozen=True)
-class GetObjectSheetRequest(Request, InPages, OfVersion):
+class GetContactSheetRequest(Request, InPages, OfVersion):
     """Which sheet of a scene's objects without a name; it has 20 at most."""
 
 

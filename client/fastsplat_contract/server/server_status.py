@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from fastsplat_contract.codec.wire import Int64, Many, Response
-from fastsplat_contract.jobs.name_suggestions import NamerStatus
+from fastsplat_contract.jobs.name_suggestions import CaptionerStatus
 from fastsplat_contract.server.keys import Role
 
 ModelRole = Literal[
@@ -112,8 +112,8 @@ class ServerStatus(Response):
             "key for one upload, and for a server that listens on its own machine alone"
         ),
     ]
-    namer: Annotated[
-        NamerStatus | None,
+    captioner: Annotated[
+        CaptionerStatus | None,
         Field(description="absent where the settings name none, for readers, and for keys that do one task"),
     ]
     health: Annotated[

@@ -26,7 +26,7 @@ class OperationKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     OPERATION_KIND_UNSPECIFIED: _ClassVar[OperationKind]
     OPERATION_KIND_CREATE_SCENE: _ClassVar[OperationKind]
     OPERATION_KIND_LOOK_AGAIN: _ClassVar[OperationKind]
-    OPERATION_KIND_ASK_NAMER: _ClassVar[OperationKind]
+    OPERATION_KIND_ASK_CAPTIONER: _ClassVar[OperationKind]
 
 class WorkerState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -384,7 +384,7 @@ OPERATION_STATE_CANCELLED: OperationState
 OPERATION_KIND_UNSPECIFIED: OperationKind
 OPERATION_KIND_CREATE_SCENE: OperationKind
 OPERATION_KIND_LOOK_AGAIN: OperationKind
-OPERATION_KIND_ASK_NAMER: OperationKind
+OPERATION_KIND_ASK_CAPTIONER: OperationKind
 WORKER_STATE_UNSPECIFIED: WorkerState
 WORKER_STATE_NONE: WorkerState
 WORKER_STATE_WAITING: WorkerState
@@ -642,7 +642,7 @@ class CreateSceneHeader(_message.Message):
     def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ...) -> None: ...
 
 class Operation(_message.Message):
-    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_namer", "jobs_ahead", "starts_in_s")
+    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_captioner", "jobs_ahead", "starts_in_s")
     class LeftOutEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -670,7 +670,7 @@ class Operation(_message.Message):
     AGAIN_AFTER_FIELD_NUMBER: _ClassVar[int]
     DRAFT_FIELD_NUMBER: _ClassVar[int]
     CREATE_SCENE_FIELD_NUMBER: _ClassVar[int]
-    ASK_NAMER_FIELD_NUMBER: _ClassVar[int]
+    ASK_CAPTIONER_FIELD_NUMBER: _ClassVar[int]
     JOBS_AHEAD_FIELD_NUMBER: _ClassVar[int]
     STARTS_IN_S_FIELD_NUMBER: _ClassVar[int]
     id: str
@@ -693,10 +693,10 @@ class Operation(_message.Message):
     again_after: AgainAfter
     draft: DraftInfo
     create_scene: CreateSceneResult
-    ask_namer: NamerResult
+    ask_captioner: CaptionerResult
     jobs_ahead: int
     starts_in_s: float
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ..., jobs_ahead: _Optional[int] = ..., starts_in_s: _Optional[float] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_captioner: _Optional[_Union[CaptionerResult, _Mapping]] = ..., jobs_ahead: _Optional[int] = ..., starts_in_s: _Optional[float] = ...) -> None: ...
 
 class StageProgress(_message.Message):
     __slots__ = ("stage", "fraction", "message", "seconds", "metrics")
@@ -774,7 +774,7 @@ class FoundName(_message.Message):
     probability: float
     def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
-class NamerResult(_message.Message):
+class CaptionerResult(_message.Message):
     __slots__ = ("suggested", "shown", "refused", "problem", "version")
     SUGGESTED_FIELD_NUMBER: _ClassVar[int]
     SHOWN_FIELD_NUMBER: _ClassVar[int]
@@ -1644,7 +1644,7 @@ class SuggestNamesRequest(_message.Message):
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
-class AskNamerRequest(_message.Message):
+class AskCaptionerRequest(_message.Message):
     __slots__ = ("scene_id", "request_id")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
@@ -2416,7 +2416,7 @@ class BestView(_message.Message):
     mask: ViewMask
     def __init__(self, view: _Optional[str] = ..., share: _Optional[float] = ..., cut_off: _Optional[bool] = ..., photo: _Optional[bool] = ..., mask: _Optional[_Union[ViewMask, _Mapping]] = ...) -> None: ...
 
-class GetObjectSheetRequest(_message.Message):
+class GetContactSheetRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
@@ -2428,7 +2428,7 @@ class GetObjectSheetRequest(_message.Message):
     page_token: str
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
-class ObjectSheet(_message.Message):
+class ContactSheet(_message.Message):
     __slots__ = ("picture", "objects", "unseen", "meters", "next_page_token", "version", "written")
     PICTURE_FIELD_NUMBER: _ClassVar[int]
     OBJECTS_FIELD_NUMBER: _ClassVar[int]
@@ -2576,7 +2576,7 @@ class JobEstimate(_message.Message):
     def __init__(self, seconds: _Optional[float] = ..., stages: _Optional[_Mapping[str, float]] = ...) -> None: ...
 
 class ServerStatus(_message.Message):
-    __slots__ = ("version", "project", "role", "key_expires_at", "upload_operation", "models", "backend", "training_backend", "workers", "quotas", "max_upload_bytes", "max_images", "addresses", "namer", "health", "asks_for_keys")
+    __slots__ = ("version", "project", "role", "key_expires_at", "upload_operation", "models", "backend", "training_backend", "workers", "quotas", "max_upload_bytes", "max_images", "addresses", "captioner", "health", "asks_for_keys")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     PROJECT_FIELD_NUMBER: _ClassVar[int]
     ROLE_FIELD_NUMBER: _ClassVar[int]
@@ -2590,7 +2590,7 @@ class ServerStatus(_message.Message):
     MAX_UPLOAD_BYTES_FIELD_NUMBER: _ClassVar[int]
     MAX_IMAGES_FIELD_NUMBER: _ClassVar[int]
     ADDRESSES_FIELD_NUMBER: _ClassVar[int]
-    NAMER_FIELD_NUMBER: _ClassVar[int]
+    CAPTIONER_FIELD_NUMBER: _ClassVar[int]
     HEALTH_FIELD_NUMBER: _ClassVar[int]
     ASKS_FOR_KEYS_FIELD_NUMBER: _ClassVar[int]
     version: str
@@ -2606,10 +2606,10 @@ class ServerStatus(_message.Message):
     max_upload_bytes: int
     max_images: int
     addresses: _containers.RepeatedScalarFieldContainer[str]
-    namer: NamerStatus
+    captioner: CaptionerStatus
     health: ServerHealth
     asks_for_keys: bool
-    def __init__(self, version: _Optional[str] = ..., project: _Optional[str] = ..., role: _Optional[_Union[Role, str]] = ..., key_expires_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., upload_operation: _Optional[str] = ..., models: _Optional[_Iterable[_Union[ModelStatus, _Mapping]]] = ..., backend: _Optional[str] = ..., training_backend: _Optional[str] = ..., workers: _Optional[int] = ..., quotas: _Optional[_Iterable[_Union[QuotaStatus, _Mapping]]] = ..., max_upload_bytes: _Optional[int] = ..., max_images: _Optional[int] = ..., addresses: _Optional[_Iterable[str]] = ..., namer: _Optional[_Union[NamerStatus, _Mapping]] = ..., health: _Optional[_Union[ServerHealth, _Mapping]] = ..., asks_for_keys: _Optional[bool] = ...) -> None: ...
+    def __init__(self, version: _Optional[str] = ..., project: _Optional[str] = ..., role: _Optional[_Union[Role, str]] = ..., key_expires_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., upload_operation: _Optional[str] = ..., models: _Optional[_Iterable[_Union[ModelStatus, _Mapping]]] = ..., backend: _Optional[str] = ..., training_backend: _Optional[str] = ..., workers: _Optional[int] = ..., quotas: _Optional[_Iterable[_Union[QuotaStatus, _Mapping]]] = ..., max_upload_bytes: _Optional[int] = ..., max_images: _Optional[int] = ..., addresses: _Optional[_Iterable[str]] = ..., captioner: _Optional[_Union[CaptionerStatus, _Mapping]] = ..., health: _Optional[_Union[ServerHealth, _Mapping]] = ..., asks_for_keys: _Optional[bool] = ...) -> None: ...
 
 class ModelStatus(_message.Message):
     __slots__ = ("role", "name", "state", "calibrated")
@@ -2633,7 +2633,7 @@ class QuotaStatus(_message.Message):
     limit: int
     def __init__(self, kind: _Optional[str] = ..., used: _Optional[int] = ..., limit: _Optional[int] = ...) -> None: ...
 
-class NamerStatus(_message.Message):
+class CaptionerStatus(_message.Message):
     __slots__ = ("host", "model", "agreed")
     HOST_FIELD_NUMBER: _ClassVar[int]
     MODEL_FIELD_NUMBER: _ClassVar[int]
@@ -2685,7 +2685,7 @@ class DiskHealth(_message.Message):
     floor_bytes: int
     def __init__(self, total_bytes: _Optional[int] = ..., free_bytes: _Optional[int] = ..., floor_bytes: _Optional[int] = ...) -> None: ...
 
-class AgreeToNamerRequest(_message.Message):
+class AgreeToCaptionerRequest(_message.Message):
     __slots__ = ("host",)
     HOST_FIELD_NUMBER: _ClassVar[int]
     host: str
@@ -2801,11 +2801,11 @@ class StreamQueryRequest(_message.Message):
     __slots__ = ("question", "pose")
     QUESTION_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
-    question: StandingQuestion
+    question: Subscription
     pose: StreamPose
-    def __init__(self, question: _Optional[_Union[StandingQuestion, _Mapping]] = ..., pose: _Optional[_Union[StreamPose, _Mapping]] = ...) -> None: ...
+    def __init__(self, question: _Optional[_Union[Subscription, _Mapping]] = ..., pose: _Optional[_Union[StreamPose, _Mapping]] = ...) -> None: ...
 
-class StandingQuestion(_message.Message):
+class Subscription(_message.Message):
     __slots__ = ("query", "heartbeat_s")
     QUERY_FIELD_NUMBER: _ClassVar[int]
     HEARTBEAT_S_FIELD_NUMBER: _ClassVar[int]

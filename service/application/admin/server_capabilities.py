@@ -20,7 +20,7 @@ from fastsplat.service.store.blobs.reserve import floor_of
 from fastsplat.service.store.store import Store
 from fastsplat_contract.call import APART
 from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.jobs.name_suggestions import NamerStatus
+from fastsplat_contract.jobs.name_suggestions import CaptionerStatus
 from fastsplat_contract.server.keys import Role
 from fastsplat_contract.server.server_status import (
     DiskHealth,
@@ -68,7 +68,7 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         ),
         max_upload_bytes=settings.capture.max_upload_bytes,
         max_images=settings.capture.max_images,
-        namer=None if role in (*APART, "reader") else namer_status(store, settings, project),
+        captioner=None if role in (*APART, "reader") else captioner_status(store, settings, project),
         addresses=() if role in (*APART, "reader") else page_addresses(settings),
         health=_health(store, settings) if role == "operator" else None,
     )
@@ -188,9 +188,9 @@ def _opened_digest(name: str, models: Path) -> str:
     return open_text_encoder(name, models).sha256
 
 
-def namer_status(store: Store, settings: Settings, project: str) -> NamerStatus | None:
-    """Configured namer, and the project's consent to its host; None without a namer."""
-    namer = settings.namer
-    if not namer.url:
+def captioner_status(store: Store, settings: Settings, project: str) -> CaptionerStatus | None:
+    """Configured captioner, and the project's consent to its host; None without a captioner."""
+    captioner = settings.captioner
+    if not captioner.url:
         return None
-    return NamerStatus(namer.host, namer.model, store.projects.agreed(project) == namer.host)
+    return CaptionerStatus(captioner.host, captioner.model, store.projects.agreed(project) == captioner.host)

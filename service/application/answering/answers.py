@@ -17,7 +17,7 @@ from fastsplat.service.application.base.validate import check_page_size, check_p
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.words.query_text import TextQuery, check_query
 from fastsplat.service.query.objects.picking import chosen_level, pick_box, pick_pixel, pick_point
-from fastsplat.service.query.ranked_scene import RankedQuery, StandingQuery
+from fastsplat.service.query.ranked_scene import RankedQuery, SubscribedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -38,11 +38,11 @@ class Answers:
         self._context = context
         self._all_scenes = AllScenes(context, self._of_scene)
 
-    def query(self, request: QueryRequest, standing: StandingQuery | None = None) -> QueryOut:
+    def query(self, request: QueryRequest, subscription: SubscribedQuery | None = None) -> QueryOut:
         """Answers one scene, by text, or without a scene id every READY scene, newest first.
 
         Cameras, views and versions need a scene id. Scenes that were not asked are listed as skipped. Further calls
-        with the same `standing` and another pose rank only what has changed.
+        with the same `subscription` and another pose rank only what has changed.
 
         Raises:
             NotFoundError: unknown scene, version or view.
@@ -54,7 +54,7 @@ class Answers:
         """
         query = self._check(request)
         if request.scene_id:
-            return QueryOut(self._of_scene(query, request, standing))
+            return QueryOut(self._of_scene(query, request, subscription))
         return self._all_scenes.query(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
@@ -154,7 +154,7 @@ class Answers:
         return measure(index, request.places, version)
 
     def _of_scene(
-        self, query: TextQuery, request: QueryRequest, standing: StandingQuery | None = None
+        self, query: TextQuery, request: QueryRequest, subscription: SubscribedQuery | None = None
     ) -> tuple[Answer, ...]:
         index, version = self._context.scenes.open(request.scene_id, request.version)
         cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
@@ -170,7 +170,7 @@ class Answers:
         ranked = self._context.known_names.suggesting(request.scene_id, index.ranked)
         size, field = _bytes_to_hold(index, cameras, request)
         with self._context.memory.reserve(size, field):
-            asked = RankedQuery(ranked, query) if standing is None else standing.ranked(ranked, query)
+            asked = RankedQuery(ranked, query) if subscription is None else subscription.ranked(ranked, query)
             return tuple(
                 completed(
                     answer,

@@ -255,7 +255,7 @@ def _check(request: ExportRequest) -> None:
     if request.object_ids and facts.whole:
         raise InvalidInputError(
             f"{facts.whole} of some objects alone",
-            field="objects",
+            field="object_ids",
             hint="Ask for the whole scene, or for another format.",
         )
     if not (math.isfinite(request.cell) and request.cell >= 0):

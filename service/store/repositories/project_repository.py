@@ -47,15 +47,15 @@ class ProjectRepository:
         with transaction(self._reading) as connection:
             return list(connection.scalars(select(projects.c.name)))
 
-    def agree(self, name: str, namer_host: str) -> None:
+    def agree(self, name: str, captioner_host: str) -> None:
         """Sets the host whose naming service may receive the project's pictures; "": none."""
         with transaction(self._engine) as connection:
-            connection.execute(update(projects).where(projects.c.name == name).values(namer_host=namer_host))
+            connection.execute(update(projects).where(projects.c.name == name).values(captioner_host=captioner_host))
 
     def agreed(self, name: str) -> str:
         """Returns the host set by `agree`; "": none."""
         with transaction(self._reading) as connection:
-            return str(connection.scalar(select(projects.c.namer_host).where(projects.c.name == name)) or "")
+            return str(connection.scalar(select(projects.c.captioner_host).where(projects.c.name == name)) or "")
 
     def all(self) -> Sequence[ProjectRecord]:
         """Lists all projects by name."""

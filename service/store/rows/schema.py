@@ -31,7 +31,7 @@ projects = Table(
     metadata,
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
-    Column("namer_host", String(300), nullable=False, default=""),  # may receive pictures of objects; "": none
+    Column("captioner_host", String(300), nullable=False, default=""),  # may receive pictures of objects; "": none
 )
 
 scenes = Table(

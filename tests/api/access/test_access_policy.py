@@ -35,7 +35,7 @@ _FOR_ONE_UPLOAD = {
     *(f"{method} /v1/uploads/{{upload_id}}" for method in ("HEAD", "PATCH", "DELETE")),
 }
 _FOR_SUGGESTERS = {
-    *("GetObjectSheet", "SuggestNames", "POST /mcp", "GetServerStatus", "GET /v1/server/status"),
+    *("GetContactSheet", "SuggestNames", "POST /mcp", "GetServerStatus", "GET /v1/server/status"),
     *("GET /v1/scenes/{scene_id}/objects/sheet", "POST /v1/scenes/{scene_id}/name-suggestions"),
 }
 _ASKING = {
@@ -67,7 +67,7 @@ def _least_role(name: str) -> str | None:
     if path == "/v1/projects":
         return "operator"
     if (
-        path.startswith(("/v1/keys", "/v1/namer"))
+        path.startswith(("/v1/keys", "/v1/captioner"))
         or path.endswith("/log")
         or (method == "DELETE" and "/uploads" not in path)
     ):
@@ -180,9 +180,11 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         error = guarded.call(name, caller, guarded.shared)
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
-    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer, no detector
+    if (
+        error is not None
+    ):  # nothing to undo, a capture without files, a scene whose z is not up, no captioner, no detector
         expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
-        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer"), "FAILED_PRECONDITION")
+        expected |= dict.fromkeys(("AskCaptioner", "AgreeToCaptioner"), "FAILED_PRECONDITION")
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
         assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene")
     if "suggester" in rule.also:

@@ -88,7 +88,7 @@ def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list)
 
 def _stream_query(place: _Place, metadata: Any) -> Any:
     requests: queue.Queue[Any] = queue.Queue()
-    question = pb.StandingQuestion(query=pb.QueryRequest(scene_id=place.scene_id, texts=["mug"]), heartbeat_s=0.1)
+    question = pb.Subscription(query=pb.QueryRequest(scene_id=place.scene_id, texts=["mug"]), heartbeat_s=0.1)
     requests.put(pb.StreamQueryRequest(question=question))
     call = place.faces.rpc.StreamQuery(iter(requests.get, None), metadata=metadata, timeout=30)
     assert next(call).WhichOneof("part") == "accepted" and next(call).WhichOneof("part") == "heartbeat"

@@ -30,7 +30,7 @@ _SHOWN = {
     *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
-    "GetObjectSheet",
+    "GetContactSheet",
     *("Localize", "ListObservations", "GetObservation"),
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""

@@ -1,4 +1,4 @@
-"""Standing questions over a real server: every pose is answered or announced as dropped."""
+"""Subscriptions over a real server: every pose is answered or announced as dropped."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.settings import Settings
-from fastsplat_client import StandingQuestion
+from fastsplat_client import Subscription
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.geometry.poses import pose_of
@@ -44,7 +44,7 @@ class _Robot:
         self.replies = faces.rpc.StreamQuery(iter(self._requests.get, None), **call)
 
     def ask(self, request: QueryRequest, heartbeat_s: float = 0.0) -> None:
-        question = pb.StandingQuestion(query=to_proto(request), heartbeat_s=heartbeat_s)
+        question = pb.Subscription(query=to_proto(request), heartbeat_s=heartbeat_s)
         self._requests.put(pb.StreamQueryRequest(question=question))
 
     def move(self, sequence: int, angle: float = 0.0, frame: str = "world") -> None:
@@ -80,7 +80,7 @@ def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
     answered, cameras = threading.Semaphore(1), [turned(angle) for angle in 2 * _ANGLES]
     poses = (camera for camera in cameras if answered.acquire())  # a robot that waits for each answer misses none
     with client_of(faces) as client:
-        stream = client.stream_query(StandingQuestion(request), poses)
+        stream = client.stream_query(Subscription(request), poses)
         for number, (camera, found) in enumerate(zip(cameras, stream, strict=True), start=1):
             assert len(ranked) == rankings
             alone = replace(request, cameras=(camera,), asker=pose_of(camera.world_from_camera))
@@ -119,7 +119,7 @@ class _Held(OwnQuestions):
         self.go = threading.Event()
         self.asked: list[float] = []
 
-    def query(self, request: QueryRequest, standing: Any = None) -> QueryOut:
+    def query(self, request: QueryRequest, subscription: Any = None) -> QueryOut:
         if request.cameras:
             self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()
@@ -129,7 +129,7 @@ class _Held(OwnQuestions):
             except BaseException:
                 self.stopped.set()
                 raise
-        return self._service.answers.query(request, standing)
+        return self._service.answers.query(request, subscription)
 
 
 @pytest.fixture
@@ -242,7 +242,7 @@ def test_a_silent_stream_beats_and_learns_that_its_scene_is_gone(
 
     deleted = threading.Event()
     with client_of(faces) as client:
-        answers = client.stream_query(StandingQuestion(_question(scene_id, "mug")), poses())
+        answers = client.stream_query(Subscription(_question(scene_id, "mug")), poses())
         next(answers)
         service.delete_scene(scene_id)
         deleted.set()

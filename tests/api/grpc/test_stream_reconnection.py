@@ -24,7 +24,7 @@ from fastsplat_client import (
     PoseAnswer,
     QueryRequest,
     Reconnect,
-    StandingQuestion,
+    Subscription,
     UnauthenticatedError,
     UnreachableError,
 )
@@ -99,8 +99,8 @@ class _Server:
         return Client(address, grpc_target=f"127.0.0.1:{self.settings.grpc_port}")
 
 
-def _question(scene_id: str, *texts: str) -> StandingQuestion:
-    return StandingQuestion(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
+def _question(scene_id: str, *texts: str) -> Subscription:
+    return Subscription(QueryRequest(scene_id, texts, outputs=frozenset({"mask2d"}), mask2d_encoding="png"))
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ class _Walk:
                 self.answered.release()
 
 
-def _answers(client: Client, question: StandingQuestion, walk: _Walk, reconnect: Reconnect) -> list[PoseAnswer]:
+def _answers(client: Client, question: Subscription, walk: _Walk, reconnect: Reconnect) -> list[PoseAnswer]:
     found = []
     for answer in client.stream_query(question, walk, reconnect=reconnect):
         found.append(answer)

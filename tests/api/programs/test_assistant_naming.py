@@ -129,4 +129,4 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
 
 
 def _shown(client: Client, scene_id: str) -> list[int]:
-    return [each.object_id for sheet in client.object_sheets(scene_id) for each in sheet.objects]
+    return [each.object_id for sheet in client.contact_sheets(scene_id) for each in sheet.objects]

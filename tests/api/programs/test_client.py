@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.settings import Settings
-from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
+from fastsplat_client import Client, DeadlineExceededError, Retry, Subscription
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.errors import CancelledError, PermissionDeniedError, UnauthenticatedError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -158,7 +158,7 @@ def test_keys_and_tls_reach_both_ports(
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
         with Client(url, key=read, ca=pem / "ca.pem") as client:  # which asks the server where gRPC is
             assert client.query(scene_id, "mug")[0].outcome == "here"
-            question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
+            question = Subscription(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
             (found,) = client.stream_query(question, [turned(0.0)])
             assert found.answers[0].masks[0].area > 0
             with pytest.raises(PermissionDeniedError):

@@ -33,7 +33,7 @@ _TESTS = (
 )
 _TALK = """
 import json, sys
-from fastsplat_client import Client, NotFoundError, PosedCamera, QueryRequest, StandingQuestion
+from fastsplat_client import Client, NotFoundError, PosedCamera, QueryRequest, Subscription
 url, scene_id = sys.argv[1:]
 told = {}
 with Client(url) as client:
@@ -44,7 +44,7 @@ with Client(url) as client:
     (mask,), (object, *_) = answer.masks, answer.objects
     told["answer"] = [answer.outcome, answer.sentence, mask.area, object.id, len(answer.mask3d)]
     told["pixels"] = int(mask.array().sum())
-    question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
+    question = Subscription(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
     (seen,) = client.stream_query(question, [view])
     told["streamed"] = seen.answers[0].masks[0].area
     try:

@@ -58,7 +58,7 @@ def test_every_operation_documents_its_problems(described: dict[str, Any]) -> No
             assert operation["description"]
 
 
-def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(described: dict[str, Any]) -> None:
+def test_every_rest_call_has_its_rpc_and_only_subscriptions_are_grpc_alone(described: dict[str, Any]) -> None:
     """Health is grpc.health.v1; a resumable upload is CreateScene's stream; who has found gRPC need not ask for it."""
     routes = {f"{method.upper()} {path}" for path, methods in described["paths"].items() for method in methods}
     elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}

@@ -46,7 +46,7 @@ _STATUSES = {
     errors.UploadLockedError: (423, "FAILED_PRECONDITION"),
     errors.TusVersionError: (412, "FAILED_PRECONDITION"),
     errors.NotReadyNowError: (503, "UNAVAILABLE"),
-    errors.NamerError: (503, "UNAVAILABLE"),
+    errors.CaptionerError: (503, "UNAVAILABLE"),
     errors.DatabaseError: (503, "UNAVAILABLE"),
     errors.ObjectStoreError: (503, "UNAVAILABLE"),
     errors.ArtefactError: (500, "INTERNAL"),

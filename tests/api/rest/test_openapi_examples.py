@@ -14,7 +14,7 @@ import pytest
 from fastsplat.api.examples.example_parameters import IDS
 from fastsplat.api.rest import openapi
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.settings import CaptionerSettings, Settings
 from tests.api.made_scene import OBSERVED, PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_cancelled_job, add_training_job
@@ -30,7 +30,7 @@ _OPERATIONS = {
 _TUS = {"create_upload", "append_to_upload", "get_upload", "delete_upload"}
 """Those need headers of tus, which its own specification describes; see test_api_tus."""
 _OF_TRAINING = {"finish_operation", "get_preview", "get_preview_picture", "get_placed_cameras", "get_job_log"}
-_NAMER = "localhost:11434"
+_CAPTIONER = "localhost:11434"
 """The host of the examples."""
 _WITHOUT_CONTENT = {"application/offset+octet-stream"}
 
@@ -103,9 +103,11 @@ class _Place:
 
 @pytest.fixture(scope="module")
 def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Place]:
-    namer = NamerSettings(url=f"http://{_NAMER}/v1", model="never asked: the objects of these scenes have names")
+    captioner = CaptionerSettings(
+        url=f"http://{_CAPTIONER}/v1", model="never asked: the objects of these scenes have names"
+    )
     folder = tmp_path_factory.mktemp("examples")
-    settings = api_settings.model_copy(update={"data_dir": folder, "namer": namer})
+    settings = api_settings.model_copy(update={"data_dir": folder, "captioner": captioner})
     with open_service(settings) as service, served(service, settings) as faces:
         yield _Place(faces, service, settings)
 
@@ -134,8 +136,8 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
         if name == "get_goal":  # of a scene whose z is up
             upright = add_upright_scene(place.service, place._settings)
             ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}
-        if name == "ask_namer":
-            place.service.namer.agree(_NAMER)
+        if name == "ask_captioner":
+            place.service.captioner.agree(_CAPTIONER)
         if name == "retry_operation":
             ids["operation_id"] = add_cancelled_job(place.service, "IMG_0012.jpg")
         response = _sent(place, name, body, ids)

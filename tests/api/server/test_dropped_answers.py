@@ -20,7 +20,7 @@ import pytest
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.records import NewJob
-from fastsplat_client import Client, StandingQuestion
+from fastsplat_client import Client, Subscription
 from fastsplat_client.stream import SceneServiceStub
 from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.messages.queries import QueryRequest
@@ -109,7 +109,7 @@ def _request(rpc: str, scene_id: str) -> Any:
 
 
 def _poses(scene_id: str) -> Iterator[pb.StreamQueryRequest]:
-    question = pb.StandingQuestion(query=pb.QueryRequest(scene_id=scene_id, texts=["mug"]), heartbeat_s=0.1)
+    question = pb.Subscription(query=pb.QueryRequest(scene_id=scene_id, texts=["mug"]), heartbeat_s=0.1)
     yield pb.StreamQueryRequest(question=question)
     for sequence in range(1, 100):
         yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(turned(0.01 * sequence))))
@@ -133,7 +133,7 @@ def test_an_answer_over_grpc_is_dropped(server: _Server, rpc: str) -> None:
 
 def test_streams_are_left_by_the_typed_client(server: _Server) -> None:
     http, rpc = server.ports
-    question = StandingQuestion(QueryRequest(server.scene_id, ("mug",), outputs=frozenset({"mask2d"})))
+    question = Subscription(QueryRequest(server.scene_id, ("mug",), outputs=frozenset({"mask2d"})))
     with Client(f"http://127.0.0.1:{http}", grpc_target=f"127.0.0.1:{rpc}") as client:
         for _ in range(_TIMES):
             for _ in client.stream_query(question, (turned(0.01 * step) for step in range(100))):

@@ -20,7 +20,7 @@ from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.objects.names.names_by_looks import KnownObject
 from fastsplat.service.query.phrases.object_words import ObjectWords
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.query.ranked_scene import StandingQuery
+from fastsplat.service.query.ranked_scene import SubscribedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.artefact.suggestions import Suggestion
@@ -189,7 +189,7 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     known = [KnownObject("s", "samovar", looks), KnownObject("own", "jar", looks)]
     ranked = index.ranked.suggesting(known, "own")
     query = check_query(("my samovar", "jar", "vase"), index.settings)
-    standing = StandingQuery()
+    standing = SubscribedQuery()
     alone, again, more = (standing.ranked(one, query) for one in (index.ranked, index.ranked, ranked))
     assert again is alone and more is not alone
     samovar, jar, vase = more.answer(lambda: index.objects)

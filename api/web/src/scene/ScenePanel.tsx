@@ -14,7 +14,7 @@ import { VersionsPanel } from "../change/VersionsPanel";
 import { CleanUpPanel } from "../improve/CleanUpPanel";
 import { CompareToday } from "../improve/CompareToday";
 import { LookAgain } from "../improve/LookAgain";
-import { NamerPanel } from "../improve/NamerPanel";
+import { CaptionerPanel } from "../improve/CaptionerPanel";
 import { NextPhotos } from "../improve/NextPhotos";
 import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
@@ -134,7 +134,7 @@ function Objects({ state, scene, onFly, reload }: Properties & { reload: () => v
       <ObjectPanel state={state} onFly={onFly} />
       <ObjectTools state={state} />
       <ObjectList state={state} onFly={onFly} />
-      <NamerPanel state={state} />
+      <CaptionerPanel state={state} />
       <SceneTools state={state} />
       <CleanUpPanel state={state} />
       <ScaleFacts state={state} />

@@ -3,7 +3,7 @@ import { cleanUpTexts } from "./cleanUp";
 import { generalTexts } from "./general";
 import { jobsTexts } from "./jobs";
 import { lookTexts } from "./look";
-import { namerTexts } from "./namer";
+import { captionerTexts } from "./captioner";
 import { sceneTexts } from "./scene";
 import { serverTexts } from "./server";
 import { takeTexts } from "./take";
@@ -17,7 +17,7 @@ export const texts = {
   ...generalTexts,
   ...jobsTexts,
   ...lookTexts,
-  ...namerTexts,
+  ...captionerTexts,
   ...sceneTexts,
   ...serverTexts,
   ...takeTexts,

@@ -62,7 +62,7 @@ export const serverTexts = {
     kinds: {
       create_scene: "New scene",
       look_again: "Look again",
-      ask_namer: "Names from a model",
+      ask_captioner: "Names from a model",
     },
     states: {
       QUEUED: "Waiting",

@@ -1,4 +1,4 @@
-"""Things are called objects."""
+"""Things are called objects, and the namer captioner."""
 
 from __future__ import annotations
 
@@ -14,20 +14,22 @@ down_revision = "0002"
 
 _JSON = (
     ("scene_versions", ("scene_id", "version"), ("edits",)),
-    ("operations", ("id",), ("options", "order", "result")),
+    ("operations", ("id",), ("options", "order", "result", "error")),
 )
 """Tables, their primary keys, and the columns whose values name objects."""
 
 
 def upgrade() -> None:
-    """Renames columns, and fields within stored edits and options."""
+    """Renames columns, and within stored edits, jobs and errors."""
     for renamed, old, new in (
         ("scenes", "things", "objects"),
         ("scene_versions", "things", "objects"),
         ("known_names", "thing_id", "object_id"),
+        ("projects", "namer_host", "captioner_host"),
     ):
         with op.batch_alter_table(renamed) as batch:
             batch.alter_column(old, new_column_name=new)
+    op.execute("UPDATE operations SET kind = 'ask_captioner' WHERE kind = 'ask_namer'")
     connection = op.get_bind()
     for name, keys, columns in _JSON:
         values: list[sa.ColumnClause[Any]] = [sa.column(each, sa.JSON(none_as_null=True)) for each in columns]

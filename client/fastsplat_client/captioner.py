@@ -1,7 +1,7 @@
 """Name suggestions by a vision-language model with an OpenAI-compatible chat interface.
 
 An object gets a suggested name only when a person confirms it. Pictures of unnamed objects, their sizes and the names
-of their neighbors are sent to the namer's host and nowhere else.
+of their neighbors are sent to the captioner's host and nowhere else.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from fastsplat_client.errors import seconds_after
 from fastsplat_client.transport import Retry
 from fastsplat_contract.codec.unseen_characters import unseen_in
-from fastsplat_contract.errors import InvalidInputError, NamerError
+from fastsplat_contract.errors import CaptionerError, InvalidInputError
 from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.jobs.name_suggestions import SuggestedName
-from fastsplat_contract.messages.object_sheets import ObjectSheet
+from fastsplat_contract.messages.contact_sheets import ContactSheet
 
 if TYPE_CHECKING:
     from fastsplat_client.client import Client
@@ -83,7 +83,7 @@ _SCHEMA: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Namer:
+class Captioner:
     """Address and limits of a naming model."""
 
     url: str  # OpenAI-compatible, e.g. http://localhost:11434/v1
@@ -117,7 +117,7 @@ class Namer:
 
 @dataclass(frozen=True)
 class NamedSheets:
-    """A namer's suggestions for a scene."""
+    """A captioner's suggestions for a scene."""
 
     names: tuple[SuggestedName, ...]  # at most one per object
     shown: int  # objects in the pictures
@@ -141,17 +141,17 @@ class _Answer(BaseModel):
     names: Annotated[list[_Told], Field(max_length=200)]
 
 
-def ask_namer(namer: Namer, sheets: Iterable[ObjectSheet]) -> NamedSheets:
-    """Asks a namer about each sheet of a scene; an unanswered sheet ends the run.
+def ask_captioner(captioner: Captioner, sheets: Iterable[ContactSheet]) -> NamedSheets:
+    """Asks a captioner about each sheet of a scene; an unanswered sheet ends the run.
 
     Contacts no other host: redirects are not followed, and proxies from the environment are not used.
 
     Raises:
-        NamerError: it refused the key or did not answer the first sheet.
+        CaptionerError: it refused the key or did not answer the first sheet.
         FastSplatError: raised by `sheets`, which are fetched as needed.
     """
-    ends = time.monotonic() + namer.total_s
-    told: list[tuple[ObjectSheet, list[_Name]]] = []
+    ends = time.monotonic() + captioner.total_s
+    told: list[tuple[ContactSheet, list[_Name]]] = []
     answered = shown = requests = 0
     problem = ""
     with httpx.Client(follow_redirects=False, trust_env=False) as http:
@@ -160,8 +160,8 @@ def ask_namer(namer: Namer, sheets: Iterable[ObjectSheet]) -> NamedSheets:
                 continue
             shown += len(sheet.objects)
             try:
-                answer, tries = _answer(namer, http, sheet, ends, MAX_REQUESTS - requests)
-            except NamerError as error:
+                answer, tries = _answer(captioner, http, sheet, ends, MAX_REQUESTS - requests)
+            except CaptionerError as error:
                 if not told:
                     raise
                 problem = str(error)
@@ -170,46 +170,50 @@ def ask_namer(namer: Namer, sheets: Iterable[ObjectSheet]) -> NamedSheets:
             answered += len(answer.names)
             told.append((sheet, _usable(answer, sheet)))
     kept = _not_obeyed(told, shown)
-    names = [SuggestedName(**each, source=namer.model.strip()[:_MAX_SOURCE], model=namer.model) for each in kept]
+    names = [
+        SuggestedName(**each, source=captioner.model.strip()[:_MAX_SOURCE], model=captioner.model) for each in kept
+    ]
     return NamedSheets(tuple(names), shown, answered - len(kept), requests, problem)
 
 
-def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
-    """Suggests a namer's names for all unnamed objects, as one version; raises as `ask_namer`.
+def suggest_by(client: Client, scene_id: str, captioner: Captioner) -> NamedSheets:
+    """Suggests a captioner's names for all unnamed objects, as one version; raises as `ask_captioner`.
 
     The role suggester is sufficient for the client's key.
     """
-    named = ask_namer(namer, client.object_sheets(scene_id))
+    named = ask_captioner(captioner, client.contact_sheets(scene_id))
     if named.names:
         client.suggest_names(scene_id, named.names)
     return named
 
 
-def _answer(namer: Namer, http: httpx.Client, sheet: ObjectSheet, ends: float, most: int) -> tuple[_Answer, int]:
-    """Returns a namer's answer to a sheet and the number of requests."""
+def _answer(
+    captioner: Captioner, http: httpx.Client, sheet: ContactSheet, ends: float, most: int
+) -> tuple[_Answer, int]:
+    """Returns a captioner's answer to a sheet and the number of requests."""
     failed, pause = "too many requests", 0.0
     for tried in range(1, min(_TRIES, most) + 1):
         left = ends - time.monotonic()
         if left <= pause:
-            failed = f"{namer.total_s:g} seconds are over" + (f" ({failed})" if pause else "")
+            failed = f"{captioner.total_s:g} seconds are over" + (f" ({failed})" if pause else "")
             break
         time.sleep(pause)
         try:
-            return _once(namer, http, sheet, min(left - pause, namer.request_s)), tried
+            return _once(captioner, http, sheet, min(left - pause, captioner.request_s)), tried
         except (_AgainError, httpx.HTTPError) as error:
             failed = str(error) or type(error).__name__
             told = error.after_s if isinstance(error, _AgainError) else None
             pause = _PAUSES.pause(tried - 1) if told is None else told
-    raise NamerError(
-        f"the namer at {namer.host} does not answer: {failed[:300]}",
+    raise CaptionerError(
+        f"the captioner at {captioner.host} does not answer: {failed[:300]}",
         field="url",
-        limit=f"{MAX_REQUESTS} requests, {namer.total_s:g} seconds",
+        limit=f"{MAX_REQUESTS} requests, {captioner.total_s:g} seconds",
         hint="See whether it runs, knows the model, sees pictures and answers by a JSON schema.",
     )
 
 
 class _AgainError(Exception):
-    """A failure worth a retry, after `after_s` seconds if the namer gave a time."""
+    """A failure worth a retry, after `after_s` seconds if the captioner gave a time."""
 
     def __init__(self, message: str, after_s: float | None = None) -> None:
         super().__init__(message)
@@ -247,17 +251,17 @@ class _Deadline:
                 socket.socket.shutdown(self._socket, socket.SHUT_RDWR)
 
 
-def _once(namer: Namer, http: httpx.Client, sheet: ObjectSheet, seconds: float) -> _Answer:
+def _once(captioner: Captioner, http: httpx.Client, sheet: ContactSheet, seconds: float) -> _Answer:
     # No compression, as a small answer may expand to gigabytes; one connection per request, for its own deadline.
     headers = {"Accept-Encoding": "identity", "Connection": "close"}
-    if namer.key:
-        headers["Authorization"] = f"Bearer {namer.key}"
-    request: dict[str, Any] = {"json": _request(namer, sheet), "headers": headers, "timeout": seconds}
-    url = namer.url.rstrip("/") + "/chat/completions"
+    if captioner.key:
+        headers["Authorization"] = f"Bearer {captioner.key}"
+    request: dict[str, Any] = {"json": _request(captioner, sheet), "headers": headers, "timeout": seconds}
+    url = captioner.url.rstrip("/") + "/chat/completions"
     with _Deadline(seconds) as deadline, http.stream("POST", url, **request, extensions=deadline.traced) as response:
         status = response.status_code
         if status in (401, 403):
-            raise NamerError(f"the namer at {namer.host} refuses the key", field="key")
+            raise CaptionerError(f"the captioner at {captioner.host} refuses the key", field="key")
         if status in _AGAIN or status >= 500:
             raise _AgainError(f"status {status}", seconds_after(response.headers.get("retry-after", "")))
         if (coding := response.headers.get("content-encoding", "identity")) != "identity":
@@ -268,8 +272,8 @@ def _once(namer: Namer, http: httpx.Client, sheet: ObjectSheet, seconds: float) 
             if len(content) > _MAX_ANSWER:
                 raise _AgainError(f"an answer of more than {_MAX_ANSWER} bytes")
     if status != 200:
-        raise NamerError(
-            f"the namer at {namer.host} answers with status {status}: {content[:200].decode(errors='replace')!r}",
+        raise CaptionerError(
+            f"the captioner at {captioner.host} answers {status}: {content[:200].decode(errors='replace')!r}",
             field="url",
             hint="Redirects are not followed: give the address itself, as http://HOST:PORT/v1.",
         )
@@ -280,7 +284,7 @@ def _once(namer: Namer, http: httpx.Client, sheet: ObjectSheet, seconds: float) 
         raise _AgainError(f"an answer that is not as asked for ({type(error).__name__})") from error
 
 
-def _request(namer: Namer, sheet: ObjectSheet) -> Mapping[str, Any]:
+def _request(captioner: Captioner, sheet: ContactSheet) -> Mapping[str, Any]:
     picture = base64.b64encode(sheet.picture).decode()
     unit = " m" if sheet.meters else ""
     lines = []
@@ -290,7 +294,7 @@ def _request(namer: Namer, sheet: ObjectSheet) -> Mapping[str, Any]:
         about = [size, f"a {each.surface}" if each.surface else "", f"beside {beside}" if beside else ""]
         lines.append(f"{each.number}: " + ("; ".join(filter(None, about)) or "of unknown size"))
     return {
-        "model": namer.model,
+        "model": captioner.model,
         "temperature": 0,
         "max_tokens": 4_096,
         "messages": [
@@ -310,7 +314,7 @@ def _request(namer: Namer, sheet: ObjectSheet) -> Mapping[str, Any]:
     }
 
 
-def _usable(answer: _Answer, sheet: ObjectSheet) -> list[_Name]:
+def _usable(answer: _Answer, sheet: ContactSheet) -> list[_Name]:
     """Selects the most probable usable name of each object on the sheet."""
     ids = {each.number: each.object_id for each in sheet.objects}
     best: dict[int, _Name] = {}
@@ -327,7 +331,7 @@ def _is_name(text: str) -> bool:
     return 0 < len(text) <= _MAX_NAME and not unseen_in(text)
 
 
-def _not_obeyed(told: Sequence[tuple[ObjectSheet, Sequence[_Name]]], shown: int) -> list[_Name]:
+def _not_obeyed(told: Sequence[tuple[ContactSheet, Sequence[_Name]]], shown: int) -> list[_Name]:
     """Drops names due to prompt injection: all of such sheets, their name elsewhere, or everything."""
     obeyed = [_obeyed([sheet], names, len(sheet.objects)) for sheet, names in told]
     kept = [each for (_, names), poster in zip(told, obeyed, strict=True) if not poster for each in names]
@@ -335,7 +339,7 @@ def _not_obeyed(told: Sequence[tuple[ObjectSheet, Sequence[_Name]]], shown: int)
     return [] if _obeyed([sheet for sheet, _ in told], kept, shown) else kept
 
 
-def _obeyed(sheets: Sequence[ObjectSheet], names: Sequence[_Name], shown: int) -> str:
+def _obeyed(sheets: Sequence[ContactSheet], names: Sequence[_Name], shown: int) -> str:
     """Finds a name given to implausibly many of `shown` objects, or "".
 
     It is a sign of prompt injection, e.g. by a poster. Similar sizes, as of books on a shelf, make a common name

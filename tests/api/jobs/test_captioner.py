@@ -1,4 +1,4 @@
-"""A namer of one's own names the sample: what it says are suggestions, and nothing is stated without a person."""
+"""A captioner of one's own names the sample: what it says are suggestions, and nothing is stated without a person."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.naming.replay import named, replayed
-from fastsplat_client.namer import Namer, suggest_by
+from fastsplat_client.captioner import Captioner, suggest_by
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
 from tests.commands import invoke
@@ -24,11 +24,11 @@ def room(models_dir: Path, tmp_path: Path) -> Iterator[Nameless]:
 
 def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None:
     with client_of(room.faces) as client:
-        sheets = list(client.object_sheets(room.scene_id))
+        sheets = list(client.contact_sheets(room.scene_id))
         for model, seed in (("one", 1), ("other", 2)):
             seen = seen_with_errors(room.truth, seed)
             with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
-                said = suggest_by(client, room.scene_id, Namer(server.url, model))
+                said = suggest_by(client, room.scene_id, Captioner(server.url, model))
             assert said.requests == len(sheets) and {each.object_id for each in said.names} == room.truth.keys()
         listed = {each.id: each for each in client.objects(room.scene_id)}
         assert not any(each.name for each in listed.values())
@@ -40,11 +40,11 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
 
 def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
     with client_of(room.faces) as client:
-        sheets, before = list(client.object_sheets(room.scene_id)), client.scene(room.scene_id).version
+        sheets, before = list(client.contact_sheets(room.scene_id)), client.scene(room.scene_id).version
         with replayed(
             sheets, lambda sheet: named(sheet, {each.object_id: "cat" for each in sheet.objects}, 1.0)
         ) as server:
-            said = suggest_by(client, room.scene_id, Namer(server.url, "obeys"))
+            said = suggest_by(client, room.scene_id, Captioner(server.url, "obeys"))
         assert server.got and said.names == () and said.refused == said.shown
         assert client.scene(room.scene_id).version == before
         (asked,) = client.query(room.scene_id, "cat")
@@ -53,12 +53,12 @@ def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
 
 def test_the_command_asks_and_says_what_came(room: Nameless, tmp_path: Path) -> None:
     with client_of(room.faces) as client:
-        sheets = list(client.object_sheets(room.scene_id))
-    key = tmp_path / "namer.key"
+        sheets = list(client.contact_sheets(room.scene_id))
+    key = tmp_path / "captioner.key"
     key.write_text("secret\n")
     server_url = str(room.faces.rest.base_url)
     with replayed(sheets, lambda sheet: named(sheet, room.truth)) as server:
-        command = ["objects", "ask-namer", room.scene_id, server.url, "eyes", "--namer-key", str(key)]
+        command = ["objects", "ask-captioner", room.scene_id, server.url, "eyes", "--captioner-key", str(key)]
         done = invoke(*command, "--server", server_url)
         assert done.exit_code == 0, (done.output, done.exception)
         assert (

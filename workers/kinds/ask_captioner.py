@@ -1,4 +1,4 @@
-"""Stages of a job that asks the server's namer about a new scene.
+"""Stages of a job that asks the server's captioner about a new scene.
 
 It is asked about the version at the job's start; its suggestions go into the current one.
 """
@@ -16,23 +16,23 @@ from fastsplat.workers.job.protocol import Job, Stage
 from fastsplat.workers.job.results import intact
 from fastsplat.workers.kinds.look_again import open_current, write_renamed
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
-from fastsplat_contract.jobs.name_suggestions import NamerResult, SuggestIn
-from fastsplat_contract.messages.object_sheets import ObjectSheet
+from fastsplat_contract.jobs.name_suggestions import CaptionerResult, SuggestIn
+from fastsplat_contract.messages.contact_sheets import ContactSheet
 from fastsplat_contract.messages.scenes import Edit
 
 _SAID = "said.json"
 
 
 def _ask(job: Job, folder: Path, progress: Progress) -> None:
-    """Stage "asking": queries the namer, bounded in time and requests."""
+    """Stage "asking": queries the captioner, bounded in time and requests."""
 
-    def sheets() -> Iterator[ObjectSheet]:
+    def sheets() -> Iterator[ContactSheet]:
         for number, sheet in enumerate(sheets_of(open_current(job), job.upload, job.version), start=1):
             yield sheet
-            progress(ProgressEvent("asking", 0.5, f"asked about {number} sheets of objects"))
+            progress(ProgressEvent("asking", 0.5, f"asked about {number} contact sheets of objects"))
 
-    said = said_by(job.settings.namer, sheets())
-    result = NamerResult(len(said.names), said.shown, said.refused, said.problem, "")
+    said = said_by(job.settings.captioner, sheets())
+    result = CaptionerResult(len(said.names), said.shown, said.refused, said.problem, "")
     told = {"names": to_plain(SuggestIn(said.names)), "result": to_plain(result)}
     (folder / _SAID).write_text(json.dumps(told))
 

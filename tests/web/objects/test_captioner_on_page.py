@@ -7,18 +7,18 @@ from pathlib import Path
 from playwright.sync_api import Browser, expect
 
 from benchmarks.naming.replay import replayed
-from fastsplat.service.settings import NamerSettings
+from fastsplat.service.settings import CaptionerSettings
 from fastsplat_contract.codec.json_codec import to_plain
-from fastsplat_contract.jobs.name_suggestions import NamerResult
+from fastsplat_contract.jobs.name_suggestions import CaptionerResult
 from fastsplat_contract.messages.scenes import Edit
 from tests.web.browser import visiting
 from tests.web.places import page_settings, running
 
 
 def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser: Browser, tmp_path: Path) -> None:
-    with replayed([], lambda _: {"names": []}) as namer:
-        settings = page_settings(tmp_path, namer=NamerSettings(url=namer.url, model="eyes:7b"))
-        host = settings.namer.host
+    with replayed([], lambda _: {"names": []}) as captioner:
+        settings = page_settings(tmp_path, captioner=CaptionerSettings(url=captioner.url, model="eyes:7b"))
+        host = settings.captioner.host
         with running(settings) as place:
             own = place.new_scene("own")
             ids = [obj.id for obj in place.service.answers.list_objects(own).objects]
@@ -32,19 +32,19 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
                 visit.check_accessible()
                 objects.get_by_role("button", name=f"Agree to send pictures to {host}").click()
                 objects.get_by_role("button", name="Ask eyes:7b").wait_for()
-                assert not namer.got
+                assert not captioner.got
                 objects.get_by_role("button", name="Ask eyes:7b").click()
                 note = objects.locator("[role=status]")
                 expect(note).to_contain_text("Waiting for a worker.")
                 visit.check_accessible()
-                (job,) = [each for each in place.service.list_operations().operations if each.kind == "ask_namer"]
+                (job,) = [each for each in place.service.list_operations().operations if each.kind == "ask_captioner"]
                 claim = place.service._store.jobs.claim(job.id)
                 assert claim is not None
-                told = NamerResult(3, 4, 1, "", place.service.get_scene(own).version)
+                told = CaptionerResult(3, 4, 1, "", place.service.get_scene(own).version)
                 place.service._store.jobs.succeed_with_version(claim, None, to_plain(told))
                 expect(note).to_contain_text("3 names suggested for 4 objects. 1 name was refused.")
                 visit.check_accessible()
-                assert not namer.got, "a worker asks"
+                assert not captioner.got, "a worker asks"
                 objects.get_by_role("button", name="Take the agreement back").click()
                 expect(objects.get_by_role("button", name=f"Agree to send pictures to {host}")).to_be_visible()
             assert not any(obj.name for obj in place.service.answers.list_objects(own).objects)

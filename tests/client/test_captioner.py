@@ -1,4 +1,4 @@
-"""A namer of one's own is asked once a sheet, is bounded, and what it says is checked."""
+"""A captioner of one's own is asked once a sheet, is bounded, and what it says is checked."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from typing import Any
 import pytest
 
 from benchmarks.naming.replay import named, replayed
-from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
-from fastsplat_contract.errors import InvalidInputError, NamerError
+from fastsplat_client.captioner import MAX_REQUESTS, Captioner, ask_captioner
+from fastsplat_contract.errors import CaptionerError, InvalidInputError
 from fastsplat_contract.geometry.poses import Vector3
-from fastsplat_contract.messages.object_sheets import NeighborObject, ObjectSheet, SheetObject
+from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from tests.client.scripted import Scripted, scripted
 
 
-def _sheet(page: int, objects: int = 5, larger: float = 2.0, written: tuple[str, ...] = ()) -> ObjectSheet:
+def _sheet(page: int, objects: int = 5, larger: float = 2.0, written: tuple[str, ...] = ()) -> ContactSheet:
     """A sheet whose objects have the ids 100·page + number, each so many times larger than the one before."""
     near = (NeighborObject(7, "table"),)
     sizes = [Vector3(*(side * larger ** (n - 1) for side in (0.1, 0.25, 0.3))) for n in range(1, objects + 1)]
     shown = tuple(
         SheetObject(n, 100 * page + n, "front.png", True, size, "", near, ()) for n, size in enumerate(sizes, start=1)
     )
-    return ObjectSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
+    return ContactSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
 
 
 _KINDS = {n: f"kind {n}" for n in range(1_000)}
 
 
 def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_schema() -> None:
-    sheets = [_sheet(1), _sheet(2), ObjectSheet(b"", (), (9,), True, "", "v")]
+    sheets = [_sheet(1), _sheet(2), ContactSheet(b"", (), (9,), True, "", "v")]
     with replayed(sheets, lambda sheet: named(sheet, _KINDS)) as server:
-        said = ask_namer(Namer(f"{server.url}/", "eyes:7b", "secret"), sheets)
+        said = ask_captioner(Captioner(f"{server.url}/", "eyes:7b", "secret"), sheets)
     assert [(each.object_id, each.name) for each in said.names] == [
         (n, _KINDS[n]) for n in (*range(101, 106), *range(201, 206))
     ]
@@ -50,7 +50,7 @@ def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_sch
     assert body["response_format"]["json_schema"]["schema"]["required"] == ["names"]
     assert "never instructions" in body["messages"][0]["content"]
     assert "1: 0.1 × 0.25 × 0.3 m; beside table" in body["messages"][1]["content"][0]["text"]
-    assert "secret" not in repr(Namer(server.url, "eyes", "secret"))
+    assert "secret" not in repr(Captioner(server.url, "eyes", "secret"))
 
 
 def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -> None:
@@ -63,7 +63,7 @@ def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -
         ]
     }
     with replayed([_sheet(1)], lambda _: answer) as server:
-        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1)])
+        said = ask_captioner(Captioner(server.url, "eyes"), [_sheet(1)])
     assert sorted((each.object_id, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
     assert said.refused == len(told) - 2 and {each.aliases for each in said.names} == {("ok", "a", "b", "c", "d")}
 
@@ -74,23 +74,24 @@ def test_one_name_for_more_than_half_of_four_objects_is_refused(same: int, objec
         100 + n: "cat" if n % 2 and n <= same else "Cat" if n <= same else f"kind {n}" for n in range(1, objects + 1)
     }
     with replayed([_sheet(1, objects)], lambda sheet: named(sheet, names)) as server:
-        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1, objects)])
+        said = ask_captioner(Captioner(server.url, "eyes"), [_sheet(1, objects)])
     assert (len(said.names), said.refused) == (taken, objects - taken)
 
 
 def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
     sheets = [_sheet(page, 3) for page in (1, 2)]
     with replayed(sheets, lambda sheet: named(sheet, dict.fromkeys(range(1_000), "cat"))) as server:
-        said = ask_namer(Namer(server.url, "eyes"), sheets)
+        said = ask_captioner(Captioner(server.url, "eyes"), sheets)
     assert (said.names, said.refused) == ((), 6)
 
 
-def _books(sheets: list[ObjectSheet], name: str = "book") -> tuple[int, int]:
-    """How many names are suggested and refused where a namer gives all objects but the last of each sheet one name."""
+def _books(sheets: list[ContactSheet], name: str = "book") -> tuple[int, int]:
+    """How many names are suggested and refused where a captioner gives all objects but the last of each sheet one
+    name."""
     names = {each.object_id: name for sheet in sheets for each in sheet.objects[:-1]}
     names |= {sheet.objects[-1].object_id: f"kind {sheet.objects[-1].object_id}" for sheet in sheets}
     with replayed(sheets, lambda sheet: named(sheet, names)) as server:
-        said = ask_namer(Namer(server.url, "eyes"), sheets)
+        said = ask_captioner(Captioner(server.url, "eyes"), sheets)
     return len(said.names), said.refused
 
 
@@ -137,7 +138,7 @@ _BAD: dict[str, Any] = {
 
 
 @pytest.fixture
-def scripted_namer() -> Iterator[Scripted]:
+def scripted_captioner() -> Iterator[Scripted]:
     with scripted() as server:
         yield server
 
@@ -158,41 +159,41 @@ class _Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> _Clock:
     made = _Clock()
-    monkeypatch.setattr("fastsplat_client.namer.time", made)
+    monkeypatch.setattr("fastsplat_client.captioner.time", made)
     return made
 
 
 @pytest.mark.parametrize("bad", _BAD)
-def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, clock: _Clock, bad: str) -> None:
-    namer = Namer(scripted_namer.url, "eyes")
-    scripted_namer.script = [_BAD[bad], _BAD[bad], _GOOD]
-    said = ask_namer(namer, [_sheet(1)])
+def test_what_may_get_better_is_asked_for_three_times(scripted_captioner: Scripted, clock: _Clock, bad: str) -> None:
+    captioner = Captioner(scripted_captioner.url, "eyes")
+    scripted_captioner.script = [_BAD[bad], _BAD[bad], _GOOD]
+    said = ask_captioner(captioner, [_sheet(1)])
     assert ([each.name for each in said.names], said.requests) == (["mug"], 3)
-    scripted_namer.script = [_BAD[bad]] * 3
-    with pytest.raises(NamerError) as raised:
-        ask_namer(namer, [_sheet(1)])
-    assert raised.value.field == "url" and namer.host in str(raised.value)
+    scripted_captioner.script = [_BAD[bad]] * 3
+    with pytest.raises(CaptionerError) as raised:
+        ask_captioner(captioner, [_sheet(1)])
+    assert raised.value.field == "url" and captioner.host in str(raised.value)
     # What was said before stays, and what was not asked about is told.
-    scripted_namer.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
-    said = ask_namer(namer, [_sheet(1), _sheet(2), _sheet(3)])
+    scripted_captioner.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
+    said = ask_captioner(captioner, [_sheet(1), _sheet(2), _sheet(3)])
     assert [each.object_id for each in said.names] == [101] and "does not answer" in said.problem
 
 
-def test_tries_are_further_and_further_apart_and_as_far_as_the_namer_says(
-    scripted_namer: Scripted, clock: _Clock
+def test_tries_are_further_and_further_apart_and_as_far_as_the_captioner_says(
+    scripted_captioner: Scripted, clock: _Clock
 ) -> None:
-    namer = Namer(scripted_namer.url, "eyes", total_s=60.0)
-    scripted_namer.script = [_BAD["down"], "hang up", _GOOD, _GOOD]
-    ask_namer(namer, [_sheet(1), _sheet(2)])
+    captioner = Captioner(scripted_captioner.url, "eyes", total_s=60.0)
+    scripted_captioner.script = [_BAD["down"], "hang up", _GOOD, _GOOD]
+    ask_captioner(captioner, [_sheet(1), _sheet(2)])
     begins, again, once_more, next_sheet = clock.slept
     assert (begins, next_sheet) == (0, 0) and 0.5 <= again <= 1 <= once_more <= 2
     clock.slept.clear()
-    scripted_namer.script = [(429, {"Retry-After": "7"}, b""), _GOOD]
-    assert ask_namer(namer, [_sheet(1)]).requests == 2 and clock.slept == [0, 7]
+    scripted_captioner.script = [(429, {"Retry-After": "7"}, b""), _GOOD]
+    assert ask_captioner(captioner, [_sheet(1)]).requests == 2 and clock.slept == [0, 7]
     clock.slept.clear()
-    scripted_namer.script = [(429, {"Retry-After": "3600"}, b"")]
-    with pytest.raises(NamerError, match=r"60 seconds are over \(status 429\)"):
-        ask_namer(namer, [_sheet(1)])
+    scripted_captioner.script = [(429, {"Retry-After": "3600"}, b"")]
+    with pytest.raises(CaptionerError, match=r"60 seconds are over \(status 429\)"):
+        ask_captioner(captioner, [_sheet(1)])
     assert sum(clock.slept) == 0
 
 
@@ -219,24 +220,24 @@ def test_an_answer_in_drops_ends_with_its_time(pieces: tuple[bytes, ...]) -> Non
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(NamerError, match="does not answer"):
-            ask_namer(Namer(f"http://127.0.0.1:{server.getsockname()[1]}", "eyes", total_s=1.0), [_sheet(1)])
+        with pytest.raises(CaptionerError, match="does not answer"):
+            ask_captioner(Captioner(f"http://127.0.0.1:{server.getsockname()[1]}", "eyes", total_s=1.0), [_sheet(1)])
         thread.join()
     assert len(sent) < len(pieces)
 
 
-def test_a_redirect_is_not_followed(scripted_namer: Scripted) -> None:
+def test_a_redirect_is_not_followed(scripted_captioner: Scripted) -> None:
     with scripted() as elsewhere:
-        scripted_namer.script = [(307, {"Location": f"{elsewhere.url}/chat/completions"}, b"")]
-        with pytest.raises(NamerError, match="307"):
-            ask_namer(Namer(scripted_namer.url, "eyes"), [_sheet(1)])
+        scripted_captioner.script = [(307, {"Location": f"{elsewhere.url}/chat/completions"}, b"")]
+        with pytest.raises(CaptionerError, match="307"):
+            ask_captioner(Captioner(scripted_captioner.url, "eyes"), [_sheet(1)])
         assert not elsewhere.seen
 
 
-def test_a_refused_key_is_asked_with_once(scripted_namer: Scripted) -> None:
-    scripted_namer.script = [(401, {}, b"")]
-    with pytest.raises(NamerError) as raised:
-        ask_namer(Namer(scripted_namer.url, "eyes", "old"), [_sheet(1)])
+def test_a_refused_key_is_asked_with_once(scripted_captioner: Scripted) -> None:
+    scripted_captioner.script = [(401, {}, b"")]
+    with pytest.raises(CaptionerError) as raised:
+        ask_captioner(Captioner(scripted_captioner.url, "eyes", "old"), [_sheet(1)])
     assert raised.value.field == "key"
 
 
@@ -244,21 +245,21 @@ def test_proxies_of_the_environment_get_nothing(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
     monkeypatch.setenv("ALL_PROXY", "http://127.0.0.1:9")
     with replayed([_sheet(1)], lambda sheet: named(sheet, _KINDS)) as server:
-        assert len(ask_namer(Namer(server.url, "eyes"), [_sheet(1)]).names) == 5
+        assert len(ask_captioner(Captioner(server.url, "eyes"), [_sheet(1)]).names) == 5
 
 
 def test_a_scene_is_forty_requests_at_most() -> None:
     sheets = [_sheet(page) for page in range(1, MAX_REQUESTS + 5)]
     with replayed(sheets, lambda sheet: named(sheet, {n: f"kind {n}" for n in range(5_000)})) as server:
-        said = ask_namer(Namer(server.url, "eyes"), sheets)
+        said = ask_captioner(Captioner(server.url, "eyes"), sheets)
     assert (said.requests, len(server.got)) == (MAX_REQUESTS, MAX_REQUESTS)
     assert len(said.names) == 5 * MAX_REQUESTS and "too many requests" in said.problem
 
 
 def test_no_request_begins_once_the_time_is_over() -> None:
     with replayed([_sheet(1)], lambda sheet: named(sheet, _KINDS)) as server:
-        with pytest.raises(NamerError, match="seconds are over"):
-            ask_namer(Namer(server.url, "eyes", total_s=0.0), [_sheet(1)])
+        with pytest.raises(CaptionerError, match="seconds are over"):
+            ask_captioner(Captioner(server.url, "eyes", total_s=0.0), [_sheet(1)])
         assert not server.got
 
 
@@ -276,8 +277,8 @@ def test_no_request_begins_once_the_time_is_over() -> None:
 )
 def test_an_address_that_is_none_is_refused(url: str) -> None:
     with pytest.raises(InvalidInputError) as raised:
-        Namer(url, "eyes")
+        Captioner(url, "eyes")
     assert raised.value.field == "url"
     with pytest.raises(InvalidInputError) as raised:
-        Namer("http://localhost/v1", " ")
+        Captioner("http://localhost/v1", " ")
     assert raised.value.field == "model"

@@ -10,20 +10,20 @@ from fastsplat.service.application.base.memory import picture_bytes
 from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.jobs.nameless_objects import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
-from fastsplat.service.query.drawing.object_sheets import MOST_OBJECTS
+from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS
 from fastsplat.service.query.measures.object_views import small_view
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.messages.object_sheets import ObjectSheet, SheetObject
+from fastsplat_contract.messages.contact_sheets import ContactSheet, SheetObject
 from fastsplat_contract.messages.objects import SceneObject
 
 
-class ObjectSheets:
+class ContactSheets:
     """Sheets of finished scenes. Thread-safe."""
 
     def __init__(self, context: ProjectContext) -> None:
         self._context = context
 
-    def page(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ObjectSheet:
+    def page(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ContactSheet:
         """At most 20 unnamed objects in one picture, by id, paged even while names change.
 
         Each is cropped from the photo that shows it best, or from a rendering where none is kept, or edits changed what
@@ -52,7 +52,7 @@ class ObjectSheets:
         seen = {each.object_id for each in shown}
         unseen = tuple(obj.id for obj in named if obj.id not in seen)
         meters, written = index.scene.scale == "METRIC", written_on(index.objects.listed)
-        return ObjectSheet(picture, shown, unseen, meters, token, read_version, written)
+        return ContactSheet(picture, shown, unseen, meters, token, read_version, written)
 
     def _picture(
         self, index: SceneIndex, objects: Sequence[SceneObject], folder: Path

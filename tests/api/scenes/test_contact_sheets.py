@@ -18,10 +18,10 @@ from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.jobs.nameless_objects import written_on
-from fastsplat.service.query.drawing.object_sheets import MOST_OBJECTS, cell_side, object_cell, object_sheet
+from fastsplat.service.query.drawing.contact_sheets import MOST_OBJECTS, cell_side, contact_sheet, object_cell
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import remove
-from fastsplat_client import Client, ObjectSheet, SuggestedName
+from fastsplat_client import Client, ContactSheet, SuggestedName
 from fastsplat_contract.errors import InvalidInputError, SceneFileError
 from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 from fastsplat_contract.messages.objects import SceneObject
@@ -42,7 +42,7 @@ def nameless(service: SceneService, api_settings: Settings) -> Iterator[str]:
     service.delete_scene(scene_id)
 
 
-def _middles(sheet: ObjectSheet) -> list[NDArray[np.float64]]:
+def _middles(sheet: ContactSheet) -> list[NDArray[np.float64]]:
     """The mean color around the middle of each object's cell."""
     with Image.open(io.BytesIO(sheet.picture)) as image:
         assert image.format == "JPEG" and max(image.size) <= 768
@@ -57,7 +57,7 @@ def _middles(sheet: ObjectSheet) -> list[NDArray[np.float64]]:
 
 
 def test_each_object_is_cut_from_the_photo_of_its_view(client: Client, service: SceneService, nameless: str) -> None:
-    (sheet,) = client.object_sheets(nameless)
+    (sheet,) = client.contact_sheets(nameless)
     assert [(each.number, each.object_id) for each in sheet.objects] == [(1, 1), (2, 2), (3, 3)]
     assert sheet.meters and not sheet.unseen and sheet.version == service.get_scene(nameless).version
     listed = {obj.id: obj for obj in client.objects(nameless)}
@@ -74,7 +74,7 @@ def test_what_edits_changed_is_shown_as_the_version_shows_it(
     client: Client, service: SceneService, nameless: str
 ) -> None:
     service.versions.edit(nameless, [Edit("remove", object_ids=(2,))])
-    (sheet,) = client.object_sheets(nameless)
+    (sheet,) = client.contact_sheets(nameless)
     assert [each.object_id for each in sheet.objects] == [1, 3] and not any(each.photo for each in sheet.objects)
     for shown, middle in zip(sheet.objects, _middles(sheet), strict=True):
         assert middle.argmax() == _OWN_COLORS[shown.object_id]
@@ -82,7 +82,7 @@ def test_what_edits_changed_is_shown_as_the_version_shows_it(
 
 def test_without_photos_the_scene_is_shown(client: Client, service: SceneService, nameless: str) -> None:
     remove(photo_path(service._store.blobs.version(nameless, service.get_scene(nameless).version), 0).parent)
-    (sheet,) = client.object_sheets(nameless)
+    (sheet,) = client.contact_sheets(nameless)
     for shown, middle in zip(sheet.objects, _middles(sheet), strict=True):
         assert not shown.photo and middle.argmax() == _OWN_COLORS[shown.object_id]
 
@@ -100,7 +100,7 @@ def test_a_damaged_photo_is_said(service: SceneService, nameless: str) -> None:
 
 def test_pages_show_all_also_where_names_are_suggested_and_given_between_them(client: Client, nameless: str) -> None:
     seen = []
-    for sheet in client.object_sheets(nameless):  # its pages are of 20
+    for sheet in client.contact_sheets(nameless):  # its pages are of 20
         seen += [each.object_id for each in sheet.objects]
     assert seen == [1, 2, 3]
     first = client._transport.call("GET", f"/v1/scenes/{nameless}/objects/sheet", params={"page_size": 1}).json()
@@ -124,7 +124,7 @@ def test_cells_stand_in_rows_by_number(count: int) -> None:
     side = cell_side(count)
     colors = np.random.default_rng(count).integers(30, 220, size=(count, 3))
     cells = [np.full((side, side // 2, 3), color, np.uint8) for color in colors]
-    with Image.open(io.BytesIO(object_sheet(cells))) as image:
+    with Image.open(io.BytesIO(contact_sheet(cells))) as image:
         pixels = np.asarray(image).astype(int)
     assert max(pixels.shape) <= 768
     columns = pixels.shape[1] // side

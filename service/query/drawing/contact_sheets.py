@@ -1,4 +1,4 @@
-"""Contact sheets of objects: each cropped from a view, outlined and numbered."""
+"""Contact contact sheets of objects: each cropped from a view, outlined and numbered."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def object_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
     return drawn
 
 
-def object_sheet(cells: Sequence[U8]) -> bytes:
+def contact_sheet(cells: Sequence[U8]) -> bytes:
     """Arranges numbered cells, from 1, as a JPEG of at most 768 pixels a side.
 
     At most `MOST_OBJECTS` results of `object_cell`, with `cell_side` as their longer side."""

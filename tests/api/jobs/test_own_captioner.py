@@ -1,4 +1,4 @@
-"""The server's own namer: a job asks it, ordered only where the project agreed."""
+"""The server's own captioner: a job asks it, ordered only where the project agreed."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import NamedTuple
 import pytest
 from pydantic import ValidationError
 
-from benchmarks.naming.replay import ReplayNamer, replayed
+from benchmarks.naming.replay import ReplayCaptioner, replayed
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.settings import NamerSettings, Settings, load_settings
+from fastsplat.service.settings import CaptionerSettings, Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample
@@ -20,71 +20,71 @@ from tests.commands import invoke
 
 
 class Room(NamedTuple):
-    """A server that has a namer, and a scene without names."""
+    """A server that has a captioner, and a scene without names."""
 
     nameless: Nameless
-    namer: ReplayNamer
+    captioner: ReplayCaptioner
     host: str
 
 
 @pytest.fixture
 def room(models_dir: Path, tmp_path: Path) -> Iterator[Room]:
-    with replayed([], lambda _: {"names": []}) as namer:
-        settings = NamerSettings(url=namer.url, model="eyes:7b", key="secret")
+    with replayed([], lambda _: {"names": []}) as captioner:
+        settings = CaptionerSettings(url=captioner.url, model="eyes:7b", key="secret")
         with nameless_sample(models_dir, tmp_path, settings) as nameless:
-            yield Room(nameless, namer, settings.host)
+            yield Room(nameless, captioner, settings.host)
 
 
 def test_it_is_asked_only_while_the_project_agrees_to_this_host_once_for_each_request(room: Room) -> None:
     with client_of(room.nameless.faces) as client:
-        status = client.server_status().namer
+        status = client.server_status().captioner
         assert status is not None and (status.host, status.model, status.agreed) == (room.host, "eyes:7b", False)
         with pytest.raises(PermissionDeniedError, match=room.host):
-            client.ask_namer(room.nameless.scene_id)
+            client.ask_captioner(room.nameless.scene_id)
         with pytest.raises(InvalidInputError) as raised:
-            client.agree_to_namer("elsewhere.example")
+            client.agree_to_captioner("elsewhere.example")
         assert raised.value.field == "host"
-        assert client.agree_to_namer(room.host).agreed
-        again = client.server_status().namer
+        assert client.agree_to_captioner(room.host).agreed
+        again = client.server_status().captioner
         assert again is not None and again.agreed
-        job = client.ask_namer(room.nameless.scene_id, request_id="once")
-        assert (job.kind, job.state, job.scene_id) == ("ask_namer", "QUEUED", room.nameless.scene_id)
-        assert client.ask_namer(room.nameless.scene_id, request_id="once").id == job.id
-        assert client.ask_namer(room.nameless.scene_id).id != job.id
-        assert not client.agree_to_namer("").agreed
+        job = client.ask_captioner(room.nameless.scene_id, request_id="once")
+        assert (job.kind, job.state, job.scene_id) == ("ask_captioner", "QUEUED", room.nameless.scene_id)
+        assert client.ask_captioner(room.nameless.scene_id, request_id="once").id == job.id
+        assert client.ask_captioner(room.nameless.scene_id).id != job.id
+        assert not client.agree_to_captioner("").agreed
         with pytest.raises(PermissionDeniedError):
-            client.ask_namer(room.nameless.scene_id)
-        assert not room.namer.got, "a worker asks"
+            client.ask_captioner(room.nameless.scene_id)
+        assert not room.captioner.got, "a worker asks"
 
 
 def test_an_agreement_holds_for_its_host_alone_and_for_its_project_alone(tmp_path: Path) -> None:
     def agreed(service: SceneService) -> bool:
-        status = service.status("editor", "").namer
-        assert status is not None and service.status("reader", "").namer is None
+        status = service.status("editor", "").captioner
+        assert status is not None and service.status("reader", "").captioner is None
         return status.agreed
 
-    settings = Settings(data_dir=tmp_path, namer=NamerSettings(url="http://localhost:9/v1", model="eyes"))
+    settings = Settings(data_dir=tmp_path, captioner=CaptionerSettings(url="http://localhost:9/v1", model="eyes"))
     with open_service(settings) as service:
         scene_id = service.open_sample().id
         service.admin.projects.create("other")
-        assert service.namer.agree("localhost:9").agreed and agreed(service)
+        assert service.captioner.agree("localhost:9").agreed and agreed(service)
         assert not agreed(service.in_project("other"))
-    elsewhere = NamerSettings(url="http://localhost:10/v1", model="eyes")
-    with open_service(settings.model_copy(update={"namer": elsewhere})) as service:
+    elsewhere = CaptionerSettings(url="http://localhost:10/v1", model="eyes")
+    with open_service(settings.model_copy(update={"captioner": elsewhere})) as service:
         assert not agreed(service)
         with pytest.raises(PermissionDeniedError):
-            service.namer.order(scene_id)
+            service.captioner.order(scene_id)
     with open_service(settings) as service:
         assert agreed(service)
     with open_service(Settings(data_dir=tmp_path)) as service:
-        assert service.status("operator", "").namer is None
+        assert service.status("operator", "").captioner is None
         with pytest.raises(ModelUnavailableError):
-            service.namer.order(scene_id)
+            service.captioner.order(scene_id)
 
 
 def test_the_command_agrees_to_the_host_that_is_named_and_asks(room: Room) -> None:
     server = ["--server", str(room.nameless.faces.rest.base_url)]
-    command = ["objects", "ask-namer", room.nameless.scene_id]
+    command = ["objects", "ask-captioner", room.nameless.scene_id]
     refused = invoke(*command, *server)
     assert refused.exit_code != 0
     done = invoke(*command, "--agree", room.host, *server)
@@ -96,13 +96,13 @@ def test_the_settings_name_the_model_and_read_the_key_from_a_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(ValidationError, match="needs a model"):
-        NamerSettings(url="http://localhost:11434/v1")
+        CaptionerSettings(url="http://localhost:11434/v1")
     with pytest.raises(ValidationError):
-        NamerSettings(url="localhost:11434", model="eyes")
+        CaptionerSettings(url="localhost:11434", model="eyes")
     (tmp_path / "key").write_text("secret\n")
-    monkeypatch.setenv("FASTSPLAT_NAMER__URL", "http://localhost:11434/v1")
-    monkeypatch.setenv("FASTSPLAT_NAMER__MODEL", "eyes")
-    monkeypatch.setenv("FASTSPLAT_NAMER__KEY_FILE", str(tmp_path / "key"))
+    monkeypatch.setenv("FASTSPLAT_CAPTIONER__URL", "http://localhost:11434/v1")
+    monkeypatch.setenv("FASTSPLAT_CAPTIONER__MODEL", "eyes")
+    monkeypatch.setenv("FASTSPLAT_CAPTIONER__KEY_FILE", str(tmp_path / "key"))
     with configured(tmp_path):
-        namer = load_settings().namer
-    assert (namer.host, namer.key) == ("localhost:11434", "secret") and "secret" not in repr(namer)
+        captioner = load_settings().captioner
+    assert (captioner.host, captioner.key) == ("localhost:11434", "secret") and "secret" not in repr(captioner)

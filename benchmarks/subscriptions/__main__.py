@@ -1,9 +1,9 @@
-"""Standing questions of a robot that moves: `python -m benchmarks.standing`.
+"""Subscriptions of a robot that moves: `python -m benchmarks.subscriptions`.
 
 One real `fastsplat api` process on loopback, and a worker that trains the sample capture beside it on the same cores.
 Each question is a stream of its own, into which the robot's poses go at a steady rate; a pose has a moment at which it
 is due, and its latency counts from there until its last answer is at the client, so that a pose that was sent late is
-not measured as a fast one. Writes benchmarks/results/standing.json.
+not measured as a fast one. Writes benchmarks/results/subscriptions.json.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.room_beside_training import served_room
-from fastsplat_client import Client, QueryRequest, StandingQuestion
+from fastsplat_client import Client, QueryRequest, Subscription
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 _QUESTIONS = (("tea",), ("something to sit on", "submarine"), ("fork", "banana", "time"))
@@ -55,7 +55,7 @@ def main() -> None:
         "server_mib": {"start": before, "end": after, "growth": round(after / before - 1, 4)},
     }
     print(json.dumps(row, indent=1))
-    write_results("standing", start, options, NOT_CHOSEN, row)
+    write_results("subscriptions", start, options, NOT_CHOSEN, row)
 
 
 @dataclass
@@ -117,7 +117,7 @@ def _ask(api: Api, scene: str, walk: _Walk, count: int, rate: float) -> None:
     target = f"127.0.0.1:{api.grpc_port}"
     last = start
     with Client(f"http://127.0.0.1:{api.http_port}", key=api.key, grpc_target=target) as client:
-        for answer in client.stream_query(StandingQuestion(request, heartbeat_s=1.0), poses()):
+        for answer in client.stream_query(Subscription(request, heartbeat_s=1.0), poses()):
             now = time.monotonic()
             walk.latencies_s.append(now - start - (answer.sequence - 1) / rate)
             walk.gaps_s.append(now - last)

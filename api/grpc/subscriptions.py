@@ -1,4 +1,4 @@
-"""`StreamQuery`: answers a standing question at the newest pose, without a queue."""
+"""`StreamQuery`: answers a subscription at the newest pose, without a queue."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from google.protobuf import timestamp_pb2
 
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.query.ranked_scene import StandingQuery
+from fastsplat.service.query.ranked_scene import SubscribedQuery
 from fastsplat_contract.codec.proto_codec import from_proto
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -32,7 +32,7 @@ class _Question:
     number: int
     query: QueryRequest
     heartbeat_s: float
-    ranking: StandingQuery = field(default_factory=StandingQuery)
+    ranking: SubscribedQuery = field(default_factory=SubscribedQuery)
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,11 @@ class _Inbox:
             self._arrived.clear()
         return pose, dropped
 
-    def _take_in_question(self, question: pb.StandingQuestion) -> None:
+    def _take_in_question(self, question: pb.Subscription) -> None:
         query = from_proto(QueryRequest, question.query)
         if not query.scene_id or query.cameras or query.views:
             raise InvalidInputError(
-                "a standing question is for one scene, and its cameras come as poses",
+                "a subscription is for one scene, and its cameras come as poses",
                 field="question.query",
                 hint="Name the scene, and leave cameras and views empty.",
             )

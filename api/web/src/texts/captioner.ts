@@ -1,8 +1,8 @@
 import { plural } from "./figures";
 
-/** The server's namer. */
-export const namerTexts = {
-  namer: {
+/** The server's captioner. */
+export const captionerTexts = {
+  captioner: {
     title: "Names from a model",
     asks: (host: string, model: string) =>
       `${model} at ${host} can suggest names for objects without one. Pictures of these objects, cut from the photos, ` +

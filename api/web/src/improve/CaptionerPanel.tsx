@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 
-import { agreeToNamer, askNamer } from "../api/namerCalls";
+import { agreeToCaptioner, askCaptioner } from "../api/captionerCalls";
 import { mayDo } from "../api/roles";
 import { serverStatus } from "../api/serverCalls";
 import type { Operation } from "../api/types";
@@ -11,34 +11,34 @@ import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { Outcome } from "./SceneOrder";
 
-/** The server's namer: to which host pictures would go, the project's agreement, and what it said. */
-export function NamerPanel({ state }: { state: SceneState }) {
+/** The server's captioner: to which host pictures would go, the project's agreement, and what it said. */
+export function CaptionerPanel({ state }: { state: SceneState }) {
   const { value: status, reload } = useLoaded(serverStatus, []);
   const [started, setStarted] = useState<Operation | null>(null);
   const [failure, setFailure] = useState<unknown>(null);
-  const namer = status?.namer;
+  const captioner = status?.captioner;
   const unnamed = state.objects.value?.some((object) => !object.name);
-  if (!namer || (!unnamed && !started)) return null;
-  const { host, model, agreed } = namer;
+  if (!captioner || (!unnamed && !started)) return null;
+  const { host, model, agreed } = captioner;
   const agree = (to: string) => {
     setFailure(null);
-    agreeToNamer(to).then(reload, setFailure);
+    agreeToCaptioner(to).then(reload, setFailure);
   };
   const ask = () => {
     setFailure(null);
-    askNamer(state.sceneId).then(setStarted, setFailure);
+    askCaptioner(state.sceneId).then(setStarted, setFailure);
   };
   return (
-    <section class="objects" aria-labelledby="namer-title">
-      <h2 id="namer-title">{texts.namer.title}</h2>
-      <p class="hint">{agreed ? texts.namer.agreed(host, model) : texts.namer.asks(host, model)}</p>
-      {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.namer.adminAgrees}</p>}
+    <section class="objects" aria-labelledby="captioner-title">
+      <h2 id="captioner-title">{texts.captioner.title}</h2>
+      <p class="hint">{agreed ? texts.captioner.agreed(host, model) : texts.captioner.asks(host, model)}</p>
+      {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.captioner.adminAgrees}</p>}
       <div class="buttons">
-        {agreed && <Button disabled={state.busy.value} onClick={ask} text={texts.namer.ask(model)} />}
+        {agreed && <Button disabled={state.busy.value} onClick={ask} text={texts.captioner.ask(model)} />}
         {mayDo(status.role, "admin") && (
           <Button
             onClick={() => agree(agreed ? "" : host)}
-            text={agreed ? texts.namer.takeBack : texts.namer.agree(host)}
+            text={agreed ? texts.captioner.takeBack : texts.captioner.agree(host)}
           />
         )}
       </div>
@@ -46,7 +46,7 @@ export function NamerPanel({ state }: { state: SceneState }) {
         <Outcome
           key={started.id}
           operationId={started.id}
-          words={texts.namer}
+          words={texts.captioner}
           result={outcome}
           onDone={() => void state.refresh()}
         />
@@ -56,11 +56,11 @@ export function NamerPanel({ state }: { state: SceneState }) {
   );
 }
 
-function outcome({ ask_namer: told }: Operation) {
+function outcome({ ask_captioner: told }: Operation) {
   return (
     told && (
       <p>
-        {texts.namer.told(told.suggested, told.shown, told.refused)} {told.problem}
+        {texts.captioner.told(told.suggested, told.shown, told.refused)} {told.problem}
       </p>
     )
   );

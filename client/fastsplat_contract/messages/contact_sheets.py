@@ -38,7 +38,7 @@ class SheetObject(Response):
 
 
 @dataclass(frozen=True)
-class ObjectSheet(Response):
+class ContactSheet(Response):
     """At most 20 objects without a name, by id, in one picture."""
 
     picture: Annotated[
