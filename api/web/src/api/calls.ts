@@ -151,7 +151,7 @@ export type ExportFormat = paths["/v1/scenes/{scene_id}/scene.{format}"]["get"][
 /** The address of a scene, or of some of its objects, as a file. */
 export function exportPath(sceneId: string, format: ExportFormat, version: string, objects: readonly number[] = []) {
   const query = new URLSearchParams({ version });
-  for (const id of objects) query.append("object", String(id));
+  for (const id of objects) query.append("object_ids", String(id));
   return `v1/scenes/${encodeURIComponent(sceneId)}/scene.${format}?${query}`;
 }
 
