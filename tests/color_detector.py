@@ -7,8 +7,7 @@ from pathlib import Path
 import onnx
 import onnx.parser
 
-ADAPTER = "picodet:magenta"
-"""As the settings name it."""
+ADAPTER = "picodet:magenta"  # as the settings name it
 
 COLOR = (255, 0, 255)
 

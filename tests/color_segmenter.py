@@ -7,8 +7,7 @@ from pathlib import Path
 import onnx
 import onnx.parser
 
-ADAPTER = "sam1:colors"
-"""As the settings name it."""
+ADAPTER = "sam1:colors"  # as the settings name it
 
 _ENCODER = """
 colors (float[1,3,1024,1024] image) => (float[1,256,64,64] image_embeddings)

@@ -135,7 +135,6 @@ def reader_models_dir(pulled: Callable[[str], Path]) -> Path:
 
 @pytest.fixture(scope="session")
 def postgres() -> Iterator[PostgresServer]:
-    """A PostgreSQL server of this test run's own."""
     from tests.postgres import PostgresServer
 
     server = PostgresServer()

@@ -47,7 +47,7 @@ REST = (
 """Folders and files, below tests/, that `make test` leaves out: real processes but one server, browsers, trainings of
 whole captures, benchmarks, documents, packages, images, other programs."""
 
-FIRST = (
+FIRST = (  # their files that `make test` runs all the same: one journey with a real worker, and what needs none
     "docs/test_page_blocks.py",
     "web/test_journey.py",
     "web/test_page_sources.py",
@@ -55,7 +55,6 @@ FIRST = (
     "workers/kinds/test_damaged_results.py",
     "workers/engine/test_periodic.py",
 )
-"""Files of these folders that `make test` runs all the same: one journey with a real worker, and what needs none."""
 
 TOGETHER = {
     "web/": "web",  # one server and one browser
@@ -63,10 +62,9 @@ TOGETHER = {
     "web/test_trouble.py": "web with workers",
     "web/test_page_sources.py": "the page's sources",
 }
-"""Folders and files that stay in one process, by the name of their group; any other file is a group of its own. (By
-marks, pytest-xdist 3.8 does not group under pytest 9.2.)"""
+"""Files of one process by group; others are alone. (pytest-xdist 3.8 does not group by marks under pytest 9.2.)"""
 
-LONG = (
+LONG = (  # groups that start before all others, so that none is left to the end
     "docs/test_pages.py",
     "web",
     "web with workers",
@@ -81,7 +79,6 @@ LONG = (
     "library/test_library_training.py",
     "the page's sources",
 )
-"""Groups that start before all others, so that none is left to the end."""
 
 
 def relative_path(nodeid: str) -> str:

@@ -11,11 +11,9 @@ from tokenizers.models import WordLevel
 from tokenizers.normalizers import Lowercase
 from tokenizers.pre_tokenizers import Whitespace
 
-MODEL = "clip:looks"
-"""As the settings name it."""
+MODEL = "clip:looks"  # as the settings name it
 COLORS = {"red": (1.0, -1.0, -1.0), "green": (-1.0, 1.0, -1.0), "blue": (-1.0, -1.0, 1.0)}
-_GRAY = (0.1, 0.1, 0.1)
-"""Of all other words."""
+_GRAY = (0.1, 0.1, 0.1)  # of all other words
 
 _IMAGE = """
 image (float[N,3,32,32] pixel_values) => (float[N,3] image_embeds)

@@ -60,7 +60,6 @@ class PostgresServer:
                 admin.execute("CREATE DATABASE fastsplat OWNER fastsplat")
 
     def url(self, database: str) -> str:
-        """How the product is told of one of its databases."""
         return f"postgresql://postgres@:{self._port}/{database}?host={self._data}"
 
     def start(self) -> None:

@@ -28,8 +28,7 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.job_watching import Provisional
 
-EMBEDDING_SIZE = 16
-"""Of label embeddings that no encoder made."""
+EMBEDDING_SIZE = 16  # of label embeddings that no encoder made
 
 
 def labelled_scene(
@@ -50,8 +49,8 @@ def labelled_scene(
 ) -> Scene:
     """Makes a scene of one-hot codes: Gaussian g has label `label_ids[g]` with a logit of 8.
 
-    Arguments for all Gaussians may be one value or [G, ...]; a number as `sh` stands for [G, 1, 3] of it; `code_size` 0
-    is one a class; without an `encoder` embeddings are zeros; `others` are further fields of `Scene`.
+    Arguments may be one value or [G, ...]; a number as `sh` fills [G, 1, 3]; `code_size` 0: one a class; no `encoder`:
+    zero embeddings; `others`: further fields of `Scene`.
     """
     dictionary = labels if isinstance(labels, Dictionary) else dictionary_of(labels)
     classes = len(dictionary) + 1
@@ -99,10 +98,7 @@ def finish_job(
     draft: Provisional | None = None,
     **row: Any,
 ) -> None:
-    """Ends a queued job as a worker that made `scene` would; with `draft`, the job goes on.
-
-    `stages` are reported before; `row` has further values of every label's row.
-    """
+    """Reports `stages`, then ends a queued job with `scene` (a `draft`: it goes on); `row` is added to each label's."""
     claim = store.jobs.claim(operation_id)
     assert claim is not None
     scene = scene if draft is None else replace(scene, facts=replace(scene.facts, draft=draft))

@@ -13,8 +13,7 @@ import pytest
 from tests import lanes
 
 _CPU = "cpu_seconds"
-_FILE = "seconds_by_file.json"
-"""In the cache folder of pytest: [seconds, seconds of CPU] of each file."""
+_FILE = "seconds_by_file.json"  # in the cache folder of pytest: [seconds, seconds of CPU] of each file
 
 
 class SecondsByFolder:

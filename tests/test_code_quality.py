@@ -18,8 +18,7 @@ _MAX_FILES = {True: 25, False: 20}  # of tests, of all else
 _PRODUCT = ("api", "cli", "client", "demo", "service", "workers")
 
 _VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
-_VAGUE_PARAMETERS_IN: set[str] = set()
-"""Files that still have such parameters."""
+_VAGUE_PARAMETERS_IN: set[str] = set()  # files that still have such parameters
 
 _SPELLINGS = {re.compile(r'(?<!")metre|metre(?!s?")', re.IGNORECASE): "meter"}
 """Spellings, and the one that is used here. In quotes, files for other programs may hold the other one as a value."""

@@ -18,7 +18,7 @@ from tests.docs.page_blocks import ROOT, blocks_of
 
 _DOCUMENTS = ("README.md", "DEVELOPMENT.md")
 _PAGES = tuple(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))
-_MADE = (
+_MADE = (  # beginnings of paths that commands make
     ".venv",
     ".models/",
     "api/web/dist/",
@@ -30,7 +30,6 @@ _MADE = (
     "docker/secrets",
     "site/",
 )
-"""Beginnings of paths that commands make."""
 _FOLDERS = ("api", "service", "client", "workers")
 _OF_A_PROCESS = {"FASTSPLAT_RASTER_THREADS", "FASTSPLAT_RASTER_ISA", "FASTSPLAT_TEST_DATA"}
 _OF_THE_CLIENT = {"FASTSPLAT_KEY", "FASTSPLAT_SERVER"}

@@ -23,8 +23,7 @@ from tests.small_tabletop import small_tabletop
 _ROOT = Path(__file__).parent.parent
 _FOLDER = _ROOT / ".pytest_cache" / "trained"
 _SOURCES = (_ROOT / "service", _ROOT / "workers", _ROOT / "client" / "fastsplat_contract", _ROOT / "constraints.txt")
-_READERS = {"localization", "query"}
-"""Rooms of `service` that read scenes and make none."""
+_READERS = {"localization", "query"}  # rooms of `service` that read scenes and make none
 _SUFFIXES = {".py", ".cpp", ".h", ".txt", ".json"}
 
 

@@ -18,10 +18,7 @@ def wait_for(what: Callable[[], object], patience_s: float = 120.0) -> None:
 
 
 def with_growing_limit(attempt: Callable[[float], _T | None], first_s: float, most_s: float = 120.0) -> _T:
-    """Returns what `attempt` does within a limit in seconds, which triples from `first_s` until it suffices.
-
-    An attempt returns None where the limit ended it; the test fails if `most_s` did not suffice.
-    """
+    """Returns `attempt(limit)`, tripling the limit (s) while that is None; fails if `most_s` did not suffice."""
     limit_s = first_s
     while limit_s <= most_s:
         result = attempt(limit_s)

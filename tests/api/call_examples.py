@@ -293,8 +293,7 @@ EXAMPLES = (
         )
     ),
 )
-BOUNDS_OF_THE_URL = {
+BOUNDS_OF_THE_URL = {  # where REST's own parameters are bounded, in other words
     *(("GetGoal", "robot_radius"), ("ListBestViews", "max_views")),
     *((call, "page_size") for call in ("ListDetections", "GetContactSheet")),
 }
-"""Where REST's own parameters are bounded, in other words."""

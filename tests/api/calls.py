@@ -23,17 +23,15 @@ from fastsplat_contract.errors import FastSplatError
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 Ids = Mapping[str, str]
-Request = Any
-"""Fields by name, or a request of the contract, in full or as REST's body has it."""
+Request = Any  # fields by name, or a request of the contract, in full or as REST's body has it
 
 CALLS: Mapping[str, Call[Any, Any]] = {call.rpc: call for call in calls.CALLS}
-ELSEWHERE = {
+ELSEWHERE = {  # calls without examples, and where they are the same over both protocols
     *("Query", "StreamQuery", "WatchOperation"),  # answered in pieces
     *("CreateScene", "Localize", "ObserveScene"),  # forms, pieces: see test_api_uploads, _localize, _observations
     "OpenSample",  # the same scene for all who ask: see test_api_sample
     *("CreateKey", "CreateUploadKey", "ListKeys", "RevokeKey"),  # see test_api_keys
 }
-"""The calls without examples, and where they are the same over both protocols."""
 
 
 class Refused(NamedTuple):
@@ -66,11 +64,10 @@ def in_process(service: SceneService, name: str, ids: Ids, request: Request) -> 
         current_principal.reset(token)
 
 
-_WRITTEN: Mapping[str, Any] = {
+_WRITTEN: Mapping[str, Any] = {  # calls of which each protocol makes more than their answer
     "WaitOperation": lambda service, sent: service.get_operation(sent.operation_id),
     "DownloadPhoto": lambda service, sent: service.photos.path(sent.scene_id, sent.view)[0].read_bytes(),
 }
-"""Calls of which each protocol makes more than their answer."""
 
 
 def over_rest(faces: Faces, name: str, ids: Ids, request: Request) -> Any:

@@ -47,14 +47,12 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
 
 @pytest.fixture(scope="session")
 def service(api_settings: Settings) -> Iterator[SceneService]:
-    """The service layer in process."""
     with open_service(api_settings) as opened:
         yield opened
 
 
 @pytest.fixture(scope="session")
 def scene_id(service: SceneService, api_settings: Settings) -> str:
-    """The made scene."""
     return add_scene(service, api_settings)
 
 
@@ -80,7 +78,6 @@ def guarded(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) ->
 
 @pytest.fixture
 def client(faces: Faces) -> Iterator[Client]:
-    """The typed client of both."""
     with client_of(faces) as opened:
         yield opened
 
@@ -95,7 +92,6 @@ def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
 
 @pytest.fixture(scope="session")
 def pem(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Certificates, see `write_pem`."""
     folder = tmp_path_factory.mktemp("pem")
     write_pem(folder)
     return folder

@@ -1,7 +1,4 @@
-"""A stand-in for rclpy, which is not on PyPI: keeps what a node publishes.
-
-Message classes are those of rosbags, which refuse unknown fields; ranges, quality of service and executor are untried.
-"""
+"""A stand-in for rclpy (not on PyPI) with rosbags' strict messages; ranges, QoS and executor are untried."""
 
 from __future__ import annotations
 

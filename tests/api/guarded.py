@@ -32,12 +32,11 @@ from tests.api.served import Faces, served
 from tests.api.training_job import add_training_job
 
 SERVICE = "/fastsplat.v1.SceneService/"
-ROUTES = {
+ROUTES = {  # method and template of every route by its name
     route_name(context, method): (method, context.path)
     for context in iter_route_contexts(create_app(None, Settings()).routes)
     for method in sorted(context.methods or {"GET"})
 }
-"""Method and template of every route by its name."""
 RPCS = {method.name: method for method in pb.DESCRIPTOR.services_by_name["SceneService"].methods}
 
 _TUS = {"Tus-Resumable": "1.0.0"}
@@ -59,14 +58,13 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     },
 }
 """What a route needs beside its path to be more than bad input; other calls that have a body: see `_BODIES`."""
-_BODIES = {
+_BODIES = {  # sent by a call that needs a body: the first of its examples
     handler.call.route: next(iter(handler.bodies.values()))[1]
     for handler in HANDLERS.values()
     if handler.bodies and not handler.call.body_optional
 }
-"""What is sent by a call that needs a body: the first of its examples."""
 
-_OF_TRAINING = {
+_OF_TRAINING = {  # calls and routes that speak of a job while it trains
     "FinishOperation",
     "GetPreview",
     "GetPlacedCameras",
@@ -77,7 +75,6 @@ _OF_TRAINING = {
     "GET /v1/operations/{operation_id}/preview.jpg",
     "GET /v1/operations/{operation_id}/cameras",
 }
-"""Calls and routes that speak of a job while it trains."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +144,6 @@ class Guarded:
         return None
 
     def assert_shared_untouched(self) -> None:
-        """Fail if anybody has changed what `shared` names."""
         ids = self.shared
         scene = self.service.get_scene(ids["scene_id"])
         assert (scene.state, scene.version, scene.name) == ("READY", "1", "made")
@@ -157,7 +153,6 @@ class Guarded:
 
 @contextmanager
 def guarded_server(api_settings: Settings, folder: Path) -> Iterator[Guarded]:
-    """Serve from a folder until the block ends."""
     settings = api_settings.model_copy(update={"auth": "on", "data_dir": folder})
     with open_service(settings) as service, served(service, settings) as faces:
         service.admin.projects.create("elsewhere")

@@ -42,13 +42,10 @@ PHRASES = tuple(
     "how many submarines are/submarines".split("/")
 )
 """Questions that say more than a name, as they are embedded, and what they are made of."""
-PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
-"""Of the photos of its three cameras, which are each of one color."""
-PLAIN_PNG = image_file(np.full((24, 32, 3), (120, 130, 140), np.uint8))
-"""An image file in which nothing is to be seen."""
+PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))  # of its three cameras' photos, each of one color
+PLAIN_PNG = image_file(np.full((24, 32, 3), (120, 130, 140), np.uint8))  # an image file in which nothing is to be seen
 _PER_BLOB = 60
-OBSERVED = "e0123456789abcdef"
-"""The observation of the made scene: all three objects were looked at, none has changed."""
+OBSERVED = "e0123456789abcdef"  # the observation of the made scene: all three objects were looked at, none has changed
 _OBSERVATION = Observation(
     "", OBSERVED, datetime(2026, 3, 2, 18, tzinfo=UTC), "given", (), (), (), (1, 2, 3), True, "Nothing has changed."
 )

@@ -36,7 +36,6 @@ class Faces:
 
 @contextmanager
 def serving(service: Any, settings: Settings) -> Iterator[Ports]:
-    """Serve `service` until the block ends."""
     ready = threading.Event()
     state: dict[str, Any] = {}
 
@@ -62,7 +61,6 @@ def serving(service: Any, settings: Settings) -> Iterator[Ports]:
 
 @contextmanager
 def served(service: Any, settings: Settings) -> Iterator[Faces]:
-    """The same, with clients."""
     with (
         serving(service, settings) as ports,
         httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=600) as rest,
@@ -82,7 +80,6 @@ class Refusal:
 
 
 def rest_refusal(response: httpx.Response) -> Refusal:
-    """The problem of a response that is none."""
     assert response.headers["content-type"] == "application/problem+json", response.text
     body = response.json()
     assert body["status"] == response.status_code and body["title"] and body["type"].startswith("urn:fastsplat:")

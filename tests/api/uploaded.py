@@ -30,7 +30,6 @@ def photos(count: int) -> Files:
 
 
 def zipped(count: int, size: tuple[int, int] = (64, 48)) -> bytes:
-    """An archive of so many photos."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as archive:
         for number in range(count):

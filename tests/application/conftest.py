@@ -42,7 +42,6 @@ def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUp
 
 @pytest.fixture
 def settings(tmp_path: Path) -> Settings:
-    """Small limits, the readable rasterizer."""
     return Settings(
         data_dir=tmp_path / "data",
         models=stand_in_models(tmp_path / "stand-ins", ENCODER),

@@ -99,7 +99,6 @@ def stored(service: SceneService, scenes: dict[str, Scene]) -> dict[str, str]:
 
 @pytest.fixture
 def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """The scenes whose files are read."""
     names: list[str] = []
     read = open_scenes.read_scene
 

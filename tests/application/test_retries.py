@@ -45,7 +45,6 @@ def service(tmp_path: Path) -> Iterator[SceneService]:
 
 @pytest.fixture
 def posted(service: SceneService) -> Operation:
-    """A job of four photos, in the queue."""
     with service.new_upload() as upload:
         for number, name in enumerate(_NAMES):
             pixels = np.random.default_rng(number).integers(0, 255, (24, 32, 3), np.uint8)

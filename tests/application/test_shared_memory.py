@@ -24,7 +24,6 @@ from tests.scenes import finish_job, queued_job
 
 @pytest.fixture
 def encoded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """All sentences that were encoded."""
     sentences: list[str] = []
     encode = LabelTable.encode
 

@@ -18,7 +18,6 @@ _GIB = 1 << 30
 
 @pytest.fixture
 def rendered(monkeypatch: pytest.MonkeyPatch) -> list[SceneIndex]:
-    """The scenes whose surfaces were rendered, in turn."""
     scenes = []
 
     def counting(index: SceneIndex) -> tuple[SurfaceView, ...]:

@@ -1,7 +1,4 @@
-"""Calls on the versions of one scene, several at once on two servers, held against `version_model`.
-
-At least one order of calls that ran at once has to explain all answers and all that is stored afterwards.
-"""
+"""Concurrent calls on a scene's versions: some order in `version_model` must explain the answers and what is stored."""
 
 from __future__ import annotations
 
@@ -48,8 +45,7 @@ from tests.application.version_model import (
 )
 from tests.scenes import labelled_scene, store_scene
 
-LIMIT = 5
-"""Versions that servers keep of a scene."""
+LIMIT = 5  # versions that servers keep of a scene
 _COLORS = 16
 _AT_ONCE = 4
 _REQUESTS = 6

@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
-Content: TypeAlias = tuple[int, ...]
-"""The color of each label, as a number."""
-Expected: TypeAlias = str
-"""Name of the version that must be current; "" for any."""
+Content: TypeAlias = tuple[int, ...]  # the color of each label, as a number
+Expected: TypeAlias = str  # name of the version that must be current; "" for any
 
 
 @dataclass(frozen=True)

@@ -61,8 +61,7 @@ def _made() -> tuple[Truth, np.ndarray]:
 def _measured(
     shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0, taken: int = 0
 ) -> Measured:
-    """The truth as flat Gaussians; a share of each object's is moved away, and so many of the third are the
-    second's."""
+    """The truth as flat Gaussians; of each object a share is moved away, and so many of the third are the second's."""
     truth, true = _made()
     shown = true if shown is None else shown
     count = len(truth.points)

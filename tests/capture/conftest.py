@@ -24,8 +24,6 @@ def settings() -> CaptureSettings:
 
 @pytest.fixture
 def upload(tmp_path: Path) -> Upload:
-    """Writes files into a fresh upload folder."""
-
     def write(files: dict[str, bytes]) -> Path:
         folder = tmp_path / "place" / "upload"
         folder.mkdir(parents=True, exist_ok=True)

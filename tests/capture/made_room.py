@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 
-LOW, HIGH = np.array([-2.5, -2.0, 0.0]), np.array([2.5, 2.0, 2.6])
-"""Corners of the room, meters, z up."""
+LOW, HIGH = np.array([-2.5, -2.0, 0.0]), np.array([2.5, 2.0, 2.6])  # corners of the room, meters, z up
 _PIXELS_A_METER = 160
 
 

@@ -40,7 +40,6 @@ def _millimeters(depth: np.ndarray) -> bytes:
 
 
 def polycam(frames: list[Frame], corrected: bool = True) -> dict[str, bytes]:
-    """Files of Polycam's raw data."""
     cameras, images = ("corrected_cameras", "corrected_images") if corrected else ("cameras", "images")
     files = {"mesh_info.json": b'{"alignmentTransform": []}'}
     for index, frame in enumerate(frames):
@@ -70,7 +69,6 @@ def record3d_files(frames: list[Frame], **changes: Any) -> dict[str, bytes]:
 
 
 def zipped(files: dict[str, bytes]) -> bytes:
-    """A zip archive of files."""
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
         for name, content in files.items():

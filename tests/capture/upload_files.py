@@ -22,7 +22,6 @@ PINHOLE = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0}
 
 
 def encoded(picture: np.ndarray | Image.Image, form: str = "PNG", **options: Any) -> bytes:
-    """A picture as a file."""
     stream = io.BytesIO()
     image = picture if isinstance(picture, Image.Image) else Image.fromarray(picture)
     image.save(stream, form, **options)

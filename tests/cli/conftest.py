@@ -53,7 +53,6 @@ def fastsplat(service: SceneService) -> Iterator[Callable[..., Result]]:
 
 @pytest.fixture
 def objects(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
-    """Runs a command about objects."""
     return lambda *words: fastsplat("objects", *words)
 
 

@@ -35,12 +35,10 @@ from tests.cli.conftest import FREE_PORTS, configured
 from tests.commands import invoke
 from tests.scenes import queued_job
 
-LONG = "a name that nobody should give, 名前 " * 10
-"""More letters than any terminal has columns."""
+LONG = "a name that nobody should give, 名前 " * 10  # more letters than any terminal has columns
 _SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
 _GROUPS = ("scenes", "objects", "jobs", "keys", "projects")
-_ENDLESS = {("mcp",)}
-"""They go on until they are stopped, and print no value."""
+_ENDLESS = {("mcp",)}  # they go on until they are stopped, and print no value
 
 
 class Home(NamedTuple):
@@ -58,7 +56,6 @@ class Home(NamedTuple):
         return invoke(*typed, *more, *options, env={"FASTSPLAT_KEY": self.key})
 
     def json(self, words: str, *more: str, server: bool = False) -> Any:
-        """What a command prints as JSON."""
         done = self.run(words, *more, "--json", server=server)
         assert done.exit_code == 0, (done.output, done.exception)
         return json.loads(done.stdout)
@@ -94,7 +91,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
                 yield Home(f"http://127.0.0.1:{ports.http}", key, ids, folder)
 
 
-LOOKING = (
+LOOKING = (  # commands that change nothing
     "scenes list",
     "scenes show $scene",
     "scenes photos $failed_scene",
@@ -120,7 +117,6 @@ LOOKING = (
     "ask $scene elephant ball --from front.png",
     "status",
 )
-"""Commands that change nothing."""
 TABLES = ("list", "photos", "versions", "detections", "known")
 BY_REST = {
     "scenes list": "/v1/scenes",
@@ -140,7 +136,6 @@ BY_REST = {
 
 
 def _commands() -> dict[tuple[str, ...], Any]:
-    """Every command by its words."""
     waiting: list[tuple[tuple[str, ...], Any]] = [((), typer.main.get_command(app))]
     ends = {}
     while waiting:

@@ -21,7 +21,6 @@ Run = Callable[..., Result]
 
 @pytest.fixture
 def waiting(service: SceneService) -> str:
-    """Id of a job that waits."""
     job = queued_job()
     service._store.scenes.create(job)
     return job.operation_id
@@ -29,7 +28,6 @@ def waiting(service: SceneService) -> str:
 
 @pytest.fixture
 def failed(service: SceneService) -> str:
-    """Id of a job that failed."""
     job = replace(queued_job(), options={"validated": ""})
     service._store.scenes.create(job)
     claim = service._store.jobs.claim(job.operation_id)

@@ -18,14 +18,13 @@ from mcp_types import CallToolResult
 
 Talk = Callable[[McpClient], Coroutine[Any, Any, Any]]
 
-_MIDDLES = {
+_MIDDLES = {  # meters from the middle of the table, x and y, as `demo/sample_layout.py` places them
     "banana": (0.15, -0.2),
     "bottle": (0.19, 0.27),
     "clock": (-0.35, 0.06),
     "cup": (-0.1, -0.02),
     "teddy bear": (-0.005, 0.25),
 }
-"""Meters from the middle of the table, x and y, as `demo/sample_layout.py` places them."""
 
 
 def _session(talk: Talk, models: Path, temporary: Path) -> Any:

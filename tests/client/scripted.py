@@ -25,8 +25,7 @@ def problem(status: int, reason: str, **more: Any) -> tuple[int, dict[str, str],
     return status, {}, json.dumps({"reason": reason, "detail": "no", **more}).encode()
 
 
-FINE = (200, {"Content-Type": "application/json"}, json.dumps(OPERATION).encode())
-"""An operation that was just queued."""
+FINE = (200, {"Content-Type": "application/json"}, json.dumps(OPERATION).encode())  # an operation that was just queued
 
 
 class Scripted(ThreadingHTTPServer):
@@ -74,7 +73,6 @@ class _Handler(BaseHTTPRequestHandler):
 
 @contextmanager
 def scripted() -> Iterator[Scripted]:
-    """A running server."""
     with Scripted() as running:
         thread = threading.Thread(target=running.serve_forever)
         thread.start()

@@ -86,8 +86,7 @@ def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
 
 
 def _books(sheets: list[ContactSheet], name: str = "book") -> tuple[int, int]:
-    """How many names are suggested and refused where a captioner gives all objects but the last of each sheet one
-    name."""
+    """Counts names suggested and refused if a captioner gives all objects but the last of each sheet one name."""
     names = {each.object_id: name for sheet in sheets for each in sheet.objects[:-1]}
     names |= {sheet.objects[-1].object_id: f"kind {sheet.objects[-1].object_id}" for sheet in sheets}
     with replayed(sheets, lambda sheet: named(sheet, names)) as server:

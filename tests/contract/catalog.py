@@ -23,5 +23,4 @@ def _types() -> dict[str, Any]:
     return found
 
 
-TYPES = _types()
-"""By name; cameras as they travel, see `viewpoint.PosedCamera`."""
+TYPES = _types()  # by name; cameras as they travel, see `viewpoint.PosedCamera`

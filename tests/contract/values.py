@@ -21,8 +21,7 @@ from fastsplat_contract.server.server_info import ServerInfo
 EXAMPLES = int(os.environ.get("CONTRACT_EXAMPLES", "15"))
 """Random values of each type; fewer where the same tests run on several interpreters."""
 
-JSON_ONLY = {Problem, QueryOut, ServerInfo}
-"""What has no message of its own."""
+JSON_ONLY = {Problem, QueryOut, ServerInfo}  # what has no message of its own
 
 _TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 _FLOAT = st.floats(allow_nan=False, allow_infinity=False)
@@ -37,7 +36,6 @@ _UNIT = [Quaternion(0.0, 0.0, 0.0, 1.0), Quaternion(0.5, -0.5, 0.5, 0.5), Quater
 
 @cache
 def values_of(kind: Any) -> st.SearchStrategy[Any]:
-    """Any value of a type."""
     if kind is Quaternion:
         return st.sampled_from(_UNIT)
     if hasattr(kind, "wire"):

@@ -21,8 +21,7 @@ from tests.api.served import served
 from tests.scenes import stand_in_models
 
 _DASHBOARD = Path(__file__).parents[2] / "docker/grafana.json"
-_MINUTES = 120
-"""Of the series: the longest range of an expression is an hour."""
+_MINUTES = 120  # of the series: the longest range of an expression is an hour
 
 
 @pytest.fixture(scope="module")
@@ -81,10 +80,7 @@ def _series(scrape: str) -> list[dict[str, str]]:
 
 
 def _complaints(promtool: str, folder: Path, series: list[dict[str, str]], targets: list[tuple[str, str]]) -> str:
-    """Unit tests for promtool: each expression gives numbers, all with the label that is shown.
-
-    `group` is 1 where an expression gives anything; `>= 0` leaves out what is no number.
-    """
+    """promtool's unit tests: numbers with the label shown. (`group` is 1 for any result; `>= 0` leaves out NaN.)"""
     asked = []
     for expression, label in targets:
         told = (

@@ -23,7 +23,7 @@ from tests.docs.page_reader import PageReader
 
 _BIN = Path(sys.executable).parent
 _VIEWS = 8
-_SMALL = {
+_SMALL = {  # keeps the trainings of the pages short; readers have the defaults
     "FASTSPLAT_TRAINING__ITERATIONS": "40",
     "FASTSPLAT_TRAINING__TIME_BUDGET_S": "600",  # the iterations are over before
     "FASTSPLAT_TRAINING__MAX_GAUSSIANS": "6000",
@@ -34,7 +34,6 @@ _SMALL = {
     "FASTSPLAT_JOBS__POLL_INTERVAL_S": "0.2",
     "FASTSPLAT_JOBS__NICENESS": "0",  # a busy machine would hardly get to it
 }
-"""What keeps the trainings of the pages short; readers have the defaults."""
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,6 @@ class PythonSession:
         return str(json.loads(line)) if line else "the session has ended"
 
     def close(self) -> None:
-        """End it."""
         self._stream.close()
         self._socket.close()
 
@@ -122,7 +121,6 @@ def _serve(address: str) -> None:
 
 
 def _converse(stream: Any) -> None:
-    """A Python session."""
     names: dict[str, Any] = {"__name__": "__main__"}
     for line in stream:
         order = json.loads(line)

@@ -11,8 +11,7 @@ from markdown_it import MarkdownIt
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 EXECUTED = ("sh", "python")
-SHOWN = ("csv", "json", "nginx", "text")
-"""Languages of blocks that nobody is to run."""
+SHOWN = ("csv", "json", "nginx", "text")  # languages of blocks that nobody is to run
 
 _MARK = re.compile(r"<!-- not executed: (.+?) -->\s*", re.DOTALL)
 
@@ -32,15 +31,11 @@ class Block:
 
     @property
     def is_executed(self) -> bool:
-        """Whether a test runs it."""
         return self.language in EXECUTED and not self.reason
 
 
 def blocks_of(page: Path) -> list[Block]:
-    """Every block of a page, in order; `ValueError` for one without fence or known language, or a mark before none.
-
-    A block that cannot run in a test has the line `<!-- not executed: reason -->` right before it.
-    """
+    """A page's blocks; `ValueError` if malformed. After `<!-- not executed: reason -->`, a block is run by no test."""
     name = str(page.relative_to(ROOT))
     found: list[Block] = []
     mark = ""

@@ -42,7 +42,6 @@ class ColorSegmenter:
         self.pointed_at: list[int] = []
 
     def embed(self, image: Image) -> Image:
-        """The image itself."""
         self.prompts.append(0)
         return image
 
@@ -69,7 +68,6 @@ class NoDetector:
     labels = ()
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """None."""
         return Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
 
 
@@ -79,7 +77,6 @@ class BallDetector:
     labels = ("cup",)
 
     def detect(self, image: Image, min_score: float) -> Detections:
-        """Their boxes."""
         boxes = []
         for color in (2, 3, 4):
             _, _, stats, _ = cv2.connectedComponentsWithStats((_nearest_color(image) == color).astype(np.uint8))

@@ -13,8 +13,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 
-START = 1_700_000_000_250_000_000
-"""Nanoseconds since 1970 at which the recording begins."""
+START = 1_700_000_000_250_000_000  # nanoseconds since 1970 at which the recording begins
 HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
 
 
@@ -35,5 +34,4 @@ def _photo(color: tuple[int, int, int]) -> bytes:
     return file.getvalue()
 
 
-PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}
-"""JPEG files by the number of their camera."""
+PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}  # JPEG files by the number of their camera

@@ -26,10 +26,7 @@ _LENGTH = 2.0
 def textured_room(
     seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
 ) -> Scene:
-    """Three square walls of two units that meet in the origin, patterned by `seed`, seen from inside.
-
-    With `block`, a bright cube stands on the floor, with the fourth label if there is one; `others` go to its scene.
-    """
+    """Three walls of two units that meet in the origin, patterned by `seed`; `block`: a cube (fourth label, if any)."""
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
     across, down = np.meshgrid(steps, steps, indexing="ij")
@@ -67,7 +64,6 @@ def looking(angle: float, *, height: float = 1.3, away: float = 2.7, name: str =
 
 
 def renderer(scene: Scene) -> Renderer:
-    """What draws a scene."""
     return Renderer(scene, QuerySettings())
 
 

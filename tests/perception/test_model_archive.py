@@ -51,7 +51,6 @@ def manifest(models: Path, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def archive(models: Path, tmp_path: Path) -> Path:
-    """Of the models that are there."""
     return _zipped(models, tmp_path / "models.zip")
 
 

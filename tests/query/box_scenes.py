@@ -62,7 +62,6 @@ def rigid(seed: int) -> np.ndarray:
 
 
 def with_cameras_moved(scene: Scene, pose: np.ndarray) -> Scene:
-    """The same scene with its cameras moved by `pose`."""
     return replace(
         scene, cameras=tuple(replace(c, world_from_camera=pose @ c.world_from_camera) for c in scene.cameras)
     )

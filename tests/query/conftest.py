@@ -53,7 +53,6 @@ class DrawnEncoder:
 
 @pytest.fixture
 def calibrated_encoder() -> DrawnEncoder:
-    """See `calibrated`."""
     return calibrated()
 
 

@@ -1,7 +1,6 @@
-"""gsplat's own front end on the CPU: what it checks, projects, cuts into tiles and hands on is its own code.
+"""gsplat's own front end on the CPU, independent of the product, with its CUDA kernels replaced.
 
-Its CUDA kernels are replaced: projection and tile lists by its own PyTorch version (in vectors, as a
-test compares), pixels by a compositing written after `RasterizeToPixels3DGSFwd.cu`. Nothing leans on the product.
+Projection and tile lists are its own PyTorch version (vectorized); pixels follow `RasterizeToPixels3DGSFwd.cu`.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ from torch import Tensor
 
 ALPHA_MIN = 1.0 / 255.0
 ALPHA_MAX = 0.999
-TRANSMITTANCE_MIN = 1e-4
-"""What the kernels fix; `test_gsplat_contract` reads them from the sources."""
+TRANSMITTANCE_MIN = 1e-4  # what the kernels fix; `test_gsplat_contract` reads them from the sources
 
 needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no NVIDIA GPU")
 """Of a test of gsplat's kernels themselves; gsplat is among the development tools."""

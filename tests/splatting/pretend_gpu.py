@@ -12,8 +12,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode, return_and_correct_aliasing
 from torch.utils._pytree import tree_leaves, tree_map
 
-DEVICE = "meta"
-"""The one device besides the CPU whose gradients run without an accelerator; this module gives it memory."""
+DEVICE = "meta"  # the only device but the CPU whose gradients run without an accelerator; it gets memory here
 _HOST = torch.device("cpu")
 _MIXING = {"aten.index.Tensor", "aten.index_put_.default", "aten.index_put.default", "aten.copy_.default"}
 """Which may have host tensors beside those of the device: as indices, or as what is copied from."""

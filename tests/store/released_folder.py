@@ -31,7 +31,6 @@ def minor_release() -> str:
 
 
 def opened(folder: Path, models: Path) -> SceneService:
-    """The service of a data folder."""
     perception = {"text_encoder": ENCODER}
     return open_service(Settings.model_validate({"data_dir": folder, "models": models, "perception": perception}))
 

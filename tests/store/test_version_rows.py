@@ -18,8 +18,7 @@ from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
 _SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
-_TRIALS = 6
-"""So many times writers race; without a lock, two of them are acknowledged nearly each time."""
+_TRIALS = 6  # so many times writers race; without a lock, two of them are acknowledged nearly each time
 
 
 @pytest.fixture
@@ -82,12 +81,11 @@ _WRITES: dict[str, _Write] = {
 }
 
 
-_LINEAGES = {
+_LINEAGES = {  # versions in force after some of them
     "step_back": ["trained"],
     "step_forward": ["undone", "first", "trained"],
     "restore": ["undone", "first", "trained"],
 }
-"""The versions in force after some of them."""
 
 
 def _end_job(store: Store, scene_id: str, name: str) -> None:

@@ -27,8 +27,7 @@ _DRAWN = """async (pause) => {
   await Promise.all(pictures.map((picture) => picture.decode().catch(() => undefined)));
   await new Promise((done) => setTimeout(done, pause));
 }"""
-_NOTED_MS = 400
-"""Later than the page notes in its address where its camera came to rest: 250 ms after its last motion."""
+_NOTED_MS = 400  # later than the page notes in its address where its camera came to rest: 250 ms after its last motion
 
 # The page's policy forbids inline scripts, so that this is not run as one: the browser injects it before any page.
 _LISTENER = """
@@ -93,8 +92,7 @@ class Visit:
         return list(self._requests)
 
     def scene_shown(self) -> Locator:
-        """The 3D view, once it shows the scene, drawn by the browser if it can, and the list of its objects is
-        there."""
+        """The 3D view, once it shows the scene (drawn by the browser if it can) and the list of objects is there."""
         canvas = self.page.locator("canvas[role=application]")
         expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
         self.page.keyboard.press("Shift")  # a first gesture, which moves nothing

@@ -13,8 +13,7 @@ from tests.web.browser import chromium, with_webgl
 from tests.web.places import Place, guarded_settings, page_settings, running, small_settings
 
 
-# Of the package, not of the session: while the browser runs, Playwright holds the thread's event loop, and tests of
-# other folders that follow in the same process want one of their own.
+# Not of the session: Playwright holds the thread's event loop, and tests of other folders want one of their own.
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """The browser, without WebGL: the server draws scenes, at less cost than WebGL in software."""

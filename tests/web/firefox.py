@@ -56,7 +56,6 @@ class Firefox:
         self._tab = self._call("browsingContext.getTree")["contexts"][0]["context"]
 
     def go(self, url: str) -> None:
-        """Open an address."""
         self._call("browsingContext.navigate", context=self._tab, url=url, wait="complete")
 
     def asked(self, expression: str) -> Any:

@@ -1,8 +1,7 @@
 """Compares what glows on the page with the server's mask of it.
 
-The server's mask: pixels of which the object is the most probable, memberships blended, where the scene covers at least
-half of the pixel. The page's glow: Gaussians most probably of the object, in a color of their own, are more than
-`GLOWS` of the pixel's color; less than half, as three objects may meet in one pixel.
+Mask: the object has the largest blended membership, and the scene covers at least half of the pixel. Glow: the object's
+Gaussians are more than `GLOWS` of the pixel's color; less than half, as three objects may meet in one pixel.
 """
 
 from __future__ import annotations

@@ -35,7 +35,6 @@ class Place:
     scene_id: str = ""
 
     def new_scene(self, name: str = "a table") -> str:
-        """A scene of a test's own."""
         return add_table(self.service, self.settings, name)
 
     def new_key(self, role: Role) -> str:

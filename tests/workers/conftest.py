@@ -1,7 +1,4 @@
-"""Deployments: one a test, or one with a worker for all tests of a file that do not end the worker.
-
-Laws whose SQL or locking differs on PostgreSQL are tested there, too, by `deployment.on_both_databases`.
-"""
+"""Deployments of a test or file; `on_both_databases` adds PostgreSQL where its SQL or locking differs."""
 
 from __future__ import annotations
 

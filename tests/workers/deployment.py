@@ -60,7 +60,6 @@ main()
 
 
 def post_folder(service: SceneService, folder: Path, options: SceneOptions, name: str = "") -> Operation:
-    """Post all files of a folder."""
     with service.new_upload() as upload:
         for path in sorted(path for path in folder.rglob("*") if path.is_file()):
             with path.open("rb") as file:
@@ -108,7 +107,6 @@ class Deployment:
     def start_worker(
         self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None, **more: str
     ) -> subprocess.Popen[bytes]:
-        """A worker process of its own."""
         own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
         code += self.worker_code(elsewhere=elsewhere)
         worker = WORKERS.run(code, {**self.environment(), **own}, max_file)
@@ -117,7 +115,6 @@ class Deployment:
 
     @staticmethod
     def worker_code(*, elsewhere: bool = False) -> str:
-        """What a worker process runs."""
         return _WORKER.format(elsewhere=elsewhere)
 
     def start_api(self, *, wait: bool = True) -> subprocess.Popen[bytes]:
@@ -130,7 +127,6 @@ class Deployment:
         return api
 
     def environment(self) -> dict[str, str]:
-        """What a process of this deployment needs to know."""
         jobs = self.settings.jobs
         return {
             **os.environ,
@@ -169,11 +165,9 @@ class Deployment:
         return str(reply.json()["id"])
 
     def state(self, operation: Operation) -> str:
-        """Where the job stands."""
         return self.service.get_operation(operation.id).state
 
     def wait_over(self, operation: Operation) -> Operation:
-        """The operation once it has ended."""
         self.wait_for(lambda: self.state(operation) not in ("QUEUED", "RUNNING"))
         return self.service.get_operation(operation.id)
 
@@ -212,7 +206,6 @@ class Deployment:
 
     @staticmethod
     def resume(worker: subprocess.Popen[bytes]) -> None:
-        """Let a suspended worker go on."""
         os.kill(worker.pid, signal.SIGCONT)
 
     def left_over(self, *of: Operation) -> list[str]:
@@ -224,7 +217,6 @@ class Deployment:
         return [name for name in names if not of or name in wanted]
 
     def uploads_of(self, *of: Operation) -> list[str]:
-        """Ids of the uploads of these jobs."""
         return sorted(self.service._store.scenes.operation(operation.id).upload_id for operation in of)
 
     wait_for = staticmethod(wait_for)
@@ -240,7 +232,6 @@ class Deployment:
         self.service.close()
 
     def start_command(self, command: list[str], **environment: str) -> subprocess.Popen[bytes]:
-        """Any command in this deployment."""
         process = subprocess.Popen(command, env={**self.environment(), **environment}, start_new_session=True)
         self._processes.append(process)
         return process

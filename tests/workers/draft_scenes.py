@@ -14,16 +14,13 @@ from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from tests.api.made_scene import ENCODER
 from tests.scenes import labelled_scene
 
-PLACES = (-1.0, 0.0, 1.0)
-"""x of the objects, left to right."""
-DRAFT_IDS, FINAL_IDS = (2, 3, 1), (1, 2, 3)
-"""Of the objects, in this order."""
+PLACES = (-1.0, 0.0, 1.0)  # x of the objects, left to right
+DRAFT_IDS, FINAL_IDS = (2, 3, 1), (1, 2, 3)  # of the objects, in this order
 ONLY_IN_DRAFT = 4
 
 
 def of_objects(models: Path, *, draft: bool) -> Scene:
-    """Balls of Gaussians, 12 for each object of a draft and 40 in the end; a draft also has an object far behind
-    them."""
+    """Balls of Gaussians, 12 an object in a draft, 40 in the end; a draft also has an object far behind them."""
     each, ids = (12, DRAFT_IDS) if draft else (40, FINAL_IDS)
     random = np.random.default_rng(1 if draft else 2)
     centers = [(x, 0.0, 4.0) for x in PLACES] + ([(0.0, 0.0, 9.0)] if draft else [])

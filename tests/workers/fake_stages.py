@@ -1,10 +1,10 @@
-"""Stages ordered by the job's labels, or by what it looks for, for tests of everything around them.
+"""Stages that do what the job's labels, or the texts it looks for, order.
 
-"STAGE:sleep 30" and "sleep_once" (first attempt only) sleep; "kill", "kill_once", "kill_in 2" (second attempt) kill the
-trainer, "kill_worker", "kill_worker_until 3" (first three attempts), "kill_worker_in 2" the worker; "fail" raises a
-typed error, "defect" an untyped one; "until_finish" shows pictures until the job is to end early; "draft" publishes a
-draft, "draft_kill_in 2" dies amid one; "full" writes to a full disk, "write 5" 5 MB; "environment" notes environment
-and niceness; "child" leaves a grandchild whose id it writes into the data folder.
+"STAGE:sleep 30", "sleep_once" (attempt 1) sleep; "kill", "kill_once", "kill_in 2" (attempt 2) kill the trainer,
+"kill_worker", "kill_worker_until 3" (first three attempts), "kill_worker_in 2" the worker; "fail" raises a typed error,
+"defect" an untyped one; "until_finish" shows pictures until an early end; "draft" publishes one, "draft_kill_in 2" dies
+amid one; "full" meets a full disk, "write 5" writes 5 MB; "environment" notes it and niceness; "child" leaves a
+grandchild, its id in the data folder.
 """
 
 from __future__ import annotations

@@ -43,7 +43,6 @@ class StandbyProcesses:
         return process
 
     def close(self) -> None:
-        """End those that wait."""
         while self._waiting:
             process = self._waiting.popleft()
             assert process.stdin is not None

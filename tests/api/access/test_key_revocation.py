@@ -66,8 +66,7 @@ class _Call:
     """A call that has begun, and would go on for long."""
 
     def __init__(self, ended: Callable[[], str]) -> None:
-        self.ended = ended
-        """Waits for the end; returns the reason that the client is told, "" where the connection ends without one."""
+        self.ended = ended  # waits for the end; returns the reason that the client is told, "" if there is none
 
 
 def _rpc(begin: Callable[[_Place, Any], Any], read: Callable[[Any], Any] = list) -> Callable[[_Place, str], _Call]:

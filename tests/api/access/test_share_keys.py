@@ -24,7 +24,7 @@ from tests.api.guarded import ROUTES, RPCS, SERVICE, Guarded, about_one, without
 from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
-_SHOWN = {
+_SHOWN = {  # calls that a key of one scene may make; a new call is not among them by itself
     *("GetScene", "ListScenes", "ListLabels", "ListObjects", "PickObject", "ListVersions", "Query"),
     *("StreamQuery", "RenderView", "ExportScene"),
     *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
@@ -33,7 +33,6 @@ _SHOWN = {
     "GetContactSheet",
     *("Localize", "ListObservations", "GetObservation"),
 }
-"""The calls that a key of one scene may make. A new call is not among them by itself."""
 
 
 @pytest.fixture(scope="module")

@@ -43,8 +43,7 @@ from fastsplat.service.settings import Settings
 run(Settings.model_validate_json(sys.argv[1]))
 """
 _ANGLES = (0.0, 0.1, -0.2, 0.3, -0.1, 0.2)
-_QUICK = Reconnect(tries=2000, first_s=0.05, most_s=0.2)
-"""However slowly the server starts."""
+_QUICK = Reconnect(tries=2000, first_s=0.05, most_s=0.2)  # however slowly the server starts
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from tests.api.made_scene import add_scene
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
 from tests.api.programs.test_assistant import _call, _refusal
 
-_WRONG = {"one": 1, "other": 2}
-"""The seeds of what two stand-ins for an assistant see wrongly."""
+_WRONG = {"one": 1, "other": 2}  # the seeds of what two stand-ins for an assistant see wrongly
 
 
 @pytest.fixture(scope="module")

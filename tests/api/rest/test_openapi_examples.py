@@ -30,8 +30,7 @@ _OPERATIONS = {
 _TUS = {"create_upload", "append_to_upload", "get_upload", "delete_upload"}
 """Those need headers of tus, which its own specification describes; see test_api_tus."""
 _OF_TRAINING = {"finish_operation", "get_preview", "get_preview_picture", "get_placed_cameras", "get_job_log"}
-_CAPTIONER = "localhost:11434"
-"""The host of the examples."""
+_CAPTIONER = "localhost:11434"  # the host of the examples
 _WITHOUT_CONTENT = {"application/offset+octet-stream"}
 
 

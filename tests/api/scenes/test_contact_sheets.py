@@ -29,8 +29,7 @@ from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import PHOTO_COLORS, add_scene
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
-_OWN_COLORS = {1: 0, 2: 1, 3: 2}
-"""Which channel is the strongest of each object's Gaussians."""
+_OWN_COLORS = {1: 0, 2: 1, 3: 2}  # which channel is the strongest of each object's Gaussians
 
 
 @pytest.fixture

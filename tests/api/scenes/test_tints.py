@@ -1,5 +1,4 @@
-"""Pictures in which objects glow, and pictures as JPEG: the same over both faces, with the objects that the map
-shows."""
+"""Pictures with glowing objects, and as JPEG: the same over both faces, with the objects that the map shows."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Answers that their readers drop: the server closes each at once, within its call, and lives.
-
-The server is a process of its own, as a generator left to the garbage collector of gRPC may end it.
-"""
+"""Dropped answers are closed at once, within their call. In an own process: garbage collection in gRPC may end it."""
 
 from __future__ import annotations
 

@@ -37,7 +37,6 @@ def _patch(faces: Faces, path: str, offset: int, data: bytes, **headers: str) ->
 
 
 def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
-    """A multipart form of plain fields."""
     return {name: (None, value) for name, value in fields.items()}
 
 

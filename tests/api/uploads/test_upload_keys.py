@@ -77,7 +77,6 @@ def place(guarded: Guarded) -> _Place:
 
 
 def _add_scene(place: _Place) -> str:
-    """A scene of that project."""
     job = replace(queued_job("made"), project=place.project)
     place.service._store.scenes.create(job)
     scene = made_scene(open_text_encoder(ENCODER, place.settings.models))
@@ -176,7 +175,6 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
 
 
 def _expire(place: _Place, key_id: str) -> None:
-    """Let a key have expired a moment ago."""
     with transaction(place.service._store.engine) as connection:
         connection.execute(update(api_keys).where(api_keys.c.id == key_id).values(expires_at=time.time() - 1))
 

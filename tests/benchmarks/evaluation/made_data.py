@@ -65,7 +65,6 @@ def poses(count: int) -> list[NDArray[np.float64]]:
 
 
 def index(made: Scene | None = None) -> SceneIndex:
-    """The scene, ready to be asked."""
     return SceneIndex(made or scene(), WordEncoder(), SETTINGS)
 
 
@@ -75,7 +74,6 @@ def picture(seed: int) -> NDArray[np.uint8]:
 
 
 def save(pixels: NDArray[np.generic], path: Path) -> None:
-    """Write an image with its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(pixels).save(path)
 

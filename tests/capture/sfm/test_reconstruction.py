@@ -28,8 +28,7 @@ from fastsplat_contract.errors import CancelledError, ReconstructionError, Resou
 from tests.capture.upload_files import captured, encoded, video_file
 
 _FRAMES = range(0, 40, 4)
-_PLACED: list[PlacedViews] = []
-"""What the fixture `tabletop` was shown while images were placed."""
+_PLACED: list[PlacedViews] = []  # what the fixture `tabletop` was shown while images were placed
 
 
 def _photos(test_data: Path, folder: Path, frames: Sequence[int] = _FRAMES) -> Path:

@@ -14,8 +14,7 @@ from fastsplat.service.common.similarity import fit_similarity
 _PERIOD = 3.0
 _FOCAL, _WIDTH, _HEIGHT = 500.0, 640, 480
 _CAMERAS = 10
-_WRONG = (5, 6)
-"""Photos so many steps apart agree on the wrong copy of the pattern."""
+_WRONG = (5, 6)  # photos so many steps apart agree on the wrong copy of the pattern
 
 
 def _centers() -> NDArray[np.float64]:

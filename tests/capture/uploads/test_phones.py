@@ -217,8 +217,7 @@ def test_photos_refine_tracked_poses_and_keep_meters_and_gravity(tabletop, uploa
         pose[:3, 3] /= 1.01
     before, after = _errors([frame.pose for frame in frames], truth), _errors(refined, truth)
     assert after[0] < 0.8 * before[0] and after[1] < 0.6 * before[1]
-    # What is left is where the whole lies and how large it is, which only the tracking says: cameras among themselves
-    # are far surer.
+    # What is left is the whole's place and size, which only the tracking gives: relative poses are far surer.
     assert _shape_error(refined, truth) < 0.3 * _shape_error([frame.pose for frame in frames], truth)
     # Its maps stay in its meters.
     depth = load_depth(capture.views[0].depth)

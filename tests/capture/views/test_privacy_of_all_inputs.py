@@ -34,8 +34,7 @@ from tests.capture.upload_files import encoded, video_file
 from tests.capture.views.test_withholding import _figure, _files, _noise, _red, _splat, _upload
 
 Mask = NDArray[np.bool_]
-Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
-"""What stands in for the pixels of a picture, by its number."""
+Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]  # stands in for a picture's pixels, by its number
 
 
 def _reds(pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:

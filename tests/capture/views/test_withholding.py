@@ -30,8 +30,7 @@ from fastsplat_contract.jobs.operations import Privacy
 
 _SIZE = (120, 90)
 _VIEWS = 6
-_WALKING = (1, 3, 4)
-"""The views that show the figure."""
+_WALKING = (1, 3, 4)  # the views that show the figure
 
 
 def _figure(view: int) -> NDArray[np.bool_]:

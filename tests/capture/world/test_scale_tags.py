@@ -28,8 +28,7 @@ _CAMERA = Camera(width=640, height=480, fx=560.0, fy=560.0, cx=320.0, cy=240.0)
 _SIDE_M, _UNIT_M = 0.08, 0.37  # a scene unit is 37 cm
 _PX_PER_UNIT = 592  # so that a tag is drawn with whole pixels
 _TAGS = {560: (-0.3, 0.0), 561: (0.35, 0.2)}
-_FEATURES = 1_500
-"""Enough for poses of pictures that are all texture."""
+_FEATURES = 1_500  # enough for poses of pictures that are all texture
 
 
 def _looking(position: F64, target: F64) -> PosedCamera:

@@ -33,8 +33,7 @@ _NAMES = (
     *("mug", "vase", "dining table", "wall", "wine glass", "glass", "coffee machine", "red scissors", "Teppich"),
     *("how many cups", "mug on the table", "no chair", "of the", "wo ist", "?!", "茶壶", "🧸", "the largest", "xqzw"),
 )
-_FIRST = 40_001
-"""Ids begin with what stands in no sentence for another reason."""
+_FIRST = 40_001  # ids begin with what stands in no sentence for another reason
 _PROBABILITY = st.floats(0.05, 1.0)
 _SUGGESTIONS = st.lists(
     st.tuples(st.sampled_from(_NAMES), _PROBABILITY).map(lambda each: Suggestion(*each)), max_size=3

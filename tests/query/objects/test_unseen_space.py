@@ -89,8 +89,7 @@ def test_what_stands_behind_something_in_every_photo_is_not_seen() -> None:
 
 
 def test_what_is_behind_the_walls_is_outside() -> None:
-    """A wall between two rooms, both of whose walls are there, hides the other room only while it counts as an
-    object."""
+    """A wall between two rooms that both have walls hides the other room only while it counts as an object."""
     between = replace(WALLS[1], label="inner wall", centre=(0.0, 0.0, HEIGHT / 2))
     boxes = [*WALLS, *OBJECTS, between]
     cameras = [look((1.8, y, 1.5), (0.4, 0, 0.6), f"{y}.jpg") for y in (-1.0, -0.5, 0.0, 0.5, 1.0)]

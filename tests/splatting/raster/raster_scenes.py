@@ -64,7 +64,6 @@ def crowded(seed: int, count: int = 60, channels: int = 6, width: int = 37, heig
 
 
 def render(view: View, backend: Backend, dtype: torch.dtype = torch.float32) -> Rendering:
-    """Forward only."""
     parts = [getattr(view.splats, name).to(dtype) for name in NAMES]
     return rasterize(
         Splats(*parts),

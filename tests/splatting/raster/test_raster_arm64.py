@@ -13,8 +13,7 @@ import pytest
 
 _HERE = Path(__file__).parent
 _COMPILER, _EMULATOR = "aarch64-linux-gnu-g++", "qemu-aarch64"
-_TOLERANCE = 1e-5
-"""Of the largest value of an array: one machine fuses multiplication and addition, the other rounds between them."""
+_TOLERANCE = 1e-5  # of an array's largest value: one machine fuses multiply and add, the other rounds between them
 
 
 def _built(folder: Path, *settings: str) -> Path:

@@ -57,7 +57,6 @@ def assert_sane(view: View, backend: Backend) -> dict[str, Tensor]:
 
 
 def assert_all(image: Tensor, value: float) -> None:
-    """Every pixel has this value."""
     assert float((image - value).abs().max()) < 2e-3
 
 

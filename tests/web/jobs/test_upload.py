@@ -18,7 +18,6 @@ _PIECE = 8 * 2**20  # as in api/web/src/upload/tus.ts
 
 @pytest.fixture
 def photos(tmp_path: Path) -> list[Path]:
-    """Three small photos."""
     return write_photos(tmp_path, 3)
 
 

@@ -21,8 +21,7 @@ from tests.web.places import MARKUP, Place
 from tests.web.table import table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
-_BESIDE = 150
-"""Pixels from there to what lies on its right."""
+_BESIDE = 150  # pixels from there to what lies on its right
 
 
 def _middle(canvas: Locator) -> dict[str, float]:

@@ -20,8 +20,7 @@ from fastsplat.service.store.artefact_settings import ArtefactSettings
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill
 
-_AWAY_S = 4.0
-"""The database, and then the store: longer than a worker may be silent (`Deployment`)."""
+_AWAY_S = 4.0  # the database, and then the store: longer than a worker may be silent (`Deployment`)
 
 
 class Store:

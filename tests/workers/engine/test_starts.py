@@ -89,8 +89,7 @@ def _cut(*_: object) -> None:
     raise _PowerCutError
 
 
-_AN_END = [0.5] * 20
-"""From here on it comes no further."""
+_AN_END = [0.5] * 20  # from here on it comes no further
 
 
 @pytest.mark.parametrize("trainer_alone", [False, True])

@@ -46,13 +46,11 @@ class Asked(NamedTuple):
         self.deployment.service.captioner.agree(self.settings.host)
 
     def made(self) -> Operation:
-        """A scene, finished."""
         done = self.deployment.wait_over(self.deployment.post())
         assert done.state == "SUCCEEDED", done.error
         return done
 
     def asking(self, scene_id: str) -> list[Operation]:
-        """The jobs that ask about a scene."""
         listed = self.deployment.service.list_operations().operations
         return [each for each in listed if each.scene_id == scene_id and each.kind == "ask_captioner"]
 

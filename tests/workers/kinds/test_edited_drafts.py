@@ -50,14 +50,12 @@ def _tell(deployment: Deployment) -> None:
 
 
 def _names(deployment: Deployment, operation: Operation) -> dict[int, str]:
-    """The names of the scene's objects, by id."""
     objects = deployment.service.answers.list_objects(operation.scene_id).objects
     return {obj.id: obj.name for obj in objects}
 
 
 def test_edits_of_a_draft_hold_by_object(words: Deployment) -> None:
-    """Names, colors, copies follow their objects whatever the ids; undone edits do not; each is a version of its
-    own."""
+    """Names, colors, copies follow their objects whatever the ids; undone edits do not; each is its own version."""
     operation = _drafted(words, "training:until_told")
     edit = words.service.versions.edit
     scene_id = operation.scene_id
