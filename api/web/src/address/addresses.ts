@@ -48,10 +48,7 @@ export interface SceneAddress {
   share?: string;
 }
 
-/**
- * The address of a scene with what is asked, which version, from where and how it is looked at, and the objects that are
- * selected; relative, begins with #.
- */
+/** The relative address (#...) of a scene: with question, version, view, way of looking and selected objects. */
 export function sceneAddress(sceneId: string, more: SceneAddress = {}): string {
   const query = new URLSearchParams();
   if (more.text) query.set("q", more.text);

@@ -34,10 +34,7 @@ export function go(address: string): void {
   location.hash = address;
 }
 
-/**
- * Puts the address right without a new entry in the history, e.g. while the camera moves. Does nothing when another
- * address has been gone to meanwhile.
- */
+/** Corrects the address without a history entry, e.g. while the camera moves; nothing if another was gone to. */
 export function replaceAddress(address: string): void {
   if (location.hash !== known) return;
   history.replaceState(null, "", address);

@@ -61,10 +61,7 @@ export function listObjects(sceneId: string, version: string): Promise<SceneObje
   return listAll(path, (page: ObjectList) => page.objects, undefined, { version, parts: "true" });
 }
 
-/**
- * The answer to one text: ranked labels, the objects that answer, and which Gaussians they are (packed bits). "Left of"
- * is as seen by `asker`.
- */
+/** The answer to a text: ranked labels, objects, and their Gaussians (packed bits). "Left of" is as `asker` sees it. */
 export async function ask(
   sceneId: string,
   version: string,

@@ -86,8 +86,7 @@ export async function problemOf(response: Response): Promise<ApiError> {
 /**
  * The response to a request; `path` is relative to the page, so that it leads through the proxy that shows the page.
  *
- * @throws ApiError the server refused it.
- * @throws OfflineError it did not reach the server.
+ * @throws ApiError refused by the server; OfflineError: it was not reached.
  */
 export async function send(
   path: string,

@@ -3,10 +3,7 @@ import type { Operation } from "../api/types";
 import { texts } from "../texts";
 import { Button } from "../ui/Button";
 
-/**
- * What to do about a job that failed or was cancelled. First what would mend it: where photos are to blame, to leave
- * them out; where the same photos would fail again, others. `act` runs the call.
- */
+/** Offers to retry a failed or cancelled job: first without the photos to blame, or with others. `act` runs the call. */
 export function RetryOffer({
   operation,
   busy,

@@ -3,8 +3,7 @@ import { useEffect, useState } from "preact/hooks";
 import type { SceneState } from "../state/sceneState";
 import { followOperation } from "./followOperation";
 
-/** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew with each draft, and
- * once it is done. */
+/** Follows an unready scene's job while the page is in sight; reloads the scene with each draft and at the end. */
 export function useJob(state: SceneState, watched: boolean): void {
   const scene = state.scene.value;
   const operationId = watched && scene && scene.state !== "READY" ? scene.operation_id : "";

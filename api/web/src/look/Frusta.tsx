@@ -7,10 +7,7 @@ import { length, subtract } from "../viewer/vectors";
 
 const HANDLE = 12; // pixels: what a finger can hit
 
-/**
- * The scene's cameras over the 3D view, in its perspective: a pyramid each, from where the photo was taken to its corners.
- * (Splats write no depth, so that lines of the engine would lie over them as well.) By keyboard, the menu leads there.
- */
+/** Cameras as pyramids over the 3D view, not of the engine as splats write no depth. By keyboard, the menu leads there. */
 export function Frusta({ look }: { look: LookState }) {
   const cameras = look.all.value;
   const shapes = useMemo(() => {

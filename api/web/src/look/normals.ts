@@ -12,8 +12,7 @@ export function middleOf(cameras: readonly PosedCamera[]): Vec {
 }
 
 /**
- * The direction of each Gaussian's smallest extent as a color, (n + 1) / 2 in red, green and blue for the world's x, y
- * and z, and 255; turned towards a point.
+ * The direction of each Gaussian's smallest extent, turned towards a point, as RGBA: (n + 1) / 2 of world x, y, z; 255.
  *
  * @param columns of a 3DGS PLY.
  */

@@ -1,10 +1,6 @@
 import type { Segmentation } from "../api/types";
 
-/**
- * The mask of COCO's compressed run lengths, row by row: 1 inside, 0 outside.
- *
- * @throws Error counts that do not fill the picture.
- */
+/** The mask of COCO's compressed run lengths, row by row: 1 inside, 0 outside; an Error if they do not fill it. */
 export function decodeRle({ counts, size }: Segmentation): { width: number; height: number; mask: Uint8Array } {
   const [height = 0, width = 0] = size;
   const mask = new Uint8Array(width * height);

@@ -24,9 +24,8 @@ export interface Shown {
 }
 
 /**
- * Shows pictures that the server draws, over a canvas on which the browser does not draw yet, or cannot: one request
- * under way, and the newest view after it. While the camera moves, pictures are as large as they come quickly; at rest
- * they have the canvas' own size. So it is with the Gaussians of a large scene.
+ * Shows the server's pictures where the browser does not draw yet, or cannot: one request at a time, then the newest
+ * view. While the camera moves they are as large as they come quickly (so are large scenes' Gaussians), then full size.
  */
 export class ServerView {
   readonly #ended = new AbortController();
@@ -39,11 +38,7 @@ export class ServerView {
   #scale = 1;
   #drawnInFull = false;
 
-  /**
-   * @param place where pictures are put, each instead of the one before.
-   * @param scene which one.
-   * @param drawn called with what a picture shows once it is there, or with why there is none.
-   */
+  /** Pictures replace each other in `place`; `drawn` gets what one shows once it is there, or why there is none. */
   constructor(
     private readonly place: HTMLElement,
     private readonly scene: Pick<SceneSummary, "id" | "gaussians">,

@@ -6,8 +6,7 @@ const KEEP_MS = 60_000;
 export type FileNaming = string | ((ending: string) => string);
 
 /**
- * Fetches a file with the caller's key, and saves it. A link of its own could not send the key; the browser collects
- * the bytes in a blob, which it keeps on disk where it is large.
+ * Saves a file that needs the key, which a link could not send; the browser keeps a large blob on disk.
  *
  * @param progress called with the bytes that have come and those of the whole file, 0 while that is unknown.
  */

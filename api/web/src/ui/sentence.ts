@@ -1,7 +1,4 @@
-/**
- * A message of the server begins with a small letter and has no full stop: it is one clause of a longer line elsewhere.
- * One that begins with the name of the file that it is about keeps that name's spelling.
- */
+/** Makes a sentence of a server's message, which is a clause; a file's name at its beginning keeps its spelling. */
 export function sentence(text: string, field = ""): string {
   const trimmed = text.trim();
   if (!trimmed) return trimmed;

@@ -8,10 +8,7 @@ interface Loaded<T> {
   reload: () => void;
 }
 
-/**
- * What `load` brings, loaded anew when one of `inputs` changes, and every `pause(value)` ms while that is not null.
- * A failed reload leaves the value before it beside the error; a hidden page does not ask.
- */
+/** What `load` brings, anew on changed `inputs` and every `pause(value)` ms in sight; an error keeps the last value. */
 export function useLoaded<T>(
   load: (signal: AbortSignal) => Promise<T>,
   inputs: readonly unknown[],

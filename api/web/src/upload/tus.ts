@@ -6,12 +6,7 @@ const VERSION = { "Tus-Resumable": "1.0.0" };
 const PIECE_BYTES = 8 * 2 ** 20;
 const STORED = "fastsplat-upload ";
 
-/**
- * Sends a file in pieces; one of which a part is there already goes on where it stopped.
- *
- * @param sent called with the bytes of the file that have been sent.
- * @returns the id of the whole upload.
- */
+/** Sends a file in pieces, from where it stopped if a part is there; `sent` gets the bytes so far; returns its id. */
 export async function sendFile(
   chosen: ChosenFile,
   signal: AbortSignal,

@@ -1,8 +1,7 @@
 export const SMALLEST = 0.25;
 
 /**
- * The sides of the next picture while the camera moves, as a share of the full ones: a picture of half the pixels where
- * the last one took too long, of twice as many where that is sure to be quick enough.
+ * The next picture's scale while the camera moves: half the pixels if the last was slow, twice if surely quick enough.
  *
  * @param scale of the last picture, 0..1.
  * @param milliseconds that it took.

@@ -88,10 +88,7 @@ export function lookFrom(camera: PosedCamera, now: LookAt): LookAt {
   return { ...now, position, target: add(position, scale(forward, reach)), up };
 }
 
-/**
- * What is up in the scene: the direction in which the horizons of all pictures are level, as people hold cameras; where
- * that leaves a choice (one picture), the mean of what is up in them; z without pictures.
- */
+/** The scene's up, by which all pictures' horizons are level; where undecided, their mean up; z without pictures. */
 export function upOf(cameras: readonly PosedCamera[]): Vec {
   const rays = cameras.map(rayOf);
   const mean = rays.map((ray) => ray.up).reduce(add, [0, 0, 0]);

@@ -81,12 +81,7 @@ export function frustumOf(camera: PosedCamera, depth: number): { apex: Vec; corn
   return { apex: position, corners: [corner(0, 0), corner(width, 0), corner(width, height), corner(0, height)] };
 }
 
-/**
- * The view from where a photo was taken, as wide as the whole photo needs in a picture of `size`.
- *
- * @param distance from the camera to what is looked at, scene units.
- * @param level what is up in the scene.
- */
+/** The view from a photo's place that shows it whole; `distance` to the target in scene units, `level` is up. */
 export function viewOfPhoto(camera: PosedCamera, distance: number, level: Vec, size: Size): LookAt {
   const { position, forward, up } = rayOf(camera);
   const { width, height, fx, fy, cx, cy } = camera.intrinsics;
@@ -98,10 +93,7 @@ export function viewOfPhoto(camera: PosedCamera, distance: number, level: Vec, s
   return { position, target: add(position, scale(forward, distance)), up, fieldOfView, level };
 }
 
-/**
- * Where a camera's picture lies in the picture of a view from the same place: the two differ by a scale of each axis and
- * a shift alone, so that they fit exactly, whatever the camera's intrinsics.
- */
+/** A camera's picture in a view from the same place: a scale of each axis and a shift, exact for any intrinsics. */
 export function photoRect(camera: PosedCamera, view: LookAt, size: Size): Rect {
   const focal = focalLength(size.width, size.height, view.fieldOfView);
   const { width, height, fx, fy, cx, cy } = camera.intrinsics;

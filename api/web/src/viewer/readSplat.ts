@@ -15,12 +15,9 @@ class SplatFileError extends Error {}
 /**
  * Reads a scene's file in a worker, so that the page answers meanwhile.
  *
- * @param body the file's bytes.
- * @param cameras of the scene's photos.
  * @param draws whether the Gaussians are to be drawn; else there are none, only what was seen of them.
  * @param progress called with the share read, 0..1.
- * @param signal ends the reading.
- * @throws SplatFileError as said there.
+ * @throws SplatFileError the worker cannot read the file.
  */
 export async function readSplat(
   body: ReadableStream<Uint8Array<ArrayBuffer>>,

@@ -79,10 +79,7 @@ const MANY = 120_000;
 /** What a Gaussian adds less of is not drawn while the camera moves: most of the work, and hardly anything to see. */
 const FAINT = { moving: 0.04, resting: 1 / 255 };
 
-/**
- * A Gaussian as it was trained and as the server draws it, exp(-d²/2): the engine's own fall-off is lower towards the rim,
- * so that objects would have a fainter outline and let more of what is behind them through.
- */
+/** exp(-d²/2), as in training and on the server; the engine's own fall-off makes rims fainter and more transparent. */
 const FALL_OFF = `
 void modifySplatColor(vec2 gaussianUV, inout vec4 color) {
     color.a = exp(-4.0 * dot(gaussianUV, gaussianUV)) * gaussianColor.a;

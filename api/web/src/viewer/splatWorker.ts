@@ -4,10 +4,7 @@ import type { Sightings } from "./seenField";
 import { sightingsOf } from "./seenField";
 import { readSpz } from "./spz";
 
-/**
- * Reads a scene's file beside the page, which answers meanwhile, and finds what its photos saw. What it is for comes as the
- * first message, pieces of the file follow, null at its end.
- */
+/** Reads a scene's file beside the page and finds what its photos saw; receives `SplatFor`, pieces of the file, null. */
 
 /** The scene's cameras, and whether its Gaussians are to be drawn. */
 export interface SplatFor {
