@@ -34,7 +34,7 @@ export function go(address: string): void {
   location.hash = address;
 }
 
-/** Corrects the address without a history entry, e.g. while the camera moves; nothing if another was gone to. */
+/** Corrects the address without a history entry, e.g. while the camera moves; not if it changed meanwhile. */
 export function replaceAddress(address: string): void {
   if (location.hash !== known) return;
   history.replaceState(null, "", address);

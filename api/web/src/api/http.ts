@@ -86,7 +86,8 @@ export async function problemOf(response: Response): Promise<ApiError> {
 /**
  * The response to a request; `path` is relative to the page, so that it leads through the proxy that shows the page.
  *
- * @throws ApiError refused by the server; OfflineError: it was not reached.
+ * @throws ApiError the server refused it.
+ * @throws OfflineError it did not reach the server.
  */
 export async function send(
   path: string,

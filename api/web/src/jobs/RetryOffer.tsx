@@ -3,7 +3,7 @@ import type { Operation } from "../api/types";
 import { texts } from "../texts";
 import { Button } from "../ui/Button";
 
-/** Offers to retry a failed or cancelled job: first without the photos to blame, or with others. `act` runs the call. */
+/** Offers to retry a failed or cancelled job, first without the photos to blame or with others. `act` runs calls. */
 export function RetryOffer({
   operation,
   busy,

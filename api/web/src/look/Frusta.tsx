@@ -7,7 +7,7 @@ import { length, subtract } from "../viewer/vectors";
 
 const HANDLE = 12; // pixels: what a finger can hit
 
-/** Cameras as pyramids over the 3D view, not of the engine as splats write no depth. By keyboard, the menu leads there. */
+/** Cameras as pyramids over the 3D view; no lines of the engine, as splats write no depth. By keyboard: the menu. */
 export function Frusta({ look }: { look: LookState }) {
   const cameras = look.all.value;
   const shapes = useMemo(() => {

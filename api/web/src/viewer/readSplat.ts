@@ -17,7 +17,7 @@ class SplatFileError extends Error {}
  *
  * @param draws whether the Gaussians are to be drawn; else there are none, only what was seen of them.
  * @param progress called with the share read, 0..1.
- * @throws SplatFileError the worker cannot read the file.
+ * @throws SplatFileError no splat that the page can read, or one that ends too early.
  */
 export async function readSplat(
   body: ReadableStream<Uint8Array<ArrayBuffer>>,

@@ -4,7 +4,7 @@ import type { Sightings } from "./seenField";
 import { sightingsOf } from "./seenField";
 import { readSpz } from "./spz";
 
-/** Reads a scene's file beside the page and finds what its photos saw; receives `SplatFor`, pieces of the file, null. */
+/** Reads a scene's file beside the page and finds what its photos saw; receives `SplatFor`, the pieces, null. */
 
 /** The scene's cameras, and whether its Gaussians are to be drawn. */
 export interface SplatFor {
