@@ -62,7 +62,7 @@ TOGETHER = {
     "web/test_trouble.py": "web with workers",
     "web/test_page_sources.py": "the page's sources",
 }
-"""Files of one process by group; others are alone. (pytest-xdist 3.8 does not group by marks under pytest 9.2.)"""
+"""Files and folders of one process, by group; others: one a file. (Marks: pytest-xdist 3.8 fails under pytest 9.2.)"""
 
 LONG = (  # groups that start before all others, so that none is left to the end
     "docs/test_pages.py",

@@ -1,6 +1,7 @@
 """gsplat's own front end on the CPU, independent of the product, with its CUDA kernels replaced.
 
-Projection and tile lists are its own PyTorch version (vectorized); pixels follow `RasterizeToPixels3DGSFwd.cu`.
+Projection and tile lists are its own PyTorch version, vectorized (a test compares); pixels are written after
+`RasterizeToPixels3DGSFwd.cu`.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
 "STAGE:sleep 30", "sleep_once" (attempt 1) sleep; "kill", "kill_once", "kill_in 2" (attempt 2) kill the trainer,
 "kill_worker", "kill_worker_until 3" (first three attempts), "kill_worker_in 2" the worker; "fail" raises a typed error,
 "defect" an untyped one; "until_finish" shows pictures until an early end; "draft" publishes one, "draft_kill_in 2" dies
-amid one; "full" meets a full disk, "write 5" writes 5 MB; "environment" notes it and niceness; "child" leaves a
-grandchild, its id in the data folder.
+amid one; "full" meets a full disk, "write 5" writes 5 MB; "environment" notes environment and niceness; "child" leaves
+a grandchild, its id in the data folder.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Dropped answers are closed at once, within their call. In an own process: garbage collection in gRPC may end it."""
+"""Dropped answers are closed at once, within their call. Own process: a generator left to gRPC's GC may end it."""
 
 from __future__ import annotations
 
