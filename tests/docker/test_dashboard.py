@@ -80,7 +80,7 @@ def _series(scrape: str) -> list[dict[str, str]]:
 
 
 def _complaints(promtool: str, folder: Path, series: list[dict[str, str]], targets: list[tuple[str, str]]) -> str:
-    """promtool's complaints unless all give numbers with their label. (`group` is 1 for any result; `>= 0` drops NaN.)"""
+    """promtool's complaints unless all give numbers and their label. (`group`: 1 for any result; `>= 0` drops NaN.)"""
     asked = []
     for expression, label in targets:
         told = (

@@ -79,7 +79,7 @@ const MANY = 120_000;
 /** What a Gaussian adds less of is not drawn while the camera moves: most of the work, and hardly anything to see. */
 const FAINT = { moving: 0.04, resting: 1 / 255 };
 
-/** exp(-d²/2), as in training and on the server; the engine's is lower at rims: outlines fainter, backgrounds seen through. */
+/** exp(-d²/2), as in training and on the server; the engine's is lower at rims: fainter, and more seen through. */
 const FALL_OFF = `
 void modifySplatColor(vec2 gaussianUV, inout vec4 color) {
     color.a = exp(-4.0 * dot(gaussianUV, gaussianUV)) * gaussianColor.a;
