@@ -47,6 +47,7 @@ BENCHMARKS = {
     ),
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
     "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a captioner suggests", _MODELS),
+    "objects": Benchmark("objects without a vocabulary", _TEST),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
     "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
@@ -57,8 +58,7 @@ BENCHMARKS = {
         "twelve drawn rooms: how whole, clean and rightly named objects are (six; --split test: the others)"
     ),
     "serve": Benchmark("the API under load"),
-    "standing": Benchmark("subscriptions at 10 poses a second for 10 minutes, a training beside"),
-    "objects": Benchmark("objects without a vocabulary", _TEST),
+    "subscriptions": Benchmark("subscriptions at 10 poses a second for 10 minutes, a training beside"),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
     "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),
     "workers": Benchmark("jobs a day by the number of workers, simulated from what a database was asked"),
