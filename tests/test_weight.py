@@ -19,11 +19,11 @@ ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
     "api": (6528, 11966),
-    "application": (7032, 3240),
+    "application": (7026, 3240),
     "benchmarks": (0, 2697),
     "capture": (11148, 7065),
     "cli": (3755, 2047),
-    "client": (9073, 1729),
+    "client": (9071, 1729),
     "common": (1278, 721),
     "demo": (0, 210),
     "docker": (0, 225),
@@ -36,19 +36,19 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "localization": (1845, 626),
     "perception": (4929, 2696),
     "planning": (797, 453),
-    "query": (12079, 7550),
+    "query": (12077, 7550),
     "release": (0, 114),
-    "scene": (3547, 1548),
+    "scene": (3544, 1548),
     "service": (372, 0),
     "splat_import": (664, 332),
-    "splatting": (5584, 4788),
+    "splatting": (5579, 4788),
     "store": (4732, 1940),
     "tests": (0, 1753),
     "web": (0, 4440),
     "workers": (2527, 3666),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 79752, "tests": 63786, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 79734, "tests": 63786, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

@@ -1,5 +1,4 @@
-"""Tools of an assistant as functions over a `Client`; a scene is named by its id or its name, or left out where the
-project has one."""
+"""Tools of an assistant as functions over a `Client`; a scene is named by id or name, or left out if it is the only one."""
 
 from __future__ import annotations
 

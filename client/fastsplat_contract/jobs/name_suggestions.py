@@ -1,5 +1,4 @@
-"""Names that somebody suggests for objects of a scene, and the server's own captioner: a model that is asked for
-them."""
+"""Names that somebody suggests for objects of a scene, and the server's own captioner."""
 
 from __future__ import annotations
 

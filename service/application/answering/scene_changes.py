@@ -69,10 +69,7 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
 
 
 def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
-    """Drops events at places in view of fewer than two scene photos.
-
-    Such objects may have been there before.
-    """
+    """Drops events at places in view of fewer than two scene photos: the object may have been there before."""
 
     def looked(event: Change) -> bool:
         if event.after is None:

@@ -42,10 +42,7 @@ class SceneRecording:
 
 
 def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> list[int]:
-    """Every n-th photo, with the least n for which they fit into `most` bytes.
-
-    `sizes` are bytes by camera number.
-    """
+    """Every n-th photo, with the least n for which they fit into `most` bytes; `sizes` are by camera number."""
     numbers = sorted(sizes)
     for step in range(1, len(numbers) + 1):
         if sum(sizes[number] for number in numbers[::step]) <= most:

@@ -65,10 +65,7 @@ class Gaussians:
 
 @dataclass(frozen=True)
 class SemanticHead:
-    """Affine map W of the paper from codes to class logits.
-
-    Class 0 is undetected, class n is dictionary id n.
-    """
+    """Affine map W of the paper from codes to class logits; class 0 is undetected, class n is dictionary id n."""
 
     weight: F32  # [N + 1, D]
     bias: F32  # [N + 1]

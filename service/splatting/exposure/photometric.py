@@ -50,8 +50,7 @@ def correct(image: Tensor, correction: Tensor) -> Tensor:
 
 
 def corrected_for(image: Tensor, correction: Tensor, target: Tensor) -> Tensor:
-    """`correct`, but no brighter than the photo `target` [..., 3] where that is saturated: what is brighter than white
-    is no error."""
+    """`correct`, but no brighter than the photo `target` [..., 3] where that is saturated."""
     corrected = correct(image, correction)
     return torch.where((target >= SATURATED) & (corrected > target), target, corrected)
 

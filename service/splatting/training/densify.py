@@ -66,8 +66,7 @@ def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[T
 
 
 def planned_count(progress: float, start: int, budget: int, grow_from: float, grow_until: float) -> int:
-    """Gaussians that a run should have at `progress`: geometric growth from `start` to `budget` between the other
-    two."""
+    """Gaussians that a run should have at `progress`: geometric growth from `start` to `budget` in between."""
     if start >= budget or progress >= grow_until:
         return budget
     if progress <= grow_from:

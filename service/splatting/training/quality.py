@@ -1,5 +1,4 @@
-"""How near renderings are to photos: PSNR, also after a correction of the colors, and SSIM over valid pixels, of one
-image and over views."""
+"""How near renderings are to photos: PSNR, also color-corrected, and SSIM over valid pixels."""
 
 from __future__ import annotations
 
@@ -23,8 +22,7 @@ _JUDGED, _UNLIKE_DB = 8, 20.0
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of [H, W, 3] images, clamped to 0..1, over `valid` pixels; inf when equal, NaN
-    without pixels."""
+    """Peak signal-to-noise ratio in dB of [H, W, 3] images, clamped to 0..1, over `valid` pixels; inf: equal; NaN: none."""
     error = (image.clamp(0, 1) - target) ** 2
     mse = float((error if valid is None else error[valid]).double().mean())
     return math.inf if mse == 0 else -10 * math.log10(mse)

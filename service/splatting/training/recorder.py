@@ -80,8 +80,7 @@ class Recorder:
     def observe_image(
         self, iteration: int, image: Tensor, target: Tensor, frame: Frame, correction: Tensor | None = None
     ) -> None:
-        """The colors [H, W, 3] of a training step, what they are compared with, and the photo's correction [3] if it
-        has one."""
+        """Colors [H, W, 3] of a training step, what they are compared with, and the photo's correction [3], if any."""
         if not self._held_out and iteration % _PSNR_EVERY == 0 and frame.has_content:
             shown = image if correction is None else corrected_for(image, correction.detach(), target)
             self._psnr = psnr(shown, target, frame.valid)

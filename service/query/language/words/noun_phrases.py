@@ -1,6 +1,4 @@
-"""Noun phrase grammar of questions: heads and their details.
-
-English only; other languages pass through as one head."""
+"""Noun phrase grammar of questions: heads and their details. English only; other languages pass through as one head."""
 
 from __future__ import annotations
 
