@@ -1,4 +1,4 @@
-"""Tools of an assistant as functions over a `Client`; a scene is named by id or name, or left out if it is the only one."""
+"""Tools of an assistant as functions over a `Client`; a scene is given by id or name, or left out if alone."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _JUDGED, _UNLIKE_DB = 8, 20.0
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of [H, W, 3] images, clamped to 0..1, over `valid` pixels; inf: equal; NaN: none."""
+    """PSNR in dB of [H, W, 3] images, clamped to 0..1, over `valid` pixels; inf: equal; NaN: none."""
     error = (image.clamp(0, 1) - target) ** 2
     mse = float((error if valid is None else error[valid]).double().mean())
     return math.inf if mse == 0 else -10 * math.log10(mse)
