@@ -19,36 +19,36 @@ ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
     "api": (6528, 11966),
-    "application": (7026, 3240),
+    "application": (7026, 3233),
     "benchmarks": (0, 2697),
     "capture": (11148, 7065),
     "cli": (3755, 2047),
     "client": (9071, 1729),
-    "common": (1278, 721),
+    "common": (1272, 721),
     "demo": (0, 210),
     "docker": (0, 225),
     "docs": (0, 726),
     "fastsplat": (37, 0),
     "instances": (2322, 1929),
     "interop": (0, 568),
-    "jobs": (1052, 274),
+    "jobs": (1057, 274),
     "library": (451, 483),
     "localization": (1845, 626),
     "perception": (4929, 2696),
     "planning": (797, 453),
     "query": (12077, 7550),
     "release": (0, 114),
-    "scene": (3544, 1548),
+    "scene": (3546, 1562),
     "service": (372, 0),
     "splat_import": (664, 332),
     "splatting": (5579, 4788),
-    "store": (4732, 1940),
-    "tests": (0, 1753),
+    "store": (4732, 1952),
+    "tests": (0, 1729),
     "web": (0, 4440),
-    "workers": (2527, 3666),
+    "workers": (2525, 3666),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 79734, "tests": 63786, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 79733, "tests": 63781, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

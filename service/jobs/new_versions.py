@@ -46,9 +46,14 @@ def new_version(
         request: id and digest of the request; "" for none.
     """
     appearances = described(scene.objects, sizes_in_meters(scene) if sizes is None else sizes)
-    gaussians, dictionary, objects = (content[name] for name in ("gaussians", "dictionary", "objects"))
     return NewVersion(
-        *(scene_id, version, parent, *request, gaussians, dictionary, edits, objects),
+        scene_id=scene_id,
+        version=version,
+        parent=parent,
+        request_id=request[0],
+        request_digest=request[1],
+        edits=edits,
+        **{name: content[name] for name in ("gaussians", "dictionary", "objects")},
         names=names_between(before, scene.objects, appearances, limits.max_known_names),
         author=author,
         scaling=scaling_to_json(scene.scaling),

@@ -85,14 +85,6 @@ print(json.dumps(rows))
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
-def test_estimates_are_above_the_real_peak_and_not_far_above(models_dir: Path) -> None:
-    command = [sys.executable, "-c", _PEAKS, "minilm_l6_int8", str(models_dir)]
-    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
-    for kind, (peak, estimate) in json.loads(done.stdout).items():
-        assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)
-
-
 def test_what_one_request_may_not_hold_is_refused_by_name(settings: Settings, models_dir: Path, post, finish) -> None:
     info = post()
     finish(info)
@@ -265,8 +257,9 @@ print(json.dumps(rows))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
-def test_estimates_of_edits_are_above_the_real_peak_and_not_far_above(models_dir: Path) -> None:
-    command = [sys.executable, "-c", _EDIT_PEAKS, "minilm_l6_int8", str(models_dir)]
+@pytest.mark.parametrize("program", [_PEAKS, _EDIT_PEAKS], ids=["pictures", "edits"])
+def test_estimates_are_above_the_real_peak_and_not_far_above(models_dir: Path, program: str) -> None:
+    command = [sys.executable, "-c", program, "minilm_l6_int8", str(models_dir)]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
     for kind, (peak, estimate) in json.loads(done.stdout).items():
         assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)

@@ -14,7 +14,7 @@ from fastsplat_contract.photos.observations import Observation
 
 _QUARTER_TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 _BEFORE = Box(Pose(Vector3(1.0, 2.0, 0.5), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.1, 0.2, 0.3))
-_OBSERVATION = Observation(
+OBSERVATION = Observation(
     "s",
     "e",
     datetime(2026, 11, 24, tzinfo=UTC),
@@ -30,7 +30,7 @@ _OBSERVATION = Observation(
 
 def test_lengths_grow_and_places_follow() -> None:
     frame = Similarity(2.0, _QUARTER_TURN, np.array([10.0, 0.0, 0.0]))
-    (change,) = in_frame(_OBSERVATION, frame).changes
+    (change,) = in_frame(OBSERVATION, frame).changes
     assert change.distance == 0.8 and change.after is None and change.before is not None
     np.testing.assert_allclose(change.before.size, (0.2, 0.4, 0.6))
     np.testing.assert_allclose(change.before.center.position, frame.points(np.array([[1.0, 2.0, 0.5]]))[0])
@@ -38,4 +38,4 @@ def test_lengths_grow_and_places_follow() -> None:
 
 
 def test_what_was_written_is_read() -> None:
-    assert observations_from_json(observations_to_json([_OBSERVATION])) == (_OBSERVATION,)
+    assert observations_from_json(observations_to_json([OBSERVATION])) == (OBSERVATION,)

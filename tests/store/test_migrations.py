@@ -19,7 +19,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Engine, MetaData, Table, create_engine, insert, inspect, text
+from sqlalchemy import Engine, MetaData, Table, create_engine, insert, inspect, select, text
 
 from fastsplat.service.store.care.backup import restore
 from fastsplat.service.store.care.checkup import check_database
@@ -27,7 +27,7 @@ from fastsplat.service.store.repositories.key_repository import KeyRecord
 from fastsplat.service.store.rows.before_upgrade import save_before_upgrade
 from fastsplat.service.store.rows.database import open_engine, resolve_url
 from fastsplat.service.store.rows.migrations import migrate
-from fastsplat.service.store.rows.schema import metadata
+from fastsplat.service.store.rows.schema import metadata, projects, scene_versions
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ArtefactError, ConflictError, ResourceError
 from tests.postgres import PostgresServer
@@ -264,6 +264,12 @@ def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_
         for name, (state, attempt, options, _) in jobs.items():
             stored = {"id": name, "state": state, "attempt": attempt, "options": {"labels": ["mug"], **options}}
             connection.execute(insert(table).values({**row, **stored}))
+        named = {"action": "name", "things": [3], "name": "things", "known_sizes": [{"thing": 2, "meters": 1.0}]}
+        texts = dict.fromkeys(("parent", "request_digest", "author"), "") | {"scene_id": "s", "version": "v"}
+        numbers = {"number": 1, "created_at": 1, "gaussians": 1, "things": 7}
+        table = Table("scene_versions", MetaData(), autoload_with=connection)
+        connection.execute(insert(table).values(**texts, **numbers, dictionary=[], edits=[named], quality={}))
+        connection.execute(text("UPDATE projects SET namer_host = 'eyes:1'"))
     engine.dispose()
     with closing(open_store(tmp_path, database_url)) as store:
         read = store.scenes.list_operations(10)
@@ -274,6 +280,12 @@ def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_
         assert after == {"new": None, "retried": "failed", "runs": "worker_died", "given back": "worker_stopped"}
         with pytest.raises(ArtefactError, match="kind"):
             store.scenes.operation("damaged")
+        with store.engine.connect() as connection:
+            tables = scene_versions, projects
+            version, project = (connection.execute(select(table)).mappings().one() for table in tables)
+        assert (version["objects"], project["captioner_host"]) == (7, "eyes:1")
+        sizes = [{"object_id": 2, "meters": 1.0}]
+        assert version["edits"] == [{"action": "name", "object_ids": [3], "name": "things", "known_sizes": sizes}]
 
 
 def test_a_database_that_cannot_be_saved_is_not_upgraded(

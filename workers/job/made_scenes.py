@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion, VersionRecord
 from fastsplat.service.store.rows.records import SceneSummary
@@ -70,7 +69,7 @@ def write_edited(edited: EditedDraft | None, path: Path) -> None:
 
 def read_edited(path: Path) -> EditedDraft | None:
     """Reads the edits known to the supervisor; None without any."""
-    if not path.exists() or (values := renamed_keys(json.loads(path.read_text()))) is None:
+    if not path.exists() or (values := json.loads(path.read_text())) is None:
         return None
     return EditedDraft(values["folder"], tuple(EditedVersion(**version) for version in values["versions"]))
 
@@ -99,7 +98,7 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     from fastsplat.service.jobs.new_versions import new_version
     from fastsplat.service.scene.artefact.scene_files import read_scene
 
-    values = renamed_keys(json.loads((folder / SUMMARY).read_text()))
+    values = json.loads((folder / SUMMARY).read_text())
     of_scene = {name: values[name] for name in _OF_SCENE}
     summary = SceneSummary(version=version, **of_scene)
     carried: list[NewVersion] = []

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from fastsplat.service.common.earlier_names import renamed_keys
 from fastsplat.service.store.queue.ordered_jobs import order_job
 from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
@@ -59,7 +58,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
     from fastsplat.service.scene.artefact.scene_files import read_scene
 
     folder = job.publish(stage, "summary.json")
-    summary = renamed_keys(json.loads((folder / "summary.json").read_text()))
+    summary = json.loads((folder / "summary.json").read_text())
     result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
     new = new_version(
@@ -77,7 +76,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
 
 def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
     path = job.folder / stage / "summary.json"
-    summary = renamed_keys(json.loads(path.read_text())) if path.exists() else None  # publication moves it
+    summary = json.loads(path.read_text()) if path.exists() else None  # publication moves it
     if summary is None or summary["edits"]:
         _publish_version(job, stage)
     else:

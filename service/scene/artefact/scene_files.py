@@ -213,7 +213,7 @@ def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
 def _read_objects(folder: Path, manifest: Manifest) -> Objects | None:
     if manifest.objects is None:
         return None
-    path = folder / (_OBJECTS if (folder / _OBJECTS).exists() else _EARLIER_OBJECTS)
+    path = folder / (_EARLIER_OBJECTS if (folder / _EARLIER_OBJECTS).exists() else _OBJECTS)
     classes, shapes = manifest.objects_classes, _evidence_shapes(manifest.gaussians, manifest.objects_entries)
     arrays = _mapped(
         path, shapes if classes is None else {**shapes, **_head_shapes(classes, manifest.code)}, manifest.objects_sha256

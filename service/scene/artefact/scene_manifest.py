@@ -288,8 +288,10 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     seal = body.pop("sha256", None)
     if seal != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
+    if "things" in body:  # written before they were called objects
+        body["objects"], body["observations"] = body.pop("things"), renamed_keys(body["observations"])
     try:
-        checked = _Body.model_validate(renamed_keys(body))
+        checked = _Body.model_validate(body)
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
         observations = observations_from_json(checked.observations)
     except (ValidationError, FastSplatError) as error:

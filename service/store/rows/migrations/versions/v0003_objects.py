@@ -14,13 +14,13 @@ down_revision = "0002"
 
 _JSON = (
     ("scene_versions", ("scene_id", "version"), ("edits",)),
-    ("operations", ("id",), ("options", "order", "result", "error")),
+    ("operations", ("id",), ("options", "order", "result")),
 )
 """Tables, their primary keys, and the columns whose values name objects."""
 
 
 def upgrade() -> None:
-    """Renames columns, and within stored edits, jobs and errors."""
+    """Renames columns, and within stored edits and jobs."""
     for renamed, old, new in (
         ("scenes", "things", "objects"),
         ("scene_versions", "things", "objects"),
