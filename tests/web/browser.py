@@ -25,13 +25,20 @@ _DRAWN = """async (pause) => {
   const isSeen = ({ top, bottom }) => bottom > 0 && top < innerHeight;
   const pictures = [...document.images].filter((picture) => isSeen(picture.getBoundingClientRect()));
   await Promise.all(pictures.map((picture) => picture.decode().catch(() => undefined)));
-  await new Promise((done) => setTimeout(done, pause));
+  do await new Promise((done) => setTimeout(done, pause));
+  while (window.unanswered > 0);
 }"""
 _NOTED_MS = 400  # later than the page notes in its address where its camera came to rest: 250 ms after its last motion
 
 # The page's policy forbids inline scripts, so that this is not run as one: the browser injects it before any page.
 _LISTENER = """
 window.cspReports = [];
+window.unanswered = 0;
+const ask = window.fetch;
+window.fetch = (...request) => {
+  window.unanswered++;
+  return ask(...request).finally(() => window.unanswered--);
+};
 document.addEventListener("securitypolicyviolation", (event) =>
   window.cspReports.push(`${event.violatedDirective} ${event.blockedURI}`));
 """
