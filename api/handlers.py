@@ -49,64 +49,62 @@ class Handler(Generic[Q, A]):
 HANDLERS: Mapping[str, Handler[Any, Any]] = {
     handler.call.rpc: handler
     for handler in (
-        Handler(calls.OPEN_SAMPLE, lambda service, asked: service.open_sample()),
-        Handler(
-            calls.GET_SCENE, lambda service, asked: service.get_scene(asked.scene_id), example=scene_examples.SCENE
-        ),
+        Handler(calls.OPEN_SAMPLE, lambda service, req: service.open_sample()),
+        Handler(calls.GET_SCENE, lambda service, req: service.get_scene(req.scene_id), example=scene_examples.SCENE),
         Handler(
             calls.LIST_SCENES,
-            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
+            lambda service, req: service.list_scenes(req.page_size, req.page_token),
             example=scene_examples.SCENES,
         ),
         Handler(
             calls.UPDATE_SCENE,
-            lambda service, asked: service.update_scene(asked.scene_id, asked),
+            lambda service, req: service.update_scene(req.scene_id, req),
             bodies=scene_examples.NAMES,
         ),
-        Handler(calls.DELETE_SCENE, lambda service, asked: service.delete_scene(asked.scene_id)),
+        Handler(calls.DELETE_SCENE, lambda service, req: service.delete_scene(req.scene_id)),
         Handler(
             calls.LIST_PHOTO_VERDICTS,
-            lambda service, asked: service.list_photo_verdicts(asked.scene_id, asked.page_size, asked.page_token),
+            lambda service, req: service.list_photo_verdicts(req.scene_id, req.page_size, req.page_token),
             example=scene_examples.PHOTO_VERDICTS,
         ),
         Handler(
             calls.LIST_LABELS,
-            lambda service, asked: service.list_labels(asked.scene_id, asked.page_size, asked.page_token),
+            lambda service, req: service.list_labels(req.scene_id, req.page_size, req.page_token),
             example=scene_examples.LABELS,
         ),
         Handler(
             calls.LIST_OBJECTS,
-            lambda service, asked: service.answers.list_objects(
-                asked.scene_id, asked.version, asked.page_size, asked.page_token, asked.parts
+            lambda service, req: service.answers.list_objects(
+                req.scene_id, req.version, req.page_size, req.page_token, req.parts
             ),
             computes=True,
             example=scene_examples.OBJECTS,
         ),
         Handler(
             calls.PICK_OBJECT,
-            lambda service, asked: service.answers.pick(asked),
+            lambda service, req: service.answers.pick(req),
             computes=True,
             example=scene_examples.PICKED,
             bodies=scene_examples.PLACES,
         ),
         Handler(
             calls.MEASURE_SCENE,
-            lambda service, asked: service.answers.measure(asked),
+            lambda service, req: service.answers.measure(req),
             computes=True,
             example=change_examples.MEASUREMENT,
             bodies=change_examples.MEASURED,
         ),
         Handler(
             calls.EDIT_SCENE,
-            lambda service, asked: service.versions.edit(
-                asked.scene_id, asked.edits, asked.request_id, asked.version, caller_id()
+            lambda service, req: service.versions.edit(
+                req.scene_id, req.edits, req.request_id, req.version, caller_id()
             ),
             example=scene_examples.VERSION,
             bodies=scene_examples.EDITS,
         ),
         Handler(
             calls.PREVIEW_EDIT,
-            lambda service, asked: service.versions.preview(asked.scene_id, asked.edits, asked.version),
+            lambda service, req: service.versions.preview(req.scene_id, req.edits, req.version),
             computes=True,
             renders=True,
             example=change_examples.EDIT_PREVIEW,
@@ -114,138 +112,135 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.SUGGEST_NAMES,
-            lambda service, asked: service.versions.edit(
-                asked.scene_id, (Edit("suggest", suggestions=asked.suggestions),), asked.request_id, author=caller_id()
+            lambda service, req: service.versions.edit(
+                req.scene_id,
+                (Edit("suggest", suggestions=req.suggestions),),
+                req.request_id,
+                author=caller_id(),
             ),
             bodies=change_examples.SUGGESTED,
         ),
         Handler(
             calls.ASK_CAPTIONER,
-            lambda service, asked: service.captioner.order(asked.scene_id, asked.request_id),
+            lambda service, req: service.captioner.order(req.scene_id, req.request_id),
             bodies=change_examples.CAPTIONER_ASKED,
         ),
         Handler(
             calls.AGREE_TO_CAPTIONER,
-            lambda service, asked: service.captioner.agree(asked.host),
+            lambda service, req: service.captioner.agree(req.host),
             example=admin_examples.CAPTIONER,
             bodies=admin_examples.AGREEMENTS,
         ),
         Handler(
             calls.UNDO_EDIT,
-            lambda service, asked: service.versions.undo(asked.scene_id, asked.version),
+            lambda service, req: service.versions.undo(req.scene_id, req.version),
             bodies=scene_examples.UNDONE,
         ),
         Handler(
             calls.REDO_EDIT,
-            lambda service, asked: service.versions.redo(asked.scene_id, asked.version),
+            lambda service, req: service.versions.redo(req.scene_id, req.version),
             bodies=change_examples.REDONE,
         ),
         Handler(
             calls.RESTORE_VERSION,
-            lambda service, asked: service.versions.restore(asked.scene_id, asked.version, asked.expected),
+            lambda service, req: service.versions.restore(req.scene_id, req.version, req.expected),
             bodies=change_examples.RESTORED,
         ),
         Handler(
             calls.LIST_VERSIONS,
-            lambda service, asked: VersionList(service.versions.all(asked.scene_id)),
+            lambda service, req: VersionList(service.versions.all(req.scene_id)),
             example=scene_examples.VERSIONS,
         ),
         Handler(
             calls.LOOK_AGAIN,
-            lambda service, asked: service.look_again(asked.scene_id, asked),
+            lambda service, req: service.look_again(req.scene_id, req),
             bodies=change_examples.SOUGHT,
         ),
         Handler(
             calls.GET_OPERATION,
-            lambda service, asked: service.get_operation(asked.operation_id),
+            lambda service, req: service.get_operation(req.operation_id),
             example=scene_examples.OPERATION,
         ),
         Handler(
             calls.LIST_OPERATIONS,
-            lambda service, asked: service.list_operations(asked.page_size, asked.page_token, asked.state),
+            lambda service, req: service.list_operations(req.page_size, req.page_token, req.state),
             example=scene_examples.OPERATIONS,
         ),
-        Handler(calls.CANCEL_OPERATION, lambda service, asked: service.cancel_operation(asked.operation_id)),
+        Handler(calls.CANCEL_OPERATION, lambda service, req: service.cancel_operation(req.operation_id)),
         Handler(
             calls.RETRY_OPERATION,
-            lambda service, asked: service.retry_operation(asked.operation_id, asked.exclude),
+            lambda service, req: service.retry_operation(req.operation_id, req.exclude),
             bodies=change_examples.RETRIED,
         ),
-        Handler(calls.FINISH_OPERATION, lambda service, asked: service.jobs.finish(asked.operation_id)),
+        Handler(calls.FINISH_OPERATION, lambda service, req: service.jobs.finish(req.operation_id)),
         Handler(
             calls.GET_PREVIEW,
-            lambda service, asked: service.jobs.preview(asked.operation_id),
+            lambda service, req: service.jobs.preview(req.operation_id),
             example=job_watching_examples.PREVIEW,
         ),
         Handler(
             calls.GET_JOB_LOG,
-            lambda service, asked: service.jobs.log(asked.operation_id),
+            lambda service, req: service.jobs.log(req.operation_id),
             example=JobLog("loading 60 images\n"),
         ),
         Handler(
             calls.GET_PLACED_CAMERAS,
-            lambda service, asked: service.jobs.placed_cameras(asked.operation_id),
+            lambda service, req: service.jobs.placed_cameras(req.operation_id),
             example=job_watching_examples.PLACED,
         ),
-        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True, renders=True),
-        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True, renders=True),
+        Handler(calls.RENDER_VIEW, lambda service, req: service.answers.picture(req), computes=True, renders=True),
+        Handler(calls.EXPORT_SCENE, lambda service, req: service.exports.file(req), computes=True, renders=True),
         Handler(
             calls.LIST_PHOTOS,
-            lambda service, asked: service.photos.all(asked.scene_id, asked.version, asked.page_size, asked.page_token),
+            lambda service, req: service.photos.all(req.scene_id, req.version, req.page_size, req.page_token),
             example=scene_examples.PHOTOS,
         ),
         Handler(
             calls.LIST_NEXT_PHOTOS,
-            lambda service, asked: service.photos.next_photos(asked.scene_id, asked.version),
+            lambda service, req: service.photos.next_photos(req.scene_id, req.version),
             computes=True,
             renders=True,
             example=change_examples.NEXT_PHOTOS,
         ),
         Handler(
             calls.GET_GOAL,
-            lambda service, asked: service.exports.goal(
-                asked.scene_id, asked.object_id, asked.robot_radius, asked.version
-            ),
+            lambda service, req: service.exports.goal(req.scene_id, req.object_id, req.robot_radius, req.version),
             computes=True,
             example=change_examples.GOAL,
         ),
         Handler(
             calls.LIST_DETECTIONS,
-            lambda service, asked: service.detections.all(
-                asked.scene_id, asked.version, asked.page_size, asked.page_token
-            ),
+            lambda service, req: service.detections.all(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             example=change_examples.DETECTIONS,
         ),
         Handler(
             calls.LOCALIZE,
-            lambda service, asked: service.localizing.localize(asked),
+            lambda service, req: service.localizing.localize(req),
             computes=True,
             renders=True,
             example=localize_examples.LOCALIZATION,
         ),
         Handler(
             calls.OBSERVE_SCENE,
-            lambda service, asked: service.observations.observe(asked, caller_id()),
+            lambda service, req: service.observations.observe(req, caller_id()),
             example=localize_examples.OBSERVATION,
         ),
         Handler(
             calls.LIST_OBSERVATIONS,
-            lambda service, asked: service.observations.all(
-                asked.scene_id, asked.version, asked.page_size, asked.page_token
-            ),
+            lambda service, req: service.observations.all(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             example=localize_examples.OBSERVATIONS,
         ),
         Handler(
             calls.GET_OBSERVATION,
-            lambda service, asked: service.observations.get(asked.scene_id, asked.observation_id, asked.version),
+            lambda service, req: service.observations.get(req.scene_id, req.observation_id, req.version),
             computes=True,
         ),
         Handler(
             calls.LIST_BEST_VIEWS,
-            lambda service, asked: service.photos.best_views(
-                asked.scene_id, asked.object_ids, asked.text, asked.max_views, asked.version
+            lambda service, req: service.photos.best_views(
+                req.scene_id, req.object_ids, req.text, req.max_views, req.version
             ),
             computes=True,
             renders=True,
@@ -253,62 +248,60 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.GET_CONTACT_SHEET,
-            lambda service, asked: service.sheets.page(
-                asked.scene_id, asked.version, asked.page_size, asked.page_token
-            ),
+            lambda service, req: service.sheets.page(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             renders=True,
             example=scene_examples.CONTACT_SHEET,
         ),
         Handler(
             calls.CREATE_KEY,
-            lambda service, asked: service.keys.create(caller_role(), asked),
+            lambda service, req: service.keys.create(caller_role(), req),
             example=admin_examples.NEW_KEY,
             bodies=admin_examples.NEW_KEYS,
         ),
         Handler(
             calls.CREATE_UPLOAD_KEY,
-            lambda service, asked: service.keys.create_for_upload(asked),
+            lambda service, req: service.keys.create_for_upload(req),
             bodies=admin_examples.UPLOAD_KEYS,
         ),
         Handler(
             calls.LIST_KEYS,
-            lambda service, asked: service.keys.list(caller_role(), asked.page_size, asked.page_token, asked.scene_id),
+            lambda service, req: service.keys.list(caller_role(), req.page_size, req.page_token, req.scene_id),
             example=admin_examples.KEYS,
         ),
         Handler(
             calls.REVOKE_KEY,
-            lambda service, asked: service.keys.revoke(caller_role(), asked.key_id),
+            lambda service, req: service.keys.revoke(caller_role(), req.key_id),
             example=admin_examples.KEY,
         ),
         Handler(
             calls.ESTIMATE_JOB,
-            lambda service, asked: service.estimates.estimate(asked),
+            lambda service, req: service.estimates.estimate(req),
             computes=True,
             example=job_watching_examples.ESTIMATE,
         ),
         Handler(
             calls.GET_SERVER_STATUS,
-            lambda service, asked: service.status(caller_role(), caller_id()),
+            lambda service, req: service.status(caller_role(), caller_id()),
             example=admin_examples.STATUS,
         ),
         Handler(
             calls.LIST_PROJECTS,
-            lambda service, asked: service.admin.projects.all(),
+            lambda service, req: service.admin.projects.all(),
             example=ProjectList((admin_examples.PROJECT,)),
         ),
         Handler(
             calls.CREATE_PROJECT,
-            lambda service, asked: service.admin.projects.create(asked.name),
+            lambda service, req: service.admin.projects.create(req.name),
             example=admin_examples.PROJECT,
             bodies=admin_examples.PROJECTS,
         ),
         Handler(
             calls.LIST_KNOWN_NAMES,
-            lambda service, asked: service.known_names.list(asked.page_size, asked.page_token),
+            lambda service, req: service.known_names.list(req.page_size, req.page_token),
             example=admin_examples.KNOWN_NAMES,
         ),
-        Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
+        Handler(calls.DELETE_KNOWN_NAME, lambda service, req: service.known_names.forget(req.name_id)),
     )
 }
 """Handlers by RPC name."""

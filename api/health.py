@@ -59,10 +59,10 @@ class Readiness:
 
     async def watch(self, changed: Callable[[bool], Awaitable[None]]) -> None:
         """Runs the check periodically and reports each change of readiness to `changed`."""
-        told: bool | None = None
+        last_ready: bool | None = None
         while True:
             await self.look()
-            if self.ready != told:
-                told = self.ready
+            if self.ready != last_ready:
+                last_ready = self.ready
                 await changed(self.ready)
             await asyncio.sleep(self.PERIOD_S)

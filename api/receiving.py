@@ -91,7 +91,7 @@ class UploadReceiver:
         sender = _Sender(stream, size, self._settings)
         key, project = caller_id(), _project()
         try:
-            sink = await upload.run(self._writers, key, partial(upload.made, make))
+            sink = await upload.run(self._writers, key, partial(upload.make_sink, make))
             while items := await sender.batch():
                 await upload.run(self._writers, key, partial(sink.write, items))
             # Slow finishes are validations, which take turns by project.
@@ -158,7 +158,7 @@ class _Upload:
         self._cancellation = Cancellation()
         self._last: concurrent.futures.Future[Any] | None = None
 
-    def made(self, make: Callable[[], Sink[_T, _R]]) -> Sink[_T, _R]:
+    def make_sink(self, make: Callable[[], Sink[_T, _R]]) -> Sink[_T, _R]:
         """Makes the sink; on the upload's thread, so that it is closed even if nobody waits any more."""
         sink = make()
         self._close_sink = sink.close

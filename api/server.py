@@ -161,10 +161,10 @@ def _listen(host: str, port: int) -> list[socket.socket]:
             hint="Set FASTSPLAT_HTTP_PORT to a free port.",
         ) from error
     if host in ("127.0.0.1", "localhost", "::1"):
-        other = ("::1", socket.AF_INET6) if family == socket.AF_INET else ("127.0.0.1", socket.AF_INET)
+        loopback = ("::1", socket.AF_INET6) if family == socket.AF_INET else ("127.0.0.1", socket.AF_INET)
         with suppress(OSError):  # no IPv6, or the port is taken there
-            address = (other[0], listeners[0].getsockname()[1])
-            listeners.append(socket.create_server(address, family=other[1], backlog=2048))
+            address = (loopback[0], listeners[0].getsockname()[1])
+            listeners.append(socket.create_server(address, family=loopback[1], backlog=2048))
     for listener in listeners:
         # Inherited by connections. asyncio sets it only on listeners of its own, and without it every answer waits
         # 40 ms for the client's delayed ACK of its head.

@@ -73,8 +73,8 @@ def _runs(value: object) -> Iterator[Document]:
         if "date" in value:
             yield value
         else:
-            for each in value.values():
-                yield from _runs(each)
+            for child in value.values():
+                yield from _runs(child)
 
 
 def _count(share: float, of: int) -> str:
@@ -106,7 +106,7 @@ def _summary(default: Document, objects: Document, absence: Document, subscripti
     yield f"[PSNR of unseen views]({alone}), two scenes", pictures
     recall = " and ".join(_count(found[name]["objects_recall_50"], found[name]["objects_true"]) for name in names)
     yield f"[objects found]({alone}), ready to be named by a click", recall
-    said = " and ".join(f"{figures[each]['value'] * 100:.0f} %" for each in ("found_and_named", "rightly_absent"))
+    said = " and ".join(f"{figures[key]['value'] * 100:.0f} %" for key in ("found_and_named", "rightly_absent"))
     reliable = "docs/asking.md#how-far-an-answer-can-be-relied-on"
     yield f"[asked in other words: found; absent objects said to be absent]({reliable})", said
     within = f"95 % within {subscriptions['p95_ms']:.0f} ms"
@@ -123,9 +123,9 @@ def _reads(document: Document) -> Iterator[Row]:
 
 
 def _naming(document: Document) -> Iterator[Row]:
-    for models, told in (("one", document), ("two", document["two"])):
-        counts = [f"{told[each]} of {told['objects']}" for each in ("reached", "stated", "named", "obeyed")]
-        yield models, *counts, f"{told['refused']}", f"{told['seconds_of_longest']:.0f} s"
+    for models, run in (("one", document), ("two", document["two"])):
+        counts = [f"{run[key]} of {run['objects']}" for key in ("reached", "stated", "named", "obeyed")]
+        yield models, *counts, f"{run['refused']}", f"{run['seconds_of_longest']:.0f} s"
 
 
 def _raster(document: Document) -> Iterator[Row]:
@@ -183,11 +183,11 @@ def _objects(document: Document) -> Iterator[Row]:
 
 def _rooms(document: Document) -> Iterator[Row]:
     for name, row in (*document["rows"].items(), ("mean", document["mean"])):
-        cells = [f"{row[each]:.2f}" for each in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
+        cells = [f"{row[key]:.2f}" for key in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
         for part, whole in (("given_right", "given"), ("stated_right", "stated"), ("known", "knowable")):
             counted = f"names_{whole}" in row
-            told = f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if counted else "–"
-            cells.append(f"{row[f'names_{part}_share']:.0%}" if name == "mean" and told != "–" else told)
+            text = f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if counted else "–"
+            cells.append(f"{row[f'names_{part}_share']:.0%}" if name == "mean" and text != "–" else text)
         yield name, *cells, f"{row['outside_box']:.1%}"
 
 
@@ -198,7 +198,7 @@ def _names(document: Document) -> Iterator[Row]:
 
 
 def _absence(document: Document) -> Iterator[Row]:
-    figures, asked = document["figures"], document["questions"]
+    figures, questions = document["figures"], document["questions"]
     for title, name, wanted in (
         ("found and rightly named", "found_and_named", "≥ 0.92"),
         ("rightly said to be absent", "rightly_absent", "≥ 0.88"),
@@ -216,7 +216,7 @@ def _absence(document: Document) -> Iterator[Row]:
         ("absent: objects of a household", "household"),
         ("absent: near misses", "near"),
     ):
-        yield title, _count(figures[name]["value"], asked[name]), ""
+        yield title, _count(figures[name]["value"], questions[name]), ""
 
 
 def _questions(document: Document) -> Iterator[Row]:
@@ -246,7 +246,7 @@ def _relations(document: Document) -> Iterator[Row]:
 def _subscriptions(document: Document) -> Iterator[Row]:
     yield "poses answered", f"{document['answered']:,} of {document['sent']:,}"
     yield "poses passed over for a newer one", str(document["dropped"])
-    latencies = ", ".join(f"{document[f'{each}_ms']:.0f} ms" for each in ("p50", "p95", "max"))
+    latencies = ", ".join(f"{document[f'{key}_ms']:.0f} ms" for key in ("p50", "p95", "max"))
     yield "latency: median, 95 %, longest", latencies
     yield "longest pause between two answers", f"{document['longest_gap_s']:.2f} s"
     memory = document["server_mib"]
@@ -256,7 +256,7 @@ def _subscriptions(document: Document) -> Iterator[Row]:
 def _serve(document: Document) -> Iterator[Row]:
     phases = {row["phase"]: row for row in document["rows"]}
     rest, many = phases["overhead of rest"], phases["50 clients"]
-    medians = ", ".join(f"{rest['p50_ms'][each]:.1f} ms" for each in ("in_process", "rest", "grpc"))
+    medians = ", ".join(f"{rest['p50_ms'][key]:.1f} ms" for key in ("in_process", "rest", "grpc"))
     yield "a small question: in process, REST, gRPC (median)", medians
     rate = f"{many['count'] / many['seconds']:.0f} answers a second"
     yield "50 clients at once", f"{rate}, 99 % within {many['p99_ms']:.0f} ms"
@@ -275,7 +275,7 @@ def _workers(document: Document) -> Iterator[Row]:
 def _page(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         drawn = "browser, WebGL without a GPU" if row["webgl"] else "server"
-        seconds = (f"{row[each]:.1f} s" for each in ("scene_shown_s", "ready_s", "enter_to_glow_s"))
+        seconds = (f"{row[key]:.1f} s" for key in ("scene_shown_s", "ready_s", "enter_to_glow_s"))
         loaded = _megabytes(sum(row["bytes"].values()))
         yield f"{row['scene']}, {row['gaussians']:,}", drawn, *seconds, f"{row['frames_per_s']:.0f}", loaded
 
@@ -288,10 +288,10 @@ def _lighthouse(document: Document) -> Iterator[Row]:
 
 def _localization(document: Document) -> Iterator[Row]:
     for name, run in document.items():
-        held, others = run["held_out"], run["others"]
+        held, foreign = run["held_out"], run["others"]
         errors = f"{held['size_percent_median']:.3f} % of the size, {held['degrees_median']:.3f}°"
         inside = _count(held["inside_95"], held["photos"])
-        wrong = f"{others['accepted']} of {others['photos']}"
+        wrong = f"{foreign['accepted']} of {foreign['photos']}"
         yield name, f"{held['right']} of {held['photos']}", errors, inside, wrong
 
 
@@ -299,8 +299,8 @@ def _changes(document: Document) -> Iterator[Row]:
     for name, row in document.items():
         error = row["move_error_cm_median"]
         moved = "–" if error is None else f"{error:.1f} cm"
-        told = f"{row['found']} of {row['changes']}", f"{row['wrong']}", f"{row['f1']:.2f}"
-        yield name, *told, f"{row['unchanged_wrong']} in {row['unchanged']}", moved
+        cells = f"{row['found']} of {row['changes']}", f"{row['wrong']}", f"{row['f1']:.2f}"
+        yield name, *cells, f"{row['unchanged_wrong']} in {row['unchanged']}", moved
 
 
 _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")

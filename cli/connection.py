@@ -84,11 +84,11 @@ def is_sample(text: str) -> bool:
     return text == SAMPLE and not Path(text).exists()
 
 
-def link_to_share(page: str, made: NewKey) -> str:
+def link_to_share(page: str, new_key: NewKey) -> str:
     """The address of the page that shows the one scene of a key, see `share_link`."""
     from fastsplat_client import share_link
 
-    return share_link(page, made)
+    return share_link(page, new_key)
 
 
 @contextmanager
@@ -133,10 +133,10 @@ def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
     # Here each question is the first, which reads the scene and the models.
     limits = settings.limits.model_copy(update={"answer_s": _CALL_S})
     access = {"auth": "off", "host": "127.0.0.1", "cors_origins": (), "root_path": ""}
-    own = settings.model_copy(update={**access, "limits": limits})
+    local_settings = settings.model_copy(update={**access, "limits": limits})
     with open_service(settings) as service, running_loop() as loop:
         threads = Threads(limits, uploads=settings.uploads)
-        app = create_app(service, own, threads, build_gate(own, service.admin))
+        app = create_app(service, local_settings, threads, build_gate(local_settings, service.admin))
         transport = InProcess(app, loop, ("127.0.0.1", 0))
         try:
             yield transport

@@ -43,7 +43,7 @@ def service_command(
     """
 
     def register(function: Callable[Concatenate[Session, P], None]) -> Callable[Concatenate[Session, P], None]:
-        common = {option: each for option, each in _COMMON.items() if json or option != _JSON}
+        common = {option: parameter for option, parameter in _COMMON.items() if json or option != _JSON}
 
         def run(**values: Any) -> None:
             options = {option: values.pop(option) for option in common}
@@ -52,9 +52,9 @@ def service_command(
             with Session(address, as_json=as_json) as session:
                 function(session, **values)  # type: ignore[call-arg]  # all but the session, by name
 
-        own = [*inspect.signature(function, eval_str=True).parameters.values()][1:]
+        parameters = [*inspect.signature(function, eval_str=True).parameters.values()][1:]
         run.__name__, run.__doc__ = function.__name__, function.__doc__
-        run.__signature__ = inspect.Signature([*own, *common.values()])  # type: ignore[attr-defined]
+        run.__signature__ = inspect.Signature([*parameters, *common.values()])  # type: ignore[attr-defined]
         group.command(name)(run)
         return function
 

@@ -62,23 +62,25 @@ class Session:
             if not scene.version:
                 raise NotReadyError(f"the scene in {text} has not been trained to its end", field="SCENE")
             return scene.id
-        return self._whole(text, "scene", lambda: (each.id for each in self.client.scenes()))
+        return self._whole(text, "scene", lambda: (scene.id for scene in self.client.scenes()))
 
     def job(self, text: str) -> str:
         """The whole id of a job; errors as `whole_id`."""
-        return self._whole(text, "job", lambda: (each.id for each in self.client.operations()))
+        return self._whole(text, "job", lambda: (operation.id for operation in self.client.operations()))
 
     def key(self, text: str) -> str:
         """The whole id of a key of the project; errors as `whole_id`."""
-        return whole_id("key", text, (each.id for each in self.client.keys.all()))
+        return whole_id("key", text, (key.id for key in self.client.keys.all()))
 
     def version(self, scene_id: str, text: str) -> str:
         """Completes the name of a scene's version; "" is the current one. Errors as `whole_id`."""
-        return text and whole_id("version", text, (each.version for each in self.client.versions(scene_id)))
+        return text and whole_id(
+            "version", text, (scene_version.version for scene_version in self.client.versions(scene_id))
+        )
 
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
-        return next(each.version for each in self.client.versions(scene_id) if each.current)
+        return next(scene_version.version for scene_version in self.client.versions(scene_id) if scene_version.current)
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
         """Prints `value` as REST's JSON or `text` for people, or `nothing` on stderr."""
@@ -97,10 +99,10 @@ class Session:
             self.tell(operation, queued)
             return
         typer.echo(queued, err=True)
-        shown = str(operation.state)
+        last_line = str(operation.state)
         while True:
-            if (line := progress(operation)) != shown:
-                typer.echo(shown := line, err=True)
+            if (line := progress(operation)) != last_line:
+                typer.echo(last_line := line, err=True)
             if operation.done:
                 break
             time.sleep(_POLL_S)

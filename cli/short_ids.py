@@ -9,7 +9,7 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 LEAST = 4
 """Letters of a beginning, at least."""
-SHOWN = 8
+ID_LETTERS = 8
 """Letters of an id that tables show."""
 _CANDIDATES = 5
 
@@ -17,11 +17,11 @@ _CANDIDATES = 5
 def whole_id(noun: str, text: str, ids: Iterable[str]) -> str:
     """Completes the id that `text` begins; `NotFoundError` for none, `InvalidInputError` for several."""
     fitting = set()
-    for each in ids:
-        if each == text:
-            return each
-        if each.startswith(text):
-            fitting.add(each)
+    for full_id in ids:
+        if full_id == text:
+            return full_id
+        if full_id.startswith(text):
+            fitting.add(full_id)
     if not fitting:
         raise NotFoundError(f"no {noun} has the id {text[:80]!r}, or one that begins so", field=noun)
     if len(text) < LEAST:

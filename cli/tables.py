@@ -42,7 +42,7 @@ def table(columns: Sequence[Column], rows: Iterable[Sequence[str]]) -> str:
     for row in cells:
         fitted = [_fitted(text, width, column.fit) for text, width, column in zip(row, widths, columns, strict=True)]
         for number in range(max(map(len, fitted))):
-            parts = (each[number] if number < len(each) else "" for each in fitted)
+            parts = (cell_lines[number] if number < len(cell_lines) else "" for cell_lines in fitted)
             placed = (_placed(part, width, column) for part, width, column in zip(parts, widths, columns, strict=True))
             lines.append(_GAP.join(placed).rstrip())
     return "\n".join(lines)

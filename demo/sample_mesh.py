@@ -74,9 +74,9 @@ def tube(name: str, path: ArrayLike, radius: ArrayLike, material: Any, sides: in
     for k in range(len(p)):  # parallel transport: the ring never twists
         side = side - tangent[k] * (side @ tangent[k])
         side /= np.linalg.norm(side)
-        other = np.cross(tangent[k], side)
+        binormal = np.cross(tangent[k], side)
         angle = np.linspace(0, 2 * np.pi, sides, endpoint=False)[:, None]
-        rings.append(p[k] + r[k] * (np.cos(angle) * side + squash * np.sin(angle) * other))
+        rings.append(p[k] + r[k] * (np.cos(angle) * side + squash * np.sin(angle) * binormal))
     rings = [np.repeat(p[:1], sides, 0) + 1e-4 * (rings[0] - p[0]), *rings, p[-1] + 1e-4 * (rings[-1] - p[-1])]
     return grid(name, np.stack(rings), material, wrap=True)
 

@@ -57,11 +57,11 @@ def main() -> None:
         finally:
             store.close()
         pack(saved, Path(work) / "scene.zip")
-        made = Path(work) / "scene.zip"
-        size = made.stat().st_size
+        archive = Path(work) / "scene.zip"
+        size = archive.stat().st_size
         if size > _MOST_BYTES:
             raise SystemExit(f"{size} bytes are more than the {_MOST_BYTES} that a wheel is to carry")
-        shutil.copyfile(made, out)
+        shutil.copyfile(archive, out)
         print(f"{out}: {size} bytes")
 
 

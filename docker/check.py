@@ -148,8 +148,8 @@ def _ask(client: Client, capture: Path) -> None:
     poses = {frame["file_path"]: frame["transform_matrix"] for frame in frames}
     for posed in client.scene(operation.scene_id).cameras:
         for row in range(3):
-            sent, kept = poses[posed.name][row][3], posed.world_from_camera[row, 3]
-            assert abs(sent - kept) < 1e-6, f"{posed.name} was posted with a pose and has another"
+            sent, result = poses[posed.name][row][3], posed.world_from_camera[row, 3]
+            assert abs(sent - result) < 1e-6, f"{posed.name} was posted with a pose and has another"
     (answer,) = client.query(operation.scene_id, "banana")
     print(answer.sentence)
     assert answer.outcome == "here", answer

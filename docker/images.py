@@ -91,8 +91,8 @@ class Builder:
     def next_release(self, target: str, image: Image, version: str) -> Image:
         """The built image of `target` again, with nothing changed but the release that its package says it is of."""
         root = Path(self._buildah("mount", self._buildah("from", "--pull-never", f"localhost/{target}")))
-        (told,) = root.glob("opt/fastsplat/lib/python3*/site-packages/fastsplat-*.dist-info/METADATA")
-        told.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {version}", told.read_text(), count=1))
+        (metadata,) = root.glob("opt/fastsplat/lib/python3*/site-packages/fastsplat-*.dist-info/METADATA")
+        metadata.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {version}", metadata.read_text(), count=1))
         return replace(image, root=root)
 
     def close(self) -> None:

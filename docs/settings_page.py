@@ -44,15 +44,15 @@ def _table(group: type[BaseModel], fields: dict[str, FieldInfo]) -> Iterator[str
     yield "|---|---|---|"
     for name, field in fields.items():
         about = " ".join((field.description or "").split()).replace("|", "\\|")
-        yield f"| `{environment_variable(group, name)}` | {_shown(name, field)} | {about} |"
+        yield f"| `{environment_variable(group, name)}` | {_default_text(name, field)} | {about} |"
 
 
-def _shown(name: str, field: FieldInfo) -> str:
+def _default_text(name: str, field: FieldInfo) -> str:
     value: Any = field.default
     if field.default_factory is not None or value in ("", None, ()):
         return ""
     if isinstance(value, tuple):
-        return ", ".join(f"`{each}`" for each in value)
+        return ", ".join(f"`{entry}`" for entry in value)
     if name.endswith("bytes") and value:
         size, unit = next(((size, unit) for size, unit in _UNITS if value % size == 0), (1, "bytes"))
         return f"{value // size} {unit}"

@@ -97,13 +97,13 @@ def _operation(method: str, path: str, operation: Mapping[str, Any]) -> Iterator
     if parameters := operation.get("parameters", ()):
         rows = [
             (
-                f"`{each['name']}`",
-                each["in"],
-                _type(each.get("schema", {})),
-                _optional(each),
-                _text(each.get("description", "")),
+                f"`{parameter['name']}`",
+                parameter["in"],
+                _type(parameter.get("schema", {})),
+                _optional(parameter),
+                _text(parameter.get("description", "")),
             )
-            for each in parameters
+            for parameter in parameters
         ]
         yield _table(("parameter", "in", "type", "", ""), rows)
     for kind, content in operation.get("requestBody", {}).get("content", {}).items():
@@ -122,8 +122,8 @@ def _properties(schema: _Schema) -> Iterator[str]:
         yield "One of " + ", ".join(f"`{value}`" for value in schema["enum"]) + "."
     required = schema.get("required", ())
     rows = [
-        (f"`{name}`", _type(each), "" if name in required else "optional", _text(each.get("description", "")))
-        for name, each in schema.get("properties", {}).items()
+        (f"`{name}`", _type(field), "" if name in required else "optional", _text(field.get("description", "")))
+        for name, field in schema.get("properties", {}).items()
     ]
     if rows:
         yield _table(("field", "type", "", ""), rows)
@@ -136,13 +136,13 @@ def _type(schema: _Schema) -> str:
         return f"[{name}](#{_anchor(name)})"
     for several in ("anyOf", "oneOf", "allOf"):
         if several in schema:
-            return " or ".join(dict.fromkeys(_type(each) for each in schema[several]))
+            return " or ".join(dict.fromkeys(_type(option) for option in schema[several]))
     if "enum" in schema or "const" in schema:
         return " or ".join(f"`{value}`" for value in schema.get("enum", [schema.get("const")]))
     kind = schema.get("type", "")
     if kind == "array":
         items = [*schema.get("prefixItems", ())] or [schema.get("items") or {}]
-        return "list of " + ", ".join(dict.fromkeys(_type(each) for each in items))
+        return "list of " + ", ".join(dict.fromkeys(_type(item) for item in items))
     if kind == "object" and isinstance(more := schema.get("additionalProperties"), Mapping):
         return f"map to {_type(more)}"
     name = kind if isinstance(kind, str) else " or ".join(kind)
@@ -173,10 +173,10 @@ def grpc_page(files: Sequence[FileDescriptorProto]) -> str:
         for index, service in enumerate(file.service):
             lines += [f"### service {service.name}", said.get((6, index), "")]
             for number, method in enumerate(service.method):
-                asked, told = _link(method.input_type), _link(method.output_type)
-                asked = f"stream of {asked}" if method.client_streaming else asked
-                told = f"stream of {told}" if method.server_streaming else told
-                lines += [f"#### {method.name}", f"{asked} → {told}", said.get((6, index, 2, number), "")]
+                request, response = _link(method.input_type), _link(method.output_type)
+                request = f"stream of {request}" if method.client_streaming else request
+                response = f"stream of {response}" if method.server_streaming else response
+                lines += [f"#### {method.name}", f"{request} → {response}", said.get((6, index, 2, number), "")]
         for index, message in enumerate(file.message_type):
             lines += _message(message, (4, index), said)
         for index, enum in enumerate(file.enum_type):
@@ -209,10 +209,10 @@ def _enum(enum: EnumDescriptorProto, path: tuple[int, ...], said: Mapping[tuple[
 
 def _field_type(field: FieldDescriptorProto, message: DescriptorProto) -> str:
     entry = next(
-        (each for each in message.nested_type if field.type_name.endswith(f".{message.name}.{each.name}")), None
+        (inner for inner in message.nested_type if field.type_name.endswith(f".{message.name}.{inner.name}")), None
     )
     if entry is not None and entry.options.map_entry:
-        key, value = (_field_type(each, entry) for each in entry.field)
+        key, value = (_field_type(part, entry) for part in entry.field)
         return f"map of {key} to {value}"
     if field.type_name:
         name = _link(field.type_name)

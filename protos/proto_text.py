@@ -78,10 +78,10 @@ def _choice_name(choice: Any) -> str:
 
 
 def _rpc(call: Call[Any, Any]) -> str:
-    asked = f"stream {call.pieces_in}" if call.pieces_in else _message_name(call.request)
+    request = f"stream {call.pieces_in}" if call.pieces_in else _message_name(call.request)
     answered = f"stream {call.pieces_out}" if call.pieces_out else _message_name(call.response)
     end = " {\n    option deprecated = true;\n  }" if call.deprecated else ";"
-    return _comment(call.said, "  ") + f"  rpc {call.rpc}({asked}) returns ({answered}){end}\n"
+    return _comment(call.said, "  ") + f"  rpc {call.rpc}({request}) returns ({answered}){end}\n"
 
 
 def _message_name(kind: Any) -> str:
@@ -91,21 +91,21 @@ def _message_name(kind: Any) -> str:
 def _message(name: str, kinds: list[Any], registry: Registry) -> str:
     """A message of the types that travel as it: one, or some of which one has the fields of the others and more."""
     widest = max(kinds, key=lambda kind: len(members(kind)))
-    own = {member.name: member for member in members(widest) if not member.carried}
-    assert all(member.name in own for kind in kinds for member in members(kind) if not member.carried), name
+    body = {member.name: member for member in members(widest) if not member.carried}
+    assert all(member.name in body for kind in kinds for member in members(kind) if not member.carried), name
     described = next((kind for kind in kinds if kind.__name__ == name), widest)
     text = _comment(inspect.cleandoc(described.__doc__ or ""), "") + f"message {name} {{\n"
-    numbers = registry.numbers(name, own)
-    text += "".join(_reserved(registry.retired(name, own)))
+    numbers = registry.numbers(name, body)
+    text += "".join(_reserved(registry.retired(name, body)))
     begun: set[str] = set()
     for field in numbers:
-        choice = own[field].one_of
+        choice = body[field].one_of
         if not choice:
-            text += _line(f"{_label(own[field])}{_type(own[field])} {field} = {numbers[field]};", own[field], "  ")
+            text += _line(f"{_label(body[field])}{_type(body[field])} {field} = {numbers[field]};", body[field], "  ")
         elif choice not in begun:
             begun.add(choice)
-            of_choice = [member for member in map(own.__getitem__, numbers) if member.one_of == choice]
-            lines = (_line(f"{_type(each)} {each.name} = {numbers[each.name]};", each, "    ") for each in of_choice)
+            of_choice = [member for member in map(body.__getitem__, numbers) if member.one_of == choice]
+            lines = (_line(f"{_type(part)} {part.name} = {numbers[part.name]};", part, "    ") for part in of_choice)
             text += f"  oneof {choice} {{\n{''.join(lines)}  }}\n"
     return text + "}"
 

@@ -41,13 +41,13 @@ def main(folder: Path) -> None:
 
 def check(product: Path, client: Path, folder: Path) -> None:
     """Install, train and serve by the interpreter that `product` is for, and write what it brings into `folder`."""
-    with tempfile.TemporaryDirectory(prefix="fastsplat-wheels-") as made:
-        place = Path(made)
+    with tempfile.TemporaryDirectory(prefix="fastsplat-wheels-") as directory:
+        place = Path(directory)
         tools = place / "environment" / "bin"
         subprocess.run([interpreter_of(product), "-m", "venv", tools.parent], check=True)
-        port, other = free_ports(2)
+        port, grpc_port = free_ports(2)
         environment = {**os.environ, "PATH": str(tools), "FASTSPLAT_METRICS_PORT": "0"}
-        environment |= {"FASTSPLAT_HTTP_PORT": str(port), "FASTSPLAT_GRPC_PORT": str(other)}
+        environment |= {"FASTSPLAT_HTTP_PORT": str(port), "FASTSPLAT_GRPC_PORT": str(grpc_port)}
         environment.pop("VIRTUAL_ENV", None)
         environment.pop("PYTHONPATH", None)
 
@@ -79,8 +79,8 @@ def write_contents(python: Path, folder: Path) -> None:
     listed = folder / "sbom.cdx.json"
     bill = ["cyclonedx_py", "environment", "--output-reproducible", "--output-file", str(listed), str(python)]
     subprocess.run([sys.executable, "-m", *bill], check=True)
-    told = ["--format=markdown", "--from=mixed", "--with-urls", f"--output-file={folder / 'licenses.md'}"]
-    subprocess.run([Path(sys.executable).with_name("pip-licenses"), f"--python={python}", *told], check=True)
+    options = ["--format=markdown", "--from=mixed", "--with-urls", f"--output-file={folder / 'licenses.md'}"]
+    subprocess.run([Path(sys.executable).with_name("pip-licenses"), f"--python={python}", *options], check=True)
     told_of = without_local_addresses(json.loads(listed.read_text()))
     listed.write_text(json.dumps(told_of, indent=2) + "\n")
     names = {component["name"] for component in told_of["components"]}
@@ -92,10 +92,10 @@ def write_contents(python: Path, folder: Path) -> None:
 def without_local_addresses(bill: dict[str, Any]) -> dict[str, Any]:
     """A CycloneDX bill in which what was installed from a file keeps the file's digests, and not its place here."""
     for component in bill["components"]:
-        told = component.get("externalReferences", [])
-        local = [reference for reference in told if reference["url"].startswith("file:")]
+        references = component.get("externalReferences", [])
+        local = [reference for reference in references if reference["url"].startswith("file:")]
         if local:
-            component["externalReferences"] = [reference for reference in told if reference not in local]
+            component["externalReferences"] = [reference for reference in references if reference not in local]
             component["hashes"] = [digest for reference in local for digest in reference.get("hashes", [])]
     return bill
 

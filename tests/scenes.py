@@ -45,7 +45,7 @@ def labelled_scene(
     encoder: TextEncoder | None = None,
     templates: Sequence[str] = ("{}",),
     cameras: Sequence[PosedCamera] = (),
-    **others: Any,
+    **fields: Any,
 ) -> Scene:
     """Makes a scene of one-hot codes: Gaussian g has label `label_ids[g]` with a logit of 8.
 
@@ -66,10 +66,10 @@ def labelled_scene(
     return Scene(
         gaussians=Gaussians(
             means=np.asarray(means, dtype=np.float32),
-            quats=_each(quats, count, 4),
-            log_scales=np.log(_each(scales, count, 3, dtype=np.float64)).astype(np.float32),
-            logit_opacities=_each(logit_opacities, count),
-            sh=_each(sh, count, 1, 3) if np.ndim(sh) == 0 else np.asarray(sh, dtype=np.float32),
+            quats=_filled(quats, count, 4),
+            log_scales=np.log(_filled(scales, count, 3, dtype=np.float64)).astype(np.float32),
+            logit_opacities=_filled(logit_opacities, count),
+            sh=_filled(sh, count, 1, 3) if np.ndim(sh) == 0 else np.asarray(sh, dtype=np.float32),
             codes=one_hot[ids],
         ),
         head=SemanticHead(8.0 * one_hot, bias),
@@ -78,7 +78,7 @@ def labelled_scene(
         label_templates=tuple(templates),
         text_encoder=("another", "1" * 64) if encoder is None else (encoder.name, encoder.sha256),
         cameras=tuple(cameras),
-        **{"scale": "METRIC", **others},
+        **{"scale": "METRIC", **fields},
     )
 
 
@@ -154,7 +154,7 @@ def write_version(scene: Scene, folder: Path) -> None:
     write_ply(scene.gaussians, folder / "scene.ply")
 
 
-def _each(values: ArrayLike, *shape: int, dtype: Any = np.float32) -> np.ndarray:
+def _filled(values: ArrayLike, *shape: int, dtype: Any = np.float32) -> np.ndarray:
     return np.broadcast_to(np.asarray(values, dtype=dtype), shape).copy()
 
 

@@ -22,6 +22,8 @@ _VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
 _OLD_WORDS = {
     "thing": "object", "namer": "captioner", "standing_question": "subscription", "object_sheet": "contact sheet",
 }  # fmt: skip
+_EMPTY_WORDS = {"each", "own", "other", "others", "one", "ones", "shown", "told", "asked", "kept", "made"}
+"""Nothing is called by such a word alone."""
 
 _SPELLINGS = {re.compile(r'(?<!")metre|metre(?!s?")', re.IGNORECASE): "meter"}
 """Spellings, and the one that is used here. In quotes, files for other programs may hold the other one as a value."""
@@ -62,8 +64,8 @@ def test_a_word_has_one_spelling() -> None:
     texts = {
         path: _text(path) for path in _tracked() if path not in (_WORDS_OF_PEOPLE, Path("tests") / Path(__file__).name)
     }
-    other = {str(path): word for path, text in texts.items() for old, word in _SPELLINGS.items() if old.search(text)}
-    assert not other
+    faults = {str(path): word for path, text in texts.items() for old, word in _SPELLINGS.items() if old.search(text)}
+    assert not faults
 
 
 def test_no_name_has_a_word_of_our_own_where_the_field_has_one() -> None:
@@ -73,8 +75,10 @@ def test_no_name_has_a_word_of_our_own_where_the_field_has_one() -> None:
     for path in (path for path in _tracked() if path.suffix == ".py"):
         names.add((path.stem, path))
         for node in ast.walk(ast.parse(_text(path))):
-            found = (getattr(node, field, None) for field in ("name", "arg", "id", "attr"))
+            found = [getattr(node, field, None) for field in ("name", "arg", "id", "attr")]
             names |= {(name, path) for name in found if isinstance(name, str)}
+            if not isinstance(node, ast.keyword) and not isinstance(getattr(node, "ctx", None), ast.Load):
+                assert not _EMPTY_WORDS & {str(name).strip("_").lower() for name in found}, f"{path}:{node.lineno}"
     assert len(names) > 40_000
     for name, path in names:
         words = "_".join(word.lower().removesuffix("s") for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name))
@@ -131,4 +135,4 @@ def _product() -> list[Path]:
 def _parameters(path: Path) -> set[str]:
     functions = (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)
     nodes = [node.args for node in ast.walk(ast.parse((ROOT / path).read_text())) if isinstance(node, functions)]
-    return {each.arg for node in nodes for each in (*node.posonlyargs, *node.args, *node.kwonlyargs)}
+    return {argument.arg for node in nodes for argument in (*node.posonlyargs, *node.args, *node.kwonlyargs)}

@@ -18,7 +18,7 @@ from tests.docs.page_blocks import ROOT, blocks_of
 
 _DOCUMENTS = ("README.md", "DEVELOPMENT.md")
 _PAGES = tuple(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))
-_MADE = (  # beginnings of paths that commands make
+_OUTPUT = (  # beginnings of paths that commands make
     ".venv",
     ".models/",
     "api/web/dist/",
@@ -38,7 +38,7 @@ _OF_THE_CLIENT = {"FASTSPLAT_KEY", "FASTSPLAT_SERVER"}
 @pytest.mark.parametrize("document", _DOCUMENTS)
 def test_files_that_a_document_names_exist(document: str) -> None:
     names = set(re.findall(r"(?:`|\]\()([\w.-]+/[\w./-]*|[\w-]+\.(?:md|toml|txt))(?:`|\))", _text(document)))
-    paths = {name for name in names if not name.startswith(_MADE) and not _in_an_upload(name)}
+    paths = {name for name in names if not name.startswith(_OUTPUT) and not _in_an_upload(name)}
     assert len(paths) > 3
     assert sorted(name for name in paths if not _exists(name)) == []
 
@@ -47,7 +47,7 @@ def test_files_that_a_document_names_exist(document: str) -> None:
 def test_files_of_the_repository_that_a_page_names_exist(page: str) -> None:
     """Pages also name files of uploads and exports, so only paths that begin with a folder of the repository count."""
     folders = "service|api|client|tests|benchmarks|demo|docker|docs|cli|workers|protos|examples"
-    paths = {path for path in re.findall(rf"\b((?:{folders})/[\w./-]+\w)", _text(page)) if not path.startswith(_MADE)}
+    paths = {path for path in re.findall(rf"\b((?:{folders})/[\w./-]+\w)", _text(page)) if not path.startswith(_OUTPUT)}
     assert sorted(path for path in paths if not (ROOT / path).exists()) == []
 
 

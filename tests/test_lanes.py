@@ -91,7 +91,7 @@ def test_each_test_is_in_one_lane_and_postgresql_in_the_rest(tmp_path: Path) -> 
 def test_a_group_and_a_file_without_one_stay_in_one_process(tmp_path: Path) -> None:
     said, status, ran = _run(tmp_path, "--numprocesses", "3", "--dist", "loadgroup", "--no-loadscope-reorder")
     assert status == 0, said
-    processes = {name: {process for other, _, process in ran if other == name} for name, _, _ in ran}
+    processes = {name: {process for file, _, process in ran if file == name} for name, _, _ in ran}
     assert len(processes) == 5 and all(len(ids) == 1 for ids in processes.values())
     assert processes["web/objects/test_ask.py"] == processes["web/viewer/test_look.py"]
     assert len({*map(tuple, processes.values())}) == 3

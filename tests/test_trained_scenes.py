@@ -19,15 +19,15 @@ def _make(folder: Path) -> None:
 
 
 def test_an_artefact_is_made_once_for_all_and_anew_for_other_inputs(tmp_path: Path) -> None:
-    data, kept = tmp_path / "data", tmp_path / "kept"
+    data, cache = tmp_path / "data", tmp_path / "kept"
     data.mkdir()
     (data / "photo").write_text("one")
     with ThreadPoolExecutor(4) as pool:
-        folders = {each.result() for each in [pool.submit(trained, "a", _make, data, folder=kept) for _ in range(4)]}
-    assert len(folders) == 1 and (kept / "made.txt").read_text() == "made\n"
+        folders = {run.result() for run in [pool.submit(trained, "a", _make, data, folder=cache) for _ in range(4)]}
+    assert len(folders) == 1 and (cache / "made.txt").read_text() == "made\n"
     (data / "photo").write_text("another")
-    later = trained("a", _make, data, folder=kept)
-    assert later not in folders and (kept / "made.txt").read_text() == "made\nmade\n"
+    later = trained("a", _make, data, folder=cache)
+    assert later not in folders and (cache / "made.txt").read_text() == "made\nmade\n"
     assert not folders.pop().exists() and (later / "scene").is_file()
 
 

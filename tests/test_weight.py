@@ -65,7 +65,7 @@ def _room(path: Path) -> str:
 def _weights() -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
     """The table and its foot, as the tree is now."""
     product, tests = Counter[str](), Counter[str]()
-    others = Counter[str]()
+    rest = Counter[str]()
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for path in map(Path, listed.splitlines()):
         if not (ROOT / path).is_file() or "_pb2" in path.name:
@@ -73,11 +73,11 @@ def _weights() -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
         if path.suffix == ".py" and path.parts[0] in (*_PRODUCT, "tests"):
             (tests if path.parts[0] == "tests" else product)[_room(path)] += _lines(path)
         elif path.suffix in (".cpp", ".h"):
-            others["C++"] += _lines(path)
+            rest["C++"] += _lines(path)
         elif path.suffix in (".ts", ".tsx", ".css") and path.is_relative_to("api/web/src"):
-            others["page"] += _lines(path)
+            rest["page"] += _lines(path)
     rows = {room: (product[room], tests[room]) for room in sorted({*product, *tests})}
-    sums = {"product": product.total(), "tests": tests.total(), **others}
+    sums = {"product": product.total(), "tests": tests.total(), **rest}
     return rows, sums | {"calls": len(CALLS), "commands": _commands(typer.main.get_command(app))}
 
 

@@ -32,36 +32,36 @@ def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path
     digest = hashlib.sha256(_digest_of_product().encode())
     for path in (Path(inspect.getfile(make)), *inputs):
         digest.update(_digest(_files(path)).encode())
-    kept = folder / f"{name}-{digest.hexdigest()[:20]}"
+    target = folder / f"{name}-{digest.hexdigest()[:20]}"
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / f"{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # processes of a test run wait for the one that trains
-        if not kept.is_dir():
+        if not target.is_dir():
             for old in folder.glob(f"{name}-*"):
                 shutil.rmtree(old)
             with tempfile.TemporaryDirectory(dir=folder) as work:
-                made = Path(work) / "made"
-                made.mkdir()
-                make(made)
-                made.rename(kept)
-    return kept
+                staging = Path(work) / "made"
+                staging.mkdir()
+                make(staging)
+                staging.rename(target)
+    return target
 
 
 def trained_tabletop(test_data: Path, models: Path) -> Path:
     """Trains a small labelled capture; returns a folder with `table top` (capture), `scene` and `progress.jsonl`."""
 
     def make(folder: Path) -> None:
-        capture, told = small_tabletop(test_data, folder / "table top", 8), list[Operation]()
+        capture, operations = small_tabletop(test_data, folder / "table top", 8), list[Operation]()
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("FASTSPLAT_TRAINING", '{"iterations": 150, "time_budget_s": null, "max_side": 120}')
             patch.setenv("FASTSPLAT_JOBS", '{"niceness": 0}')
             patch.setenv("FASTSPLAT_MODELS", str(models))
             load_settings.cache_clear()
-            with fastsplat.train(capture, folder / "scene", max_gaussians=6000, progress=told.append) as scene:
+            with fastsplat.train(capture, folder / "scene", max_gaussians=6000, progress=operations.append) as scene:
                 assert scene.info.state == "READY"
         load_settings.cache_clear()
         assert processes_with("FASTSPLAT_DATA_DIR", folder / "scene") == []
-        (folder / "progress.jsonl").write_bytes(b"".join(to_json(operation) + b"\n" for operation in told))
+        (folder / "progress.jsonl").write_bytes(b"".join(to_json(operation) + b"\n" for operation in operations))
 
     return trained("tabletop", make, test_data / "tabletop")
 
@@ -75,7 +75,7 @@ def _digest_of_product() -> str:
 
 
 def _files(path: Path) -> Iterable[Path]:
-    return [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
+    return [path] if path.is_file() else sorted(file for file in path.rglob("*") if file.is_file())
 
 
 def _digest(files: Iterable[Path]) -> str:

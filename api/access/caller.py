@@ -53,8 +53,8 @@ class _InCallersProject:
 
     def __getattr__(self, name: str) -> Any:
         caller = _caller()
-        own = self._service.in_project(caller.project, caller.scene_id)
-        return getattr(OneUpload(own, caller.key_id) if caller.role == "uploader" else own, name)
+        service = self._service.in_project(caller.project, caller.scene_id)
+        return getattr(OneUpload(service, caller.key_id) if caller.role == "uploader" else service, name)
 
 
 def _caller() -> Principal:

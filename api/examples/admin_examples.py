@@ -20,7 +20,7 @@ from fastsplat_contract.server.server_status import (
     WorkerHealth,
 )
 
-_MADE = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
+_CREATED_AT = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 
 KEY = AccessKey(
     id=IDS["key_id"],
@@ -28,7 +28,7 @@ KEY = AccessKey(
     project="default",
     role="reader",
     state="VALID",
-    created_at=_MADE,
+    created_at=_CREATED_AT,
     expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
     revoked_at=None,
 )
@@ -42,7 +42,7 @@ KNOWN_NAMES = KnownNameList(
             scene_id=IDS["scene_id"],
             version=IDS["version"],
             object_id=1,
-            named_at=_MADE,
+            named_at=_CREATED_AT,
             picture=b"\xff\xd8\xff",
         ),
     ),
@@ -84,5 +84,5 @@ NEW_KEYS: Bodies = {
     "person": ("a key that also creates and changes", KeyIn("Ada")),
 }
 UPLOAD_KEYS: Bodies = {"default": ("a link for one's phone", UploadKeyIn())}
-PROJECT = Project("kitchen", _MADE, scenes=3, keys=2)
+PROJECT = Project("kitchen", _CREATED_AT, scenes=3, keys=2)
 PROJECTS: Bodies = {"kitchen": ("one for the kitchen", CreateProjectRequest("kitchen"))}

@@ -71,7 +71,7 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
             finally:
                 ended(status or _status(context))
 
-    async def one(request: Any, context: Context) -> Any:
+    async def unary(request: Any, context: Context) -> Any:
         async with entered(context):
             return await inner(request, context)
 
@@ -83,7 +83,7 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
                 with watch.deferred():  # gRPC's own code must not be cancelled
                     await context.write(response)
 
-    return replaced(handler, many if handler.response_streaming else one)
+    return replaced(handler, many if handler.response_streaming else unary)
 
 
 def _status(context: Context) -> str:

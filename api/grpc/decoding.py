@@ -38,7 +38,7 @@ class DecodingInterceptor(aio.ServerInterceptor):
         behavior = wrapped_behavior(handler)
         method = str(handler_call_details.method)
 
-        async def one(request: Any, context: Context) -> Any:
+        async def unary(request: Any, context: Context) -> Any:
             return await behavior(await _checked(request, context, method), context)
 
         async def many(request: Any, context: Context) -> AsyncIterator[Any]:
@@ -46,7 +46,7 @@ class DecodingInterceptor(aio.ServerInterceptor):
                 async for response in responses:
                     yield response
 
-        return replaced(handler, many if handler.response_streaming else one, _decoder(handler.request_deserializer))
+        return replaced(handler, many if handler.response_streaming else unary, _decoder(handler.request_deserializer))
 
 
 def wrapped_behavior(handler: Handler) -> Callable[[Any, Context], Any]:

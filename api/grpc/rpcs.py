@@ -53,7 +53,7 @@ def _message(handler: Handler[Any, Any], service: SceneService, threads: Threads
 
     async def behavior(request: Message, context: Context) -> Message:
         async with guarded(context, handler.call.rpc):
-            return await handler.run(threads, lambda: _answered(handler.ask(service, _asked(handler, request))))
+            return await handler.run(threads, lambda: _answered(handler.ask(service, _request_of(handler, request))))
 
     return behavior
 
@@ -63,14 +63,14 @@ def _file(handler: Handler[Any, Any], service: SceneService, threads: Threads) -
 
     async def behavior(request: Message, context: Context) -> AsyncIterator[pb.Chunk]:
         async with guarded(context, handler.call.rpc):
-            content = await handler.run(threads, lambda: handler.ask(service, _asked(handler, request)))
+            content = await handler.run(threads, lambda: handler.ask(service, _request_of(handler, request)))
             for chunk in chunks(content):
                 yield pb.Chunk(data=chunk)
 
     return behavior
 
 
-def _asked(handler: Handler[Any, Any], message: Message) -> Any:
+def _request_of(handler: Handler[Any, Any], message: Message) -> Any:
     return None if handler.call.request is NoneType else from_proto(handler.call.request, message)
 
 
@@ -123,11 +123,11 @@ class _SceneServicer:
                     yield _operation_message(change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
-        def asked() -> list[pb.QueryResponse]:
+        def messages() -> list[pb.QueryResponse]:
             return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
 
         async with guarded(context, "Query"):
-            for message in await self._threads.answer(asked, background=pb.OUTPUT_MASK2D in request.outputs):
+            for message in await self._threads.answer(messages, background=pb.OUTPUT_MASK2D in request.outputs):
                 yield message
 
     async def StreamQuery(

@@ -96,7 +96,7 @@ class _Inbox:
         self._arrived = asyncio.Event()
         self.ended = False
         self._question: _Question | None = None
-        self._asked: _Question | None = None
+        self._next_question: _Question | None = None
         self._pose: _Pose | None = None
         self._dropped: pb.DroppedPoses | None = None
         self._last = -math.inf
@@ -141,8 +141,8 @@ class _Inbox:
         return True
 
     def take_question(self) -> _Question | None:
-        asked, self._asked = self._asked, None
-        return asked
+        question, self._next_question = self._next_question, None
+        return question
 
     def take_pose(self) -> tuple[_Pose | None, pb.DroppedPoses | None]:
         """Returns the newest pose and the range of poses that it replaced."""
@@ -167,7 +167,7 @@ class _Inbox:
                 field="question.heartbeat_s",
                 limit=f"{_SHORTEST_HEARTBEAT_S:g} to {_LONGEST_HEARTBEAT_S:g} s",
             )
-        self._question = self._asked = _Question(self.number + 1, query, beat)
+        self._question = self._next_question = _Question(self.number + 1, query, beat)
 
     def _take_in_pose(self, pose: pb.StreamPose) -> None:
         if self._question is None:
@@ -207,7 +207,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     query = _seen_from(pose.question.query, pose.camera)
     started = time.perf_counter()
 
-    def asked() -> list[pb.QueryResponse]:
+    def messages() -> list[pb.QueryResponse]:
         try:
             answers = service.answers.query(query, pose.question.ranking).answers
             return [message for answer in answers for message in messages_of(answer)]
@@ -215,7 +215,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
             error.field = error.field.replace("cameras[0]", "pose.camera")
             raise
 
-    work = asyncio.ensure_future(threads.answer(asked, background="mask2d" in query.outputs))
+    work = asyncio.ensure_future(threads.answer(messages, background="mask2d" in query.outputs))
     try:
         while not work.done():
             await asyncio.wait((work,), timeout=pose.question.heartbeat_s)

@@ -106,7 +106,7 @@ class _Route:
 
     def __init__(self, context: RouteContext) -> None:
         methods = context.methods
-        self._fits = (context if _own(context) else cast(Any, context.route)).path_regex.match
+        self._fits = (context if _is_api_route(context) else cast(Any, context.route)).path_regex.match
         self._methods = frozenset(methods) if methods is not None else None
         self.names = {method: route_name(context, method) for method in methods or ()}
         self.name = route_name(context, "")
@@ -116,5 +116,5 @@ class _Route:
         return (self._methods is None or method in self._methods) and self._fits(path) is not None
 
 
-def _own(context: RouteContext) -> bool:
+def _is_api_route(context: RouteContext) -> bool:
     return isinstance(context.original_route, APIRoute) or context.original_route is not context.route

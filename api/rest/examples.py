@@ -67,7 +67,7 @@ def add_examples(document: dict[str, Any]) -> None:
         for errors in PROBLEMS.values()
         for name, error in errors.items()
     }
-    for operation in (one for methods in document["paths"].values() for one in methods.values()):
+    for operation in (operation for methods in document["paths"].values() for operation in methods.values()):
         for parameter in operation.get("parameters", ()):
             name = parameter["name"]
             parameter["example"] = PARAMETERS.get(f"{operation['operationId']} {name}", PARAMETERS.get(name))

@@ -49,14 +49,14 @@ class OuterLayer:
             nonlocal status
             if message["type"] == "http.response.start":
                 status = message["status"]
-                own = MutableHeaders(scope=message)
-                own["X-Request-Id"] = request_id
-                own["X-Content-Type-Options"] = "nosniff"
-                own["Referrer-Policy"] = "no-referrer"
+                response_headers = MutableHeaders(scope=message)
+                response_headers["X-Request-Id"] = request_id
+                response_headers["X-Content-Type-Options"] = "nosniff"
+                response_headers["Referrer-Policy"] = "no-referrer"
                 if scope["scheme"] == "https":
-                    own["Strict-Transport-Security"] = "max-age=31536000"
+                    response_headers["Strict-Transport-Security"] = "max-age=31536000"
                 if ambiguity is not None:
-                    own["Connection"] = "close"
+                    response_headers["Connection"] = "close"
             await send(message)
 
         is_upload = _UPLOADS.fullmatch(f"{scope['method']} {scope['path']}") is not None

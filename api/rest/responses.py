@@ -36,8 +36,8 @@ UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy tha
 
 def file_response(*media_types: str, description: str) -> dict[int | str, dict[str, Any]]:
     """Builds the OpenAPI response of a route that answers with a file."""
-    of_json, other = {"type": "object"}, {"type": "string", "format": "binary"}
-    content = {kind: {"schema": of_json if kind == "application/json" else other} for kind in media_types}
+    of_json, of_bytes = {"type": "object"}, {"type": "string", "format": "binary"}
+    content = {kind: {"schema": of_json if kind == "application/json" else of_bytes} for kind in media_types}
     return {200: {"content": content, "description": description}}
 
 

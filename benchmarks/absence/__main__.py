@@ -74,9 +74,9 @@ def answer_cases(
         ValueError: the encoder is not calibrated.
     """
     answered = []
-    for labels, asked in groupby(cases, key=lambda case: case.labels):
+    for labels, group in groupby(cases, key=lambda case: case.labels):
         index = SceneIndex(_scene_of(labels, encoder, settings), encoder, settings, lexicon=lexicon)
-        for case in asked:
+        for case in group:
             (answer,) = index.ask([case.question])
             answered.append(_answered(case, answer))
     return answered
@@ -84,30 +84,30 @@ def answer_cases(
 
 def figures(answered: Sequence[_Answered]) -> dict[str, float]:
     """The figures of the module's description over these answers."""
-    present = [each for each in answered if each.case.answers]
-    absent = [each for each in answered if not each.case.answers]
-    right = np.array([each.first in each.case.answers for each in answered], dtype=np.float64)
+    present = [row for row in answered if row.case.answers]
+    absent = [row for row in answered if not row.case.answers]
+    right = np.array([row.first in row.case.answers for row in answered], dtype=np.float64)
     listed = listed_keys()
-    unlisted = [each.right for each in present if label_key(each.case.question) not in listed]
+    unlisted = [row.right for row in present if label_key(row.case.question) not in listed]
     return {
-        "found_and_named": float(np.mean([each.right for each in present])),
+        "found_and_named": float(np.mean([row.right for row in present])),
         "found_and_named_unlisted": float(np.mean(unlisted)) if unlisted else 0.0,
-        "rightly_absent": float(np.mean([each.right for each in absent])),
+        "rightly_absent": float(np.mean([row.right for row in absent])),
         "auroc": auroc(np.array([e.presence for e in present]), np.array([e.presence for e in absent])),
-        "leading_ece": calibration_error(np.array([each.probability for each in answered]), right),
-        "label_sets_covered_present": float(np.mean([each.covered for each in present])),
-        "label_sets_covered_absent": float(np.mean([each.covered for each in absent])),
-        "undecided": float(np.mean([each.undecided for each in answered])),
-        "label_sets_size": float(np.mean([len([name for name in each.label_set if name]) for each in answered])),
-    } | {kind: float(np.mean([each.right for each in answered if each.case.list == kind])) for kind in PRESENT + ABSENT}
+        "leading_ece": calibration_error(np.array([row.probability for row in answered]), right),
+        "label_sets_covered_present": float(np.mean([row.covered for row in present])),
+        "label_sets_covered_absent": float(np.mean([row.covered for row in absent])),
+        "undecided": float(np.mean([row.undecided for row in answered])),
+        "label_sets_size": float(np.mean([len([name for name in row.label_set if name]) for row in answered])),
+    } | {kind: float(np.mean([row.right for row in answered if row.case.list == kind])) for kind in PRESENT + ABSENT}
 
 
 def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[float, float]]:
     """95 % interval of each figure, over draws of whole dictionaries: questions to one are not independent."""
-    by_scene = [list(group) for _, group in groupby(answered, key=lambda each: each.case.scene)]
+    by_scene = [list(group) for _, group in groupby(answered, key=lambda row: row.case.scene)]
     rng = np.random.default_rng(seed)
     draws = [
-        figures([each for place in rng.integers(len(by_scene), size=len(by_scene)) for each in by_scene[place]])
+        figures([row for place in rng.integers(len(by_scene), size=len(by_scene)) for row in by_scene[place]])
         for _ in range(_DRAWS)
     ]
 
@@ -181,16 +181,16 @@ def main() -> None:
     encoder = open_text_encoder(arguments.encoder, arguments.models)
     lexicon = open_lexicon(arguments.lexicon, arguments.models) if arguments.lexicon else None
     answered = answer_cases(cases, encoder, QuerySettings(), lexicon)
-    if lexicon is not None and any(each.method != "lexicon" for each in answered):
+    if lexicon is not None and any(row.method != "lexicon" for row in answered):
         raise SystemExit("this encoder was not measured with this lexicon: run benchmarks.calibration.calibrate first")
     values, bounds = figures(answered), intervals(answered)
     for name, value in values.items():
         print(f"{name:20} {value:.3f}  [{bounds[name][0]:.3f}, {bounds[name][1]:.3f}]")
     if arguments.misses:
-        for each in answered:
-            if not each.right:
-                said = "absent" if each.absent else each.first
-                print(f"{each.case.scene}, {each.case.list}: {each.case.question!r} -> {said} ({each.probability:.2f})")
+        for row in answered:
+            if not row.right:
+                said = "absent" if row.absent else row.first
+                print(f"{row.case.scene}, {row.case.list}: {row.case.question!r} -> {said} ({row.probability:.2f})")
     chosen = "calibration: on benchmarks/calibration, which shares no question; these were read at every step"
     document = {
         "encoder": arguments.encoder,

@@ -70,19 +70,19 @@ def content_words(question: str) -> tuple[str, ...]:
     return tuple(label_key(word) for word in question.lower().split() if word not in _LITTLE_WORDS)
 
 
-def said_alike(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
+def said_alike(left: tuple[str, ...], right: tuple[str, ...]) -> bool:
     """Whether two questions, by their `content_words`, are one with a word more or less. Of two words the order counts:
     a soap dish is no dish soap. Words that stand alone are compared by their keys."""
-    if min(len(one), len(other)) < 3:
-        return len(one) > 1 and one == other
-    first, second = set(one), set(other)
+    if min(len(left), len(right)) < 3:
+        return len(left) > 1 and left == right
+    first, second = set(left), set(right)
     return len(first & second) >= _SIMILAR * len(first | second)
 
 
 def calibrating_keys() -> set[str]:
     """Keys of every question that thresholds or weights are fitted to."""
     keys = {label_key(pair.query) for pair in read_pairs()}
-    keys |= {label_key(asked.query) for scene in read_scenes() for asked in scene.asked}
+    keys |= {label_key(question.query) for scene in read_scenes() for question in scene.questions}
     return keys | {label_key(case.question) for path in (FITTED, COMPOUNDS) for case in read_cases(path)}
 
 
@@ -109,7 +109,7 @@ def doubles(cases: list[Case]) -> Iterator[str]:
         if key in calibrating:
             yield f"{case.question!r} of {case.scene} calibrates"
         mine = content_words(case.question)
-        if any(said_alike(mine, other) for word in mine for other in by_word.get(word, ())):
+        if any(said_alike(mine, words) for word in mine for words in by_word.get(word, ())):
             yield f"{case.question!r} of {case.scene} calibrates in other words"
         names = [label_key(label) for label in case.labels]
         borne = (

@@ -108,13 +108,13 @@ async def ask_all(
     ):
         first = []
         for layout in rooms:
-            opened = await _asked(client, Question(layout.name, "find", layout.room.objects[0].name), layout, ids)
+            opened = await _ask(client, Question(layout.name, "find", layout.room.objects[0].name), layout, ids)
             first.append(opened.milliseconds)
-        answered = [await _asked(client, each, by_name[each.room], ids) for each in questions]
+        answered = [await _ask(client, question, by_name[question.room], ids) for question in questions]
     return answered, first
 
 
-async def _asked(client: McpClient, question: Question, layout: Layout, ids: Mapping[str, str]) -> Answered:
+async def _ask(client: McpClient, question: Question, layout: Layout, ids: Mapping[str, str]) -> Answered:
     begun = time.perf_counter()
     result = await client.call_tool(question.tool, {**question.arguments(), "scene": ids[question.room]})
     milliseconds = 1e3 * (time.perf_counter() - begun)
@@ -129,31 +129,31 @@ async def _asked(client: McpClient, question: Question, layout: Layout, ids: Map
 def figures(answered: Sequence[Answered]) -> dict[str, Any]:
     """The figures of the module's description, without `first_ms`."""
     return {
-        "right": share_right([each.right for each in answered]),
-        "by_tool": _grouped(answered, lambda each: each.question.tool),
-        "by_kind": _grouped(answered, lambda each: each.question.kind),
-        "absent_said": share_right([each.right for each in answered if each.question.kind == "absent"]),
+        "right": share_right([reply.right for reply in answered]),
+        "by_tool": _grouped(answered, lambda reply: reply.question.tool),
+        "by_kind": _grouped(answered, lambda reply: reply.question.kind),
+        "absent_said": share_right([reply.right for reply in answered if reply.question.kind == "absent"]),
         "absent_named_exact": sum(
-            each.question.kind == "absent" and each.said.get("outcome") == "here" for each in answered
+            reply.question.kind == "absent" and reply.said.get("outcome") == "here" for reply in answered
         ),
-        "intervals_true": share_right([bounded for each in answered for bounded in each.bounded]),
+        "intervals_true": share_right([bounded for reply in answered for bounded in reply.bounded]),
         **_latency(answered),
         "latency_by_tool": {
-            tool: _latency([each for each in answered if each.question.tool == tool])
-            for tool in sorted({each.question.tool for each in answered})
+            tool: _latency([reply for reply in answered if reply.question.tool == tool])
+            for tool in sorted({reply.question.tool for reply in answered})
         },
     }
 
 
 def _grouped(answered: Sequence[Answered], key: Callable[[Answered], str]) -> dict[str, dict[str, Any]]:
     groups: defaultdict[str, list[bool]] = defaultdict(list)
-    for each in answered:
-        groups[key(each)].append(each.right)
+    for reply in answered:
+        groups[key(reply)].append(reply.right)
     return {name: share_right(groups[name]) for name in sorted(groups)}
 
 
 def _latency(answered: Sequence[Answered]) -> dict[str, float]:
-    p50, p95 = np.percentile([each.milliseconds for each in answered], [50, 95])
+    p50, p95 = np.percentile([reply.milliseconds for reply in answered], [50, 95])
     return {"p50_ms": round(float(p50), 1), "p95_ms": round(float(p95), 1)}
 
 
@@ -173,16 +173,16 @@ def _main() -> None:
             headers = {"Authorization": f"Bearer {api.key}"}
             url = f"http://127.0.0.1:{api.http_port}/mcp"
             answered, first = asyncio.run(ask_all(url, headers, questions, rooms, ids))
-    for each in answered if options.misses else ():
-        if not each.right:
-            question = each.question
+    for reply in answered if options.misses else ():
+        if not reply.right:
+            question = reply.question
             print(f"{question.room}, {question.kind}: {question.text!r} {question.names} {question.objects}")
-            print(f"  but {each.error or dict(each.said)}")
+            print(f"  but {reply.error or dict(reply.said)}")
     document = {
         "encoder": settings.perception.text_encoder,
         "lexicon": settings.perception.lexicon if lexicon else "",
         **figures(answered),
-        "first_ms": [round(each, 1) for each in first],
+        "first_ms": [round(milliseconds, 1) for milliseconds in first],
     }
     for name in (
         "lexicon",

@@ -103,7 +103,7 @@ def is_right(question: Question, said: Mapping[str, Any], layout: Layout) -> boo
 def _questions(layout: Layout, kind: str, view: str, rest: str, number: int) -> Iterator[Question]:
     text, arrow, truth = (part.strip() for part in rest.partition("->"))
     if kind == "absent":
-        yield from (Question(layout.name, kind, each) for each in names_of(text))
+        yield from (Question(layout.name, kind, name) for name in names_of(text))
     elif kind in ("size", "distance"):
         keys = [key.strip() for key in text.split("|")]
         if len(keys) != 1 + (kind == "distance"):
@@ -125,8 +125,8 @@ def _questions(layout: Layout, kind: str, view: str, rest: str, number: int) -> 
 
 def _names_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
     """The label, and every object that bears it and none of another name than was said."""
-    answered = {each["id"] for each in said["objects"]}
-    named = {each["name"] for each in said["objects"]} <= {said["label"], *said["alternatives"]}
+    answered = {obj["id"] for obj in said["objects"]}
+    named = {obj["name"] for obj in said["objects"]} <= {said["label"], *said["alternatives"]}
     return (
         said["outcome"] not in _ABSENT
         and said["label"] in question.names
@@ -141,7 +141,7 @@ def _count_right(question: Question, said: Mapping[str, Any], layout: Layout) ->
 
 
 def _relation_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
-    answered = sorted(each["id"] for each in said["objects"])
+    answered = sorted(obj["id"] for obj in said["objects"])
     if question.objects is None:
         return bool(said["refusal"]) and not answered
     return not said["refusal"] and answered == list(question.objects)
@@ -149,7 +149,7 @@ def _relation_right(question: Question, said: Mapping[str, Any], layout: Layout)
 
 def _places_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
     assert question.objects is not None
-    places = {each["id"]: np.array(each["center"]) for each in said["places"]}
+    places = {place["id"]: np.array(place["center"]) for place in said["places"]}
     if sorted(places) != list(question.objects) or (said["outcome"] in _ABSENT) != (not places):
         return False
     off = [float(np.linalg.norm(layout.center(number) - place)) for number, place in places.items()]
@@ -162,9 +162,9 @@ def lengths(question: Question, said: Mapping[str, Any], layout: Layout) -> list
     if question.kind == "size":
         sides = sorted(said["sides"], key=lambda side: float(side["value"]))
         return list(zip(sides, layout.size(question.objects[0]).tolist(), strict=True))
-    one, other = question.objects
-    between = float(np.linalg.norm(layout.center(one) - layout.center(other)))
-    return [(said["distance"], layout.distance(one, other)), (said["center_distance"], between)]
+    first, second = question.objects
+    between = float(np.linalg.norm(layout.center(first) - layout.center(second)))
+    return [(said["distance"], layout.distance(first, second)), (said["center_distance"], between)]
 
 
 def _lengths_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:

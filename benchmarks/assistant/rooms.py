@@ -43,9 +43,9 @@ class Layout:
         low, high = _bounds(self.room.objects[number - 1].slabs)
         return np.sort(high - low)
 
-    def distance(self, one: int, other: int) -> float:
+    def distance(self, first: int, second: int) -> float:
         """Meters, the shortest way from the surface of an object to that of another."""
-        objects = self.room.objects[one - 1], self.room.objects[other - 1]
+        objects = self.room.objects[first - 1], self.room.objects[second - 1]
         return min(_apart(objects[0], a, objects[1], b) for a, b in product(objects[0].slabs, objects[1].slabs))
 
 
@@ -109,7 +109,7 @@ def _put(room: Room, name: str, slabs: tuple[Slab, ...], base: Triple, yaw: floa
 def _layout(name: str, room: Room, seed: int) -> Layout:
     ids: dict[str, int] = {}
     for number, obj in enumerate(room.objects, start=1):
-        same = sum(other.name == obj.name for other in room.objects[:number])
+        same = sum(previous.name == obj.name for previous in room.objects[:number])
         ids[obj.name if same == 1 else f"{obj.name} {same}"] = number
     return Layout(name, room, drawn_frame(np.random.default_rng(seed)), ids)
 
@@ -130,11 +130,11 @@ def _into(pose: F64, point: F64) -> F64:
     return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
 
 
-def _apart(obj: Placed, slab: Slab, other: Placed, other_slab: Slab) -> float:
+def _apart(obj: Placed, slab: Slab, other_obj: Placed, other_slab: Slab) -> float:
     """Distance of two cuboids: the least of a convex square over the places in both."""
     ends = [
         (_into(_pose(whole), np.array(part.low)), _pose(whole)[:3, :3] * np.subtract(part.high, part.low))
-        for whole, part in ((obj, slab), (other, other_slab))
+        for whole, part in ((obj, slab), (other_obj, other_slab))
     ]
     (start, edges), (other_start, other_edges) = ends
     map_to_offset = np.hstack([edges, -other_edges])

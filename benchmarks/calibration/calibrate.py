@@ -115,10 +115,10 @@ def ask_scenes(
     name: Score, cache: TextCache, negatives: NDArray[np.float32], scenes: Sequence[Questions] | None = None
 ) -> list[ScoredQuestion]:
     """Every question of the scenes, by default those of `scenes.txt`, with its scores; `negatives` are embedded."""
-    asked = read_scenes() if scenes is None else scenes
+    question_sets = read_scenes() if scenes is None else scenes
     return [
         question
-        for number, (scene, part) in enumerate(zip(asked, _parts(asked), strict=True))
+        for number, (scene, part) in enumerate(zip(question_sets, _parts(question_sets), strict=True))
         for question in _ask(name, number, part, scene, cache, negatives)
     ]
 
@@ -245,8 +245,8 @@ def _listed(scored: Sequence[ScoredQuestion], calibration: ScoreCalibration, sha
         id(question): related_rows(question.scores, entry_probability(question.scores, calibration), calibration, share)
         for question in scored
     }
-    shown = [(row, question) for question in present for row in np.flatnonzero(lists[id(question)]).tolist()]
-    welcome = sum(row in question.first or row in question.also for row, question in shown)
+    pairs = [(row, question) for question in present for row in np.flatnonzero(lists[id(question)]).tolist()]
+    welcome = sum(row in question.first or row in question.also for row, question in pairs)
     acceptable_rows = sum(len(question.first) for question in present)
     hit = sum(bool(lists[id(question)][row]) for question in present for row in question.first)
     best = np.array([question.scores.max() for question in present])
@@ -258,9 +258,9 @@ def _listed(scored: Sequence[ScoredQuestion], calibration: ScoreCalibration, sha
             f"/{len(present)}",
             "rightly_absent": f"{sum(not lists[id(question)].any() for question in absent)}/{len(absent)}",
             "auroc_present_against_absent": round(auroc(best, best_absent), 4),
-            "precision": round(welcome / max(len(shown), 1), 4),
+            "precision": round(welcome / max(len(pairs), 1), 4),
             "recall": round(hit / acceptable_rows, 4),
-            "entries_an_answer": round(len(shown) / len(present), 2),
+            "entries_an_answer": round(len(pairs) / len(present), 2),
         }
     }
 
@@ -294,7 +294,7 @@ def _pair_figures(pairs: Sequence[Pair], values: F64, calibration: ScoreCalibrat
 def _ask(
     name: Score, number: int, part: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]
 ) -> list[ScoredQuestion]:
-    texts = [question.query for question in scene.asked]
+    texts = [question.query for question in scene.questions]
     matches = [NameIndex(dictionary_of(scene.labels)).match(text) for text in texts]
     rows = _scores(name, cache, scene.labels, texts, matches, negatives)
     return [
@@ -309,7 +309,7 @@ def _ask(
             tuple(scene.labels.index(answer) for answer in question.also),
             bool(match.exact),
         )
-        for question, match, row in zip(scene.asked, matches, rows, strict=True)
+        for question, match, row in zip(scene.questions, matches, rows, strict=True)
     ]
 
 

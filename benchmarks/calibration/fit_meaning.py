@@ -57,7 +57,7 @@ _SHOWN_FROM = 0.5
 
 
 @dataclass(frozen=True)
-class Asked:
+class LabelQuestion:
     """One question to one dictionary, with the features of its labels.
 
     Attributes:
@@ -124,15 +124,15 @@ def fit_meaning(
         templates: of the cache.
         report: gets a line for each candidate.
     """
-    asked = questions(lexicon, TextCaches(cache, cache))
+    examples = questions(lexicon, TextCaches(cache, cache))
     results = []
     for units, ridge in _CANDIDATES:
-        logits = _out_of_fold(asked, units, ridge)
-        likelihood = _likelihood(asked, logits)
+        logits = _out_of_fold(examples, units, ridge)
+        likelihood = _likelihood(examples, logits)
         report(f"{units} units, ridge {ridge:g}: {likelihood:.4f} bits a question")
         results.append((likelihood, units, ridge, logits))
     _, units, ridge, logits = min(results, key=lambda result: result[0])
-    net = fit_net(asked, units, ridge)
+    net = fit_net(examples, units, ridge)
     model = MeaningModel(
         templates=tuple(templates),
         date=datetime.date.today().isoformat(),
@@ -144,12 +144,12 @@ def fit_meaning(
         hidden_offset=_rounded(net.hidden_offset),
         output=_rounded(net.output),
         offset=round(net.offset, 4),
-        **_probabilities(asked, logits),
+        **_probabilities(examples, logits),
         scenes=Nonconformities(),
         figures={},
     )
-    model = model.model_copy(update={"scenes": _conformal(asked, logits, model)})
-    return model.model_copy(update={"figures": {"units": units, "ridge": ridge} | judge(asked, logits, model)})
+    model = model.model_copy(update={"scenes": _conformal(examples, logits, model)})
+    return model.model_copy(update={"figures": {"units": units, "ridge": ridge} | judge(examples, logits, model)})
 
 
 def compare_templates(
@@ -166,33 +166,35 @@ def compare_templates(
     units, ridge = _CANDIDATES[0]
     definitions = TextCache(encoder, ("{}",), _CACHED_TEXTS)
     for templates in candidates:
-        asked = questions(lexicon, TextCaches(TextCache(encoder, templates, _CACHED_TEXTS), definitions))
-        logits = _out_of_fold(asked, units, ridge)
-        present = np.array([each.right.any() for each in asked])
-        first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
+        examples = questions(lexicon, TextCaches(TextCache(encoder, templates, _CACHED_TEXTS), definitions))
+        logits = _out_of_fold(examples, units, ridge)
+        present = np.array([example.right.any() for example in examples])
+        first = np.array([example.right[int(z.argmax())] for example, z in zip(examples, logits, strict=True)])
         odds = np.array([summed_odds(z) for z in logits])
-        shown = odds >= equal_loss(odds[present], odds[~present])
+        positive = odds >= equal_loss(odds[present], odds[~present])
         figures = {
             "templates": templates,
-            "bits": round(_likelihood(asked, logits), 4),
+            "bits": round(_likelihood(examples, logits), 4),
             "first_right": round(float(first[present].mean()), 4),
-            "found_and_named_at_equal_loss": round(float((shown & first)[present].mean()), 4),
+            "found_and_named_at_equal_loss": round(float((positive & first)[present].mean()), 4),
             "auroc": round(auroc(odds[present], odds[~present]), 4),
         }
         report(json.dumps(figures))
 
 
-def questions(lexicon: Lexicon, caches: TextCaches) -> list[Asked]:
+def questions(lexicon: Lexicon, caches: TextCaches) -> list[LabelQuestion]:
     """The questions that may be fitted to, without those that a name decides."""
     whole = [
-        (scene.name, scene.labels, "scenes", q.query, q.answers, q.also) for scene in read_scenes() for q in scene.asked
+        (scene.name, scene.labels, "scenes", q.query, q.answers, q.also)
+        for scene in read_scenes()
+        for q in scene.questions
     ]
     whole += [
         (case.scene, case.labels, case.list, case.question, case.answers, ())
         for path in (FITTED, COMPOUNDS)
         for case in read_cases(path)
     ]
-    asked: list[Asked] = []
+    examples: list[LabelQuestion] = []
     dictionaries = [labels for (_, labels), _ in groupby(whole, key=lambda row: row[:2])]
     groups, folds = twin_groups(dictionaries), folds_of(dictionaries, _FOLDS)
     for number, ((_, labels), rows) in enumerate(groupby(whole, key=lambda row: row[:2])):
@@ -206,17 +208,17 @@ def questions(lexicon: Lexicon, caches: TextCaches) -> list[Asked]:
             similarity = text_similarity([text], [match], embedded, caches.texts)[0]
             base = meanings.compare(text, match, similarity).columns
             right, beside = (np.array([label in these for label in labels]) for these in (answers, also))
-            asked.append(Asked(number, groups[number], folds[number], kind, base, right, ~beside))
-    return asked
+            examples.append(LabelQuestion(number, groups[number], folds[number], kind, base, right, ~beside))
+    return examples
 
 
-def fit_net(asked: Sequence[Asked], units: int, ridge: float) -> _Net:
+def fit_net(examples: Sequence[LabelQuestion], units: int, ridge: float) -> _Net:
     """The model that makes these judgements likeliest, by L-BFGS from a fixed start: the same in every run.
 
     The loss is the entries' cross-entropy, plus that of "anything answers" by the summed odds, plus that of the right
     entries among all by softmax, plus the ridge.
     """
-    rows, mean, scale = _rows(asked)
+    rows, mean, scale = _rows(examples)
     width = rows.features.shape[1]
     rng = np.random.default_rng(0)
     start = np.concatenate(
@@ -265,16 +267,16 @@ def fit_net(asked: Sequence[Asked], units: int, ridge: float) -> _Net:
     return _Net(mean, scale, *unpacked(optimum.x))
 
 
-def _rows(asked: Sequence[Asked]) -> tuple[_Rows, F64, F64]:
+def _rows(examples: Sequence[LabelQuestion]) -> tuple[_Rows, F64, F64]:
     features, right, weight, share, sizes = [], [], [], [], []
-    for each in asked:
-        wrong = each.judged & ~each.right
-        parts = [(each.judged, 1.0)]
-        if each.right.any() and wrong.sum() >= 3:
+    for example in examples:
+        wrong = example.judged & ~example.right
+        parts = [(example.judged, 1.0)]
+        if example.right.any() and wrong.sum() >= 3:
             parts.append((wrong, _WITHOUT_ANSWER))
         for there, mass in parts:  # leads are within the labels that are there
-            features.append(expanded(each.base[there]))
-            right.append(each.right[there].astype(np.float64))
+            features.append(expanded(example.base[there]))
+            right.append(example.right[there].astype(np.float64))
             weight.append(np.full(int(there.sum()), mass))
             share.append(mass)
             sizes.append(int(there.sum()))
@@ -287,33 +289,33 @@ def _rows(asked: Sequence[Asked]) -> tuple[_Rows, F64, F64]:
     return rows, mean, scale
 
 
-def _out_of_fold(asked: Sequence[Asked], units: int, ridge: float) -> list[F64]:
+def _out_of_fold(examples: Sequence[LabelQuestion], units: int, ridge: float) -> list[F64]:
     """The logits of each question by a model that has not seen its dictionary."""
-    logits: list[F64] = [np.zeros(0)] * len(asked)
+    logits: list[F64] = [np.zeros(0)] * len(examples)
     for fold in range(_FOLDS):
-        net = fit_net([each for each in asked if each.fold != fold], units, ridge)
-        for place, each in enumerate(asked):
-            if each.fold == fold:
-                logits[place] = net.logits(each.base)
+        net = fit_net([example for example in examples if example.fold != fold], units, ridge)
+        for place, example in enumerate(examples):
+            if example.fold == fold:
+                logits[place] = net.logits(example.base)
     return logits
 
 
-def _likelihood(asked: Sequence[Asked], logits: Sequence[F64]) -> float:
+def _likelihood(examples: Sequence[LabelQuestion], logits: Sequence[F64]) -> float:
     """Bits a question by which the odds Σ exp(logits) : 1 miss what is true: the right labels, or nothing."""
     bits = []
-    for each, z in zip(asked, logits, strict=True):
-        rows = each.judged
+    for example, z in zip(examples, logits, strict=True):
+        rows = example.judged
         whole = np.logaddexp(0.0, summed_odds(z[rows]))
-        bits.append(whole - (summed_odds(z[each.right]) if each.right.any() else 0.0))
+        bits.append(whole - (summed_odds(z[example.right]) if example.right.any() else 0.0))
     return float(np.mean(bits) / np.log(2.0))
 
 
-def _probabilities(asked: Sequence[Asked], logits: Sequence[F64]) -> dict[str, Any]:
+def _probabilities(examples: Sequence[LabelQuestion], logits: Sequence[F64]) -> dict[str, Any]:
     """Platt's scaling of the leading label and of the presence, and the presence from which on a label is shown."""
-    usual = [(each, z) for each, z in zip(asked, logits, strict=True) if each.kind in _USUAL]
-    asked, logits = [each for each, _ in usual], [z for _, z in usual]
-    present = np.array([each.right.any() for each in asked])
-    first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
+    usual = [(example, z) for example, z in zip(examples, logits, strict=True) if example.kind in _USUAL]
+    examples, logits = [example for example, _ in usual], [z for _, z in usual]
+    present = np.array([example.right.any() for example in examples])
+    first = np.array([example.right[int(z.argmax())] for example, z in zip(examples, logits, strict=True)])
     weights = balanced(present)
     entry = _platt(np.array([z.max() for z in logits]), first, weights)
     here = _platt(np.array([summed_odds(z) for z in logits]), present, weights)
@@ -322,7 +324,7 @@ def _probabilities(asked: Sequence[Asked], logits: Sequence[F64]) -> dict[str, A
         [here.score * summed_odds(z) + here.offset for z in logits],
     )
     apart = equal_loss(presence[present], presence[~present])  # of log-odds: 0 but for what the fit leaves
-    moved = [each.model_copy(update={"offset": round(each.offset - apart, 4)}) for each in (entry, here)]
+    moved = [scaling.model_copy(update={"offset": round(scaling.offset - apart, 4)}) for scaling in (entry, here)]
     return {"entry": moved[0], "present": moved[1], "related": _SHOWN_FROM}
 
 
@@ -332,20 +334,20 @@ def _platt(scores: F64, truth: NDArray[np.bool_], weights: F64) -> Logistic:
 
 
 def _conformal(
-    asked: Sequence[Asked], logits: Sequence[F64], model: MeaningModel, without: int | None = None
+    examples: Sequence[LabelQuestion], logits: Sequence[F64], model: MeaningModel, without: int | None = None
 ) -> Nonconformities:
     """By dictionary of `lists.txt` and `compounds.txt`, whose questions are the harder ones, the nonconformity of each
     question's best acceptable answer; without those of the group `without`."""
     present: dict[int, list[float]] = {}
     absent: dict[int, list[float]] = {}
-    for each, z in zip(asked, logits, strict=True):
-        if each.kind == "scenes" or each.group == without:
+    for example, z in zip(examples, logits, strict=True):
+        if example.kind == "scenes" or example.group == without:
             continue
         values = _nonconformities(z, model)
-        if each.right.any():
-            present.setdefault(each.dictionary, []).append(round(float(values[1:][each.right].min()), 4))
+        if example.right.any():
+            present.setdefault(example.dictionary, []).append(round(float(values[1:][example.right].min()), 4))
         else:
-            absent.setdefault(each.dictionary, []).append(round(float(values[0]), 4))
+            absent.setdefault(example.dictionary, []).append(round(float(values[0]), 4))
     return Nonconformities(present=tuple(map(tuple, present.values())), absent=tuple(map(tuple, absent.values())))
 
 
@@ -354,33 +356,36 @@ def _nonconformities(logits: F64, model: MeaningModel) -> F64:
     return candidates(likely, model.presence(logits, likely))
 
 
-def judge(asked: Sequence[Asked], logits: Sequence[F64], model: MeaningModel) -> dict[str, Any]:
+def judge(examples: Sequence[LabelQuestion], logits: Sequence[F64], model: MeaningModel) -> dict[str, Any]:
     """Figures of the cross-validation, of all lists and each; label sets by bounds without the dictionary's twins."""
-    present = np.array([each.right.any() for each in asked])
-    first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
+    present = np.array([example.right.any() for example in examples])
+    first = np.array([example.right[int(z.argmax())] for example, z in zip(examples, logits, strict=True)])
     likely = [model.likely(z) for z in logits]
     presence = np.array([model.presence(z, p) for z, p in zip(logits, likely, strict=True)])
     weights = balanced(present)
-    shown = presence >= model.related
-    right = np.where(present, shown & first, ~shown)
-    bounds = {group: _conformal(asked, logits, model, group).bounds(0.9) for group in {each.group for each in asked}}
+    positive = presence >= model.related
+    right = np.where(present, positive & first, ~positive)
+    bounds = {
+        group: _conformal(examples, logits, model, group).bounds(0.9)
+        for group in {example.group for example in examples}
+    }
     covered: dict[bool, list[bool]] = {True: [], False: []}
     sizes = []
-    for each, z in zip(asked, logits, strict=True):
-        if each.kind == "scenes":
+    for example, z in zip(examples, logits, strict=True):
+        if example.kind == "scenes":
             continue
-        members = label_set(_nonconformities(z, model), bounds[each.group])
-        truth = set((np.flatnonzero(each.right) + 1).tolist()) or {0}
-        covered[bool(each.right.any())].append(bool(truth & set(members)))
+        members = label_set(_nonconformities(z, model), bounds[example.group])
+        truth = set((np.flatnonzero(example.right) + 1).tolist()) or {0}
+        covered[bool(example.right.any())].append(bool(truth & set(members)))
         sizes.append(sum(label_id > 0 for label_id in members))
-    kinds = np.array([each.kind for each in asked])
+    kinds = np.array([example.kind for example in examples])
     usual = np.isin(kinds, _USUAL)
     figures = {
-        "dictionaries": len({each.dictionary for each in asked}),
-        "groups": len({each.group for each in asked}),
-        "questions": len(asked),
-        "found": float(shown[present].mean()),
-        "usual_found": float(shown[present & usual].mean()),
+        "dictionaries": len({example.dictionary for example in examples}),
+        "groups": len({example.group for example in examples}),
+        "questions": len(examples),
+        "found": float(positive[present].mean()),
+        "usual_found": float(positive[present & usual].mean()),
         "usual_found_and_named": float(right[present & usual].mean()),
         "usual_rightly_absent": float(right[~present & usual].mean()),
         "found_and_named": float(right[present].mean()),

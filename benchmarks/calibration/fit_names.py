@@ -94,9 +94,9 @@ def main() -> None:
     parser.add_argument("--dry-run", action="store_true", help="Write nothing but that.")
     options = parser.parse_args()
     start, settings = begin(), load_settings()
-    objects = [obj for folder in options.folders for obj in _kept(folder, settings, options.keep)]
+    objects = [obj for folder in options.folders for obj in _stored_objects(folder, settings, options.keep)]
     named, found = [obj for obj in objects if obj.name], found_names(objects)
-    for obj in sorted(named, key=lambda one: -one.evidence):
+    for obj in sorted(named, key=lambda obj: -obj.evidence):
         print(f"{obj.evidence:.2f} {'right' if obj.right else 'WRONG'} {obj.group}: {obj.label} is {obj.name}")
     model = fitted(named, settings.perception.closed_set_detector)
     rows = left_out(named)
@@ -108,12 +108,12 @@ def main() -> None:
         write_json(RESULTS / "names.json", {"rows": rows, "objects": len(named), **about})
 
 
-def _kept(folder: Path, settings: Settings, keep: Path | None) -> list[Named]:
+def _stored_objects(folder: Path, settings: Settings, keep: Path | None) -> list[Named]:
     if keep is None:
         return named_objects(folder, settings)
     stored = keep / f"{folder.name}.json"
     if not stored.is_file():
-        stored.write_text(json.dumps([vars(each) for each in named_objects(folder, settings)]))
+        stored.write_text(json.dumps([vars(obj) for obj in named_objects(folder, settings)]))
     return [Named(**row) for row in json.loads(stored.read_text())]
 
 
@@ -126,7 +126,7 @@ def named_objects(folder: Path, settings: Settings) -> list[Named]:
     key = "instance_path" if document.get("instances") else "mask_path"
     maps = [np.asarray(Image.open(folder / frame[key])).astype(np.int64) for frame in frames]
     posed = [PosedCamera(camera, np.eye(4), frame["file_path"]) for frame in frames]  # poses count for nothing here
-    views = tuple(View(each, folder / each.name) for each in posed)
+    views = tuple(View(posed_camera, folder / posed_camera.name) for posed_camera in posed)
     none = np.zeros((0, 3))
     capture = Capture(
         views, none.astype(np.float32), none.astype(np.uint8), "METRIC", CaptureReport("images", len(views))
@@ -135,12 +135,12 @@ def named_objects(folder: Path, settings: Settings) -> list[Named]:
     names = [entry.label for entry in labelling.dictionary.entries]
     scores = mean_scores(maps, labelling.regions, len(labels), len(names))
     evidence = name_evidence(scores)
-    shown = np.max([np.bincount(each.ravel(), minlength=len(labels) + 1) for each in maps], axis=0)[1:] >= _LEAST_PX
+    visible = np.max([np.bincount(ids.ravel(), minlength=len(labels) + 1) for ids in maps], axis=0)[1:] >= _LEAST_PX
     called = [names[best - 1] if best else "" for best in (evidence.argmax(axis=1) * evidence.any(axis=1)).tolist()]
     return [
         Named(folder.name, label, name, float(evidence[row].max()), is_right(label, name))
         for row, (label, name) in enumerate(zip(labels, called, strict=True))
-        if shown[row]
+        if visible[row]
     ]
 
 
@@ -153,18 +153,19 @@ def mean_scores(maps: Sequence[NDArray[np.int64]], regions: Sequence[Regions], o
         objects: T.
         names: N.
     """
-    area = np.array([np.bincount(each.ravel(), minlength=objects + 1)[1 : objects + 1] for each in maps])
-    usual = [np.median(own[own >= _LEAST_PX]) if (own >= _LEAST_PX).any() else np.inf for own in area.T]
+    area = np.array([np.bincount(ids.ravel(), minlength=objects + 1)[1 : objects + 1] for ids in maps])
+    usual = [np.median(areas[areas >= _LEAST_PX]) if (areas >= _LEAST_PX).any() else np.inf for areas in area.T]
     able = ((area >= _LEAST_PX) & (area >= _MOST_SHOWN * np.array(usual))).sum(axis=0)
     scores = np.zeros((objects, names + 1))
-    for ids, own, shown in zip(maps, regions, area, strict=True):
+    for ids, photo_regions, photo_areas in zip(maps, regions, area, strict=True):
         best = np.zeros_like(scores)
         pairs = np.bincount(
-            (own.ids.astype(np.int64) * (objects + 1) + ids).ravel(), minlength=(len(own.votes) + 1) * (objects + 1)
+            (photo_regions.ids.astype(np.int64) * (objects + 1) + ids).ravel(),
+            minlength=(len(photo_regions.votes) + 1) * (objects + 1),
         ).reshape(-1, objects + 1)
-        for number, votes in enumerate(own.votes, start=1):
+        for number, votes in enumerate(photo_regions.votes, start=1):
             common = pairs[number, 1:]
-            overlap = common / np.maximum(pairs[number].sum() + shown - common, 1)
+            overlap = common / np.maximum(pairs[number].sum() + photo_areas - common, 1)
             obj = int(overlap.argmax())
             if overlap[obj] >= NAME_OVERLAP:
                 for label, score in votes:
@@ -199,8 +200,8 @@ def fitted(named: Sequence[Named], detector: str) -> NameModel:
         factor=round(factor, 3),
         offset=round(offset, 3),
         categories={
-            name: NameCategory(offset=round(own, 3), objects=len(counted[name]), right=sum(counted[name]))
-            for name, own in zip(names, offsets, strict=True)
+            name: NameCategory(offset=round(name_offset, 3), objects=len(counted[name]), right=sum(counted[name]))
+            for name, name_offset in zip(names, offsets, strict=True)
         },
     )
 
@@ -211,7 +212,7 @@ def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
     predicted = np.zeros(len(named))
     kinds = np.array([obj.group.split("-")[0] for obj in named])
     for kind in set(kinds.tolist()):
-        model = fitted([obj for obj, own in zip(named, kinds, strict=True) if own != kind], "")
+        model = fitted([obj for obj, obj_kind in zip(named, kinds, strict=True) if obj_kind != kind], "")
         for row in np.flatnonzero(kinds == kind):
             predicted[row] = model.probability(np.array([[named[row].evidence]]), [named[row].name])[0, 0]
     right = np.array([obj.right for obj in named])
@@ -243,7 +244,7 @@ def _fit(named: Sequence[Named], names: Sequence[str]) -> list[float]:
         return float((weight * np.logaddexp(0.0, -sign * predicted)).sum() + _RIDGE / 2 * (factors[2:] ** 2).sum())
 
     optimum = minimize(loss, np.zeros(2 + len(names)), method="L-BFGS-B")
-    return [float(each) for each in optimum.x]
+    return [float(factor) for factor in optimum.x]
 
 
 if __name__ == "__main__":

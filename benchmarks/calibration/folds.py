@@ -16,10 +16,10 @@ def twin_groups(dictionaries: Sequence[Sequence[str]]) -> list[int]:
     labels = [{label_key(label) for label in dictionary} for dictionary in dictionaries]
     group = list(range(len(labels)))
     for place, mine in enumerate(labels):
-        for other in range(place):
-            if len(mine & labels[other]) > _SHARED * min(len(mine), len(labels[other])):
-                joined, kept = sorted((group[place], group[other]), reverse=True)
-                group = [kept if number == joined else number for number in group]
+        for other_place in range(place):
+            if len(mine & labels[other_place]) > _SHARED * min(len(mine), len(labels[other_place])):
+                joined, target = sorted((group[place], group[other_place]), reverse=True)
+                group = [target if number == joined else number for number in group]
     return group
 
 
@@ -29,7 +29,7 @@ def folds_of(dictionaries: Sequence[Sequence[str]], count: int) -> list[int]:
     groups = twin_groups(dictionaries)
     sizes = [0] * count
     fold_of_group: dict[int, int] = {}
-    for group in sorted(set(groups), key=lambda each: (-groups.count(each), each)):
+    for group in sorted(set(groups), key=lambda group: (-groups.count(group), group)):
         fold_of_group[group] = sizes.index(min(sizes))
         sizes[fold_of_group[group]] += groups.count(group)
     return [fold_of_group[group] for group in groups]

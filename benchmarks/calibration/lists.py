@@ -34,7 +34,7 @@ class Questions:
 
     name: str
     labels: tuple[str, ...]
-    asked: tuple[Question, ...]
+    questions: tuple[Question, ...]
 
 
 def read_pairs(path: Path = HERE / "pairs.txt") -> list[Pair]:
@@ -61,7 +61,7 @@ def read_scenes(path: Path = HERE / "scenes.txt") -> list[Questions]:
             first, _, also = answers.partition(";")
             wanted = () if first.strip() == "nothing" else names_of(first)
             found[-1][2].extend(Question(query, wanted, names_of(also)) for query in names_of(queries))
-    return [Questions(name, labels, tuple(asked)) for name, labels, asked in found]
+    return [Questions(name, labels, tuple(questions)) for name, labels, questions in found]
 
 
 def names_of(text: str) -> tuple[str, ...]:

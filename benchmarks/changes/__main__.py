@@ -82,15 +82,17 @@ def _row(name: str, folder: Path, settings: Settings, options: argparse.Namespac
         began = time.process_time()
         placed = place_photos([Photo(photo) for photo in later.photos], landmarks, index.geometry)
         sizes = [(photo.shape[1], photo.shape[0]) for photo in later.photos]
-        told, _, _ = scene_changes(index, placed, sizes)
+        changes, _, _ = scene_changes(index, placed, sizes)
         seconds.append(time.process_time() - began)
-        pairs = _pairs(told, later.changes)
+        pairs = _pairs(changes, later.changes)
         totals["found"] += len(pairs)
         totals["changes"] += len(later.changes)
-        totals["wrong" if count else "unchanged_wrong"] += len(told) - len(pairs)
-        errors += [_move_error(told[row], later.changes[true]) for row, true in pairs if told[row].kind == "moved"]
+        totals["wrong" if count else "unchanged_wrong"] += len(changes) - len(pairs)
+        errors += [
+            _move_error(changes[row], later.changes[true]) for row, true in pairs if changes[row].kind == "moved"
+        ]
         if options.rows:
-            _print(told, later.changes, pairs, f"{name} {number}")
+            _print(changes, later.changes, pairs, f"{name} {number}")
     return {
         **totals,
         "unchanged": options.unchanged,
@@ -121,40 +123,44 @@ def _reader(path: Path) -> Any:
     return lambda: np.asarray(Image.open(path).convert("RGB"))
 
 
-def _pairs(told: Sequence[SceneChange], truth: Sequence[TrueChange]) -> list[tuple[int, int]]:
+def _pairs(changes: Sequence[SceneChange], truth: Sequence[TrueChange]) -> list[tuple[int, int]]:
     """Rows of events and of the true changes that they tell."""
     pairs: list[tuple[int, int]] = []
-    for row, each in enumerate(told):
+    for row, change in enumerate(changes):
         free = [number for number in range(len(truth)) if number not in {true for _, true in pairs}]
-        right = [number for number in free if _tells(each, truth[number])]
+        right = [number for number in free if _tells(change, truth[number])]
         if right:
             pairs.append((row, right[0]))
     return pairs
 
 
-def _tells(told: SceneChange, true: TrueChange) -> bool:
-    if told.kind != true.kind:
+def _tells(change: SceneChange, true: TrueChange) -> bool:
+    if change.kind != true.kind:
         return False
-    places = [(told.before, true.before), (told.after, true.after)]
-    return all(box is None or (own is not None and _within(own.center.position, box)) for own, box in places)
+    places = [(change.before, true.before), (change.after, true.after)]
+    return all(box is None or (place is not None and _within(place.center.position, box)) for place, box in places)
 
 
 def _within(point: Sequence[float], box: np.ndarray) -> bool:
     return bool((np.array(point) >= box[0] - _SLACK).all() and (np.array(point) <= box[1] + _SLACK).all())
 
 
-def _move_error(told: SceneChange, true: TrueChange) -> float:
-    assert told.before and told.after and true.before is not None and true.after is not None
-    own = np.subtract(told.after.center.position, told.before.center.position)
-    return float(np.linalg.norm(own - (true.after - true.before).mean(axis=0)))
+def _move_error(change: SceneChange, true: TrueChange) -> float:
+    assert change.before and change.after and true.before is not None and true.after is not None
+    shift = np.subtract(change.after.center.position, change.before.center.position)
+    return float(np.linalg.norm(shift - (true.after - true.before).mean(axis=0)))
 
 
-def _print(told: Sequence[SceneChange], truth: Sequence[TrueChange], pairs: list[tuple[int, int]], about: str) -> None:
+def _print(
+    changes: Sequence[SceneChange], truth: Sequence[TrueChange], pairs: list[tuple[int, int]], about: str
+) -> None:
     right, found = {row for row, _ in pairs}, {true for _, true in pairs}
     wrong = [
-        f"{each.kind} {each.object_id} {each.probability:.2f}" for row, each in enumerate(told) if row not in right
+        f"{change.kind} {change.object_id} {change.probability:.2f}"
+        for row, change in enumerate(changes)
+        if row not in right
     ]
-    missed = [f"{each.kind} {each.label}" for number, each in enumerate(truth) if number not in found]
+    missed = [f"{change.kind} {change.label}" for number, change in enumerate(truth) if number not in found]
     print(about, "wrong:", wrong, "missed:", missed, flush=True)
 
 

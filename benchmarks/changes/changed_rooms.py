@@ -68,11 +68,11 @@ def later_photos(name: str, seed: int, changes: int, views: int = PHOTOS) -> Lat
     """
     room, light_seed = room_of(name)
     rng = np.random.default_rng([light_seed, seed, 7])
-    later, made = _changed(room, name, rng, changes)
+    later, true_changes = _changed(room, name, rng, changes)
     studio, camera = Studio(later, light_seed), camera_of()
     posed = tuple(PosedCamera(camera, pose, f"later/{number}") for number, pose in enumerate(_path(room, rng, views)))
-    photos = tuple(photo_of(studio.shown(each).light, _faults(rng), rng) for each in posed)
-    return LaterPhotos(photos, posed, made)
+    photos = tuple(photo_of(studio.draw(posed_camera).light, _faults(rng), rng) for posed_camera in posed)
+    return LaterPhotos(photos, posed, true_changes)
 
 
 def _faults(rng: Random) -> Faults:
@@ -98,34 +98,36 @@ def _changed(room: Room, name: str, rng: Random, count: int) -> tuple[Room, tupl
     objects: list[Placed | None] = list(room.objects)
     free = [number for number, obj in enumerate(objects) if obj is not None and _movable(room, number)]
     chosen = rng.permutation(free).tolist()[: min(count, _MOST_CHANGES)]
-    others = _others(name, rng)
-    made: list[TrueChange] = []
+    new_objects = _foreign_objects(name, rng)
+    true_changes: list[TrueChange] = []
     for number in chosen:
         kind = str(rng.choice(["gone", "moved", "new"]))
         obj = room.objects[number]
-        standing = [each for each in objects if each is not None]
-        if kind == "new" and others:
-            new = others.pop()
+        standing = [obj for obj in objects if obj is not None]
+        if kind == "new" and new_objects:
+            new = new_objects.pop()
             put = _somewhere(new, [*standing], room, rng, None)
             if put is not None:
                 objects.append(replace(new, meshes=put))
-                made.append(TrueChange("new", new.label, None, _box(put)))
+                true_changes.append(TrueChange("new", new.label, None, _box(put)))
             continue
         if kind == "moved" and _rests(obj, room):
-            put = _somewhere(obj, [each for each in standing if each is not obj], room, rng, obj)
+            put = _somewhere(obj, [neighbor for neighbor in standing if neighbor is not obj], room, rng, obj)
             if put is not None:
                 objects[number] = replace(obj, meshes=put)
-                made.append(TrueChange("moved", obj.label, _box(obj.meshes), _box(put)))
+                true_changes.append(TrueChange("moved", obj.label, _box(obj.meshes), _box(put)))
             continue
         objects[number] = None
-        made.append(TrueChange("gone", obj.label, _box(obj.meshes), None))
-    return replace(room, objects=[each for each in objects if each is not None]), tuple(made)
+        true_changes.append(TrueChange("gone", obj.label, _box(obj.meshes), None))
+    return replace(room, objects=[obj for obj in objects if obj is not None]), tuple(true_changes)
 
 
-def _others(name: str, rng: Random) -> list[Placed]:
+def _foreign_objects(name: str, rng: Random) -> list[Placed]:
     """Objects of another room of the same kind that stand on its table or floor."""
-    other, _ = room_of(f"{name.split('-')[0]}-{int(rng.integers(50, 99))}")
-    objects = [obj for number, obj in enumerate(other.objects) if _movable(other, number) and _rests(obj, other)]
+    other_room, _ = room_of(f"{name.split('-')[0]}-{int(rng.integers(50, 99))}")
+    objects = [
+        obj for number, obj in enumerate(other_room.objects) if _movable(other_room, number) and _rests(obj, other_room)
+    ]
     return [objects[row] for row in rng.permutation(len(objects)).tolist()]
 
 
@@ -139,10 +141,10 @@ def _movable(room: Room, number: int) -> bool:
     if obj.surface:
         return False
     low, high = extent(obj.meshes)
-    for other in room.objects:
-        if other is obj or other.surface:
+    for neighbor in room.objects:
+        if neighbor is obj or neighbor.surface:
             continue
-        below, above = extent(other.meshes)
+        below, above = extent(neighbor.meshes)
         over = (below[:2] < high[:2]).all() and (above[:2] > low[:2]).all()
         if over and below[2] > low[2] + 0.003 and below[2] < high[2] + 0.02:
             return False
@@ -152,13 +154,15 @@ def _movable(room: Room, number: int) -> bool:
 def _rests(obj: Placed, room: Room) -> bool:
     """Whether it stands on the main surface, z = 0 in all rooms."""
     low, high = extent(obj.meshes)
-    return bool(abs(low[2]) < 0.008 and not any(_over(low, high, each) for each in room.objects if each is not obj))
+    return bool(
+        abs(low[2]) < 0.008 and not any(_over(low, high, neighbor) for neighbor in room.objects if neighbor is not obj)
+    )
 
 
-def _over(low: F64, high: F64, other: Placed) -> bool:
-    if other.surface:
+def _over(low: F64, high: F64, obj: Placed) -> bool:
+    if obj.surface:
         return False
-    below, above = extent(other.meshes)
+    below, above = extent(obj.meshes)
     return bool((below[:2] < high[:2]).all() and (above[:2] > low[:2]).all() and below[2] < low[2] + 0.01)
 
 
@@ -166,11 +170,13 @@ def _somewhere(
     obj: Placed, standing: Sequence[Placed], room: Room, rng: Random, before: Placed | None
 ) -> Meshes | None:
     """The object at a free place of the main surface within what photos show; where it was, not too near to that."""
-    low, high = extent([mesh for each in room.objects if not each.surface and _rests_low(each) for mesh in each.meshes])
-    own = extent(obj.meshes)
-    size = own[1] - own[0]
+    low, high = extent(
+        [mesh for room_obj in room.objects if not room_obj.surface and _rests_low(room_obj) for mesh in room_obj.meshes]
+    )
+    bounds = extent(obj.meshes)
+    size = bounds[1] - bounds[0]
     scale = 3.0 if max(high[0] - low[0], high[1] - low[1]) > 2.0 else 1.0
-    middle = (own[0] + own[1]) / 2
+    middle = (bounds[0] + bounds[1]) / 2
     for _ in range(_TRIES):
         spot = rng.uniform(low[:2] + size[:2] / 2, np.maximum(high[:2] - size[:2] / 2, low[:2] + size[:2] / 2 + 1e-3))
         away = float(np.linalg.norm(spot - middle[:2]))
@@ -180,7 +186,7 @@ def _somewhere(
         turned = placed(centered, float(spot[0]), float(spot[1]), float(rng.uniform(-np.pi, np.pi)))
         put = resting(turned, 0.001)
         box = _box(put)
-        if all(_apart(box, each) for each in standing if not each.surface):
+        if all(_apart(box, neighbor) for neighbor in standing if not neighbor.surface):
             return put
     return None
 
@@ -189,6 +195,6 @@ def _rests_low(obj: Placed) -> bool:
     return bool(abs(extent(obj.meshes)[0][2]) < 0.02)
 
 
-def _apart(box: F64, other: Placed) -> bool:
-    low, high = extent(other.meshes)
+def _apart(box: F64, obj: Placed) -> bool:
+    low, high = extent(obj.meshes)
     return bool((low[:2] > box[1, :2] + _GAP).any() or (high[:2] < box[0, :2] - _GAP).any())

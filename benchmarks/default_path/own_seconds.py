@@ -35,17 +35,19 @@ class OwnSeconds:
     def rows(self) -> dict[str, float]:
         """Seconds by file and function, most first; those below a two-hundredth of all are left out."""
         total = sum(self._seconds.values())
-        return {name: round(own, 1) for name, own in self._seconds.most_common() if own >= _LEAST_SHARE * total}
+        return {
+            name: round(seconds, 1) for name, seconds in self._seconds.most_common() if seconds >= _LEAST_SHARE * total
+        }
 
     def _watch(self, thread: int) -> None:
         before = time.monotonic()
         while not self._over.wait(_EVERY_S):
-            name, now = _own(sys._current_frames().get(thread)), time.monotonic()
+            name, now = _innermost_function(sys._current_frames().get(thread)), time.monotonic()
             self._seconds[name] += now - before
             before = now
 
 
-def _own(frame: FrameType | None) -> str:
+def _innermost_function(frame: FrameType | None) -> str:
     """The innermost function of this repository."""
     while frame is not None:
         file = frame.f_code.co_filename

@@ -70,7 +70,7 @@ def _photos(folder: Path, count: int) -> list[Path]:
 
 def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]:
     start = begin()
-    told: list[tuple[float, float]] = []
+    readings: list[tuple[float, float]] = []
     height, width = cv2.imread(str(photos[len(photos) // 2])).shape[:2]
     with tempfile.TemporaryDirectory() as folder:
         settings = Settings(data_dir=Path(folder) / "data")
@@ -80,7 +80,7 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
 
         def watch(operation: Operation) -> None:
             if operation.seconds_left is not None:
-                told.append((time.monotonic() - posted, operation.seconds_left))
+                readings.append((time.monotonic() - posted, operation.seconds_left))
 
         job = run_job({path.name: path.read_bytes() for path in photos}, SceneOptions(), settings, watch)
     expected = sum(estimate.values())
@@ -93,7 +93,7 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
         "error": round(expected / job.seconds - 1, 3),
         "stages_estimated_s": {stage: round(seconds, 1) for stage, seconds in estimate.items()},
         "stages_actual_s": {stage: round(seconds, 1) for stage, seconds in job.quality["stage_seconds"].items()},
-        "time_left": _time_left(told, job.seconds),
+        "time_left": _time_left(readings, job.seconds),
         "speed": {name: round(times, 2) for name, times in asdict(speed).items()},
         **{name: job.quality[name] for name in ("registered_images", "iterations", "psnr") if name in job.quality},
         "load": round(job.load, 1),
@@ -102,14 +102,14 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
     }
 
 
-def _time_left(told: list[tuple[float, float]], whole_s: float) -> dict[str, Any]:
+def _time_left(readings: list[tuple[float, float]], whole_s: float) -> dict[str, Any]:
     """Seconds that were said to be left, so many after the job was posted, against the truth."""
-    told = [(at, left) for at, left in told if whole_s - at >= _LEAST_LEFT_S]
-    times = [left / (whole_s - at) for at, left in told]
-    firsts = {int(at / whole_s * _LINES): (at, left) for at, left in reversed(told)}
+    readings = [(at, left) for at, left in readings if whole_s - at >= _LEAST_LEFT_S]
+    times = [left / (whole_s - at) for at, left in readings]
+    firsts = {int(at / whole_s * _LINES): (at, left) for at, left in reversed(readings)}
     return {
-        "said": len(told),
-        "within_a_factor_of_two": round(sum(1 / _GOAL <= each <= _GOAL for each in times) / max(len(times), 1), 3),
+        "said": len(readings),
+        "within_a_factor_of_two": round(sum(1 / _GOAL <= ratio <= _GOAL for ratio in times) / max(len(times), 1), 3),
         "least": round(min(times, default=0.0), 2),
         "most": round(max(times, default=0.0), 2),
         "lines": [

@@ -190,10 +190,10 @@ def _mean_iou(
     by_object[list(named)] = list(named.values())
     common, union = np.zeros(len(order)), np.zeros(len(order))
     for name, truth in truths.items():
-        shown = by_object[maps[name]]
+        number_map = by_object[maps[name]]
         for place, number in enumerate(order):
-            common[place] += ((truth == number) & (shown == number)).sum()
-            union[place] += ((truth == number) | (shown == number)).sum()
+            common[place] += ((truth == number) & (number_map == number)).sum()
+            union[place] += ((truth == number) | (number_map == number)).sum()
     return float((common / np.maximum(union, 1)).mean())
 
 

@@ -56,10 +56,10 @@ def predict_view(
     )
 
 
-def truth_ids(own: Dictionary, truth: Dictionary) -> NDArray[np.int32]:
-    """int32 [labels of `own` + 1]: each label's id in `truth`, by name or alias; 0 for undetected and for labels that
-    `truth` does not have."""
-    names = [(entry.label, *entry.aliases) for entry in own.entries]
+def truth_ids(dictionary: Dictionary, truth: Dictionary) -> NDArray[np.int32]:
+    """int32 [labels of `dictionary` + 1]: each label's id in `truth`, by name or alias; 0 for undetected and for labels
+    that `truth` does not have."""
+    names = [(entry.label, *entry.aliases) for entry in dictionary.entries]
     ids = [next((number for name in group if (number := truth.id_of(name))), UNDETECTED) for group in names]
     return np.array([UNDETECTED, *ids], np.int32)
 

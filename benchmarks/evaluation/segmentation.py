@@ -25,8 +25,8 @@ class MaskCounts:
 
     counts: NDArray[np.int64]
 
-    def __add__(self, other: MaskCounts) -> MaskCounts:
-        return MaskCounts(self.counts + other.counts)
+    def __add__(self, more: MaskCounts) -> MaskCounts:
+        return MaskCounts(self.counts + more.counts)
 
     @staticmethod
     def zeros(labels: int) -> MaskCounts:

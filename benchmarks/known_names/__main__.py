@@ -67,13 +67,13 @@ def _main() -> None:
     start = begin()
     settings = settings_by_steps(options.iterations, options.gaussians)
     known = [example for name in ROOMS["validation"] for example in examples(found_room(name, options.keep, settings))]
-    rows, one = {}, {}
+    rows, kind_rows = {}, {}
     for name in options.rooms or ROOMS["test"]:
         room = found_room(name, options.keep, settings)
-        rows[name] = told(room, known)
-        one[name] = summed([told(room, by_kind) for by_kind in one_kind_each(known)])
-        print(name, rows[name], one[name], flush=True)
-    document = {"rooms": rows, **summed(list(rows.values())), "one": summed(list(one.values()))}
+        rows[name] = count_suggestions(room, known)
+        kind_rows[name] = summed([count_suggestions(room, by_kind) for by_kind in one_kind_each(known)])
+        print(name, rows[name], kind_rows[name], flush=True)
+    document = {"rooms": rows, **summed(list(rows.values())), "one": summed(list(kind_rows.values()))}
     print({name: value for name, value in document.items() if name != "rooms"})
     about = provenance(start, settings=options, chosen_on=_CHOSEN_ON)
     write_json(RESULTS / "known_names.json", {**about, **document})
@@ -91,27 +91,36 @@ def found_room(name: str, keep: Path, settings: Settings) -> FoundRoom:
     labels = [obj.label for obj in room_of(name)[0].objects]
     kinds = {objects.table[place].id: labels[number - 1] for number, place in compared.matches().items()}
     sizes = sizes_in_meters(replace(found, objects=objects, scale="METRIC"))  # rooms are drawn in meters
-    return FoundRoom(name, objects, sizes, {each: kind for each, kind in kinds.items() if kind not in _NO_KIND})
+    return FoundRoom(
+        name, objects, sizes, {object_id: kind for object_id, kind in kinds.items() if kind not in _NO_KIND}
+    )
 
 
 def examples(room: FoundRoom) -> list[KnownObject]:
     """What is known when a person has named all objects of a room."""
     looks = described(room.objects, room.sizes)
-    return [KnownObject(room.name, room.kinds[each], looks[each]) for each in sorted(room.kinds) if each in looks]
+    return [
+        KnownObject(room.name, room.kinds[object_id], looks[object_id])
+        for object_id in sorted(room.kinds)
+        if object_id in looks
+    ]
 
 
 def one_kind_each(known: Sequence[KnownObject]) -> list[list[KnownObject]]:
     """At most `_EXAMPLES` of each kind, by itself."""
-    return [[each for each in known if each.name == kind][:_EXAMPLES] for kind in sorted({each.name for each in known})]
+    return [
+        [example for example in known if example.name == kind][:_EXAMPLES]
+        for kind in sorted({example.name for example in known})
+    ]
 
 
-def told(room: FoundRoom, known: Sequence[KnownObject]) -> dict[str, int]:
+def count_suggestions(room: FoundRoom, known: Sequence[KnownObject]) -> dict[str, int]:
     """What is suggested for a room's objects, counted."""
     objects: list[Object] = [obj for obj in room.objects.table if obj.appearance]
     names = names_by_looks(objects, known, room.sizes)
-    right = {each for each, name in names.items() if room.kinds.get(each) == name.name}
-    likely = {each for each, name in names.items() if name.probability >= _LIKELY}
-    kinds = {each.name for each in known}
+    right = {object_id for object_id, name in names.items() if room.kinds.get(object_id) == name.name}
+    likely = {object_id for object_id, name in names.items() if name.probability >= _LIKELY}
+    kinds = {example.name for example in known}
     return {
         "nameable": sum(room.kinds.get(obj.id) in kinds for obj in objects),
         "suggested": len(names),

@@ -73,7 +73,7 @@ def main() -> None:
 
 def measure(name: str, place: TrainedPlace, settings: Settings, options: argparse.Namespace) -> dict[str, Any]:
     """One row: held-out photos and others, their errors, what a photo takes, and where all of it comes from."""
-    start, others = begin(), [one for one in NAMES if one != name]
+    start, other_names = begin(), [other_name for other_name in NAMES if other_name != name]
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     index = SceneIndex(place.scene, encoder, settings.query)
     began = time.perf_counter(), time.process_time()
@@ -87,42 +87,42 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
         decoder.prepare()
         before = time.perf_counter(), time.process_time()
         (sent,) = decoder.decode([path.read_bytes()], settings.localization.max_side)
-        (one,) = place_photos([Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry)
+        (photo,) = place_photos([Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry)
         wall.append(time.perf_counter() - before[0])
         cpu.append(time.process_time() - before[1])
-        return one
+        return photo
 
     measured = []
     for held in place.held_out:
-        one = placed(held.path)
-        measured.append({"name": held.name, **_outcome(one, held.posed, landmarks.size)})
+        photo = placed(held.path)
+        measured.append({"name": held.name, **_outcome(photo, held.posed, landmarks.size)})
         if options.rows:
             print(json.dumps(measured[-1]), flush=True)
     half = options.split == "test"
-    wrong = other_photos([*_ELSEWHERE, *others], options.others, odd=half)
+    wrong = other_photos([*_ELSEWHERE, *other_names], options.others, odd=half)
     refused: Counter[str] = Counter()
     accepted = []
     for path in wrong:
-        one = placed(path)
-        refused[one.refusal or "accepted"] += 1
-        if one.refusal is None:
+        photo = placed(path)
+        refused[photo.refusal or "accepted"] += 1
+        if photo.refusal is None:
             accepted.append(f"{path.parent.parent.name}/{path.name}")
         if options.rows:
-            print(json.dumps({"other": path.name, "refusal": one.refusal, **vars(one.evidence)}), flush=True)
+            print(json.dumps({"other": path.name, "refusal": photo.refusal, **vars(photo.evidence)}), flush=True)
     decoder.close()
-    registered = [_outcome(*each, landmarks.size) for each in _registered(photos, index, options.registered)]
-    again = [one["inside_95"] for one in registered if one["refusal"] is None]
-    found = [one for one in measured if one["refusal"] is None]
-    right = sum(one["size_percent"] <= 1 and one["degrees"] <= 1 for one in found)
+    registered = [_outcome(*pair, landmarks.size) for pair in _registered(photos, index, options.registered)]
+    again = [row["inside_95"] for row in registered if row["refusal"] is None]
+    found = [row for row in measured if row["refusal"] is None]
+    right = sum(row["size_percent"] <= 1 and row["degrees"] <= 1 for row in found)
     return {
         "held_out": {
             "photos": len(measured),
             "accepted": len(found),
             "right": right,
             "right_share": round(right / len(measured), 4),
-            "size_percent_median": _median([one["size_percent"] for one in found]),
-            "degrees_median": _median([one["degrees"] for one in found]),
-            "inside_95": _share([one["inside_95"] for one in found]),
+            "size_percent_median": _median([row["size_percent"] for row in found]),
+            "degrees_median": _median([row["degrees"] for row in found]),
+            "inside_95": _share([row["inside_95"] for row in found]),
         },
         "registered": {"photos": len(registered), "accepted": len(again), "inside_95": _share(again)},
         "others": {"photos": len(wrong), "accepted": len(accepted), "names": accepted, "outcomes": dict(refused)},
@@ -156,34 +156,34 @@ def _registered(
     rows = np.unique(np.linspace(0, len(photos) - 1, min(count, len(photos))).round().astype(int))
     for row in rows.tolist():
         truth, read = photos[row]
-        others = find_landmarks([*photos[:row], *photos[row + 1 :]], index.geometry)
-        (one,) = place_photos([Photo(read())], others, index.geometry)
-        yield one, truth
+        landmarks = find_landmarks([*photos[:row], *photos[row + 1 :]], index.geometry)
+        (photo,) = place_photos([Photo(read())], landmarks, index.geometry)
+        yield photo, truth
 
 
-def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any]:
+def _outcome(photo: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any]:
     evidence = {
-        "inliers": one.evidence.inliers,
-        "spread": round(one.evidence.spread, 3),
-        "agreement": None if one.evidence.agreement is None else round(one.evidence.agreement, 3),
+        "inliers": photo.evidence.inliers,
+        "spread": round(photo.evidence.spread, 3),
+        "agreement": None if photo.evidence.agreement is None else round(photo.evidence.agreement, 3),
     }
-    if one.posed is None or one.covariance is None or one.comparison is None:
-        return {"refusal": one.refusal, **evidence}
-    off = one.posed.world_from_camera[:3, 3] - truth.world_from_camera[:3, 3]
-    turn = Rotation.from_matrix(one.posed.world_from_camera[:3, :3] @ truth.world_from_camera[:3, :3].T).as_rotvec()
+    if photo.posed is None or photo.covariance is None or photo.comparison is None:
+        return {"refusal": photo.refusal, **evidence}
+    off = photo.posed.world_from_camera[:3, 3] - truth.world_from_camera[:3, 3]
+    turn = Rotation.from_matrix(photo.posed.world_from_camera[:3, :3] @ truth.world_from_camera[:3, :3].T).as_rotvec()
     error = np.concatenate([off, turn])
-    distance = float(error @ np.linalg.solve(one.covariance, error))
-    longer = max(one.posed.camera.width, one.posed.camera.height)
+    distance = float(error @ np.linalg.solve(photo.covariance, error))
+    longer = max(photo.posed.camera.width, photo.posed.camera.height)
     true_focal = truth.camera.fx / max(truth.camera.width, truth.camera.height)
     return {
         "refusal": None,
         **evidence,
         "size_percent": round(100 * float(np.linalg.norm(off)) / size, 4),
         "degrees": round(float(np.degrees(np.linalg.norm(turn))), 4),
-        "focal_ratio": round(one.posed.camera.fx / longer / true_focal, 4),
-        "focal_source": one.focal_source,
-        "radial": round(one.radial, 4),
-        "refined": one.refined,
+        "focal_ratio": round(photo.posed.camera.fx / longer / true_focal, 4),
+        "focal_source": photo.focal_source,
+        "radial": round(photo.radial, 4),
+        "refined": photo.refined,
         "mahalanobis_squared": round(distance, 2),
         "inside_95": bool(distance <= chi2.ppf(0.95, 6)),
     }

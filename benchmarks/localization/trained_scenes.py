@@ -92,9 +92,9 @@ def other_photos(names: Sequence[str], count: int, *, odd: bool) -> list[Path]:
     for name in names:
         every = sorted(path for path in (_folder(name) / "images").iterdir() if path.is_file())
         half = every[odd::2]
-        each = -(-count // len(names))
+        quota = -(-count // len(names))
         found += [
-            half[row] for row in np.unique(np.linspace(0, len(half) - 1, min(each, len(half))).round().astype(int))
+            half[row] for row in np.unique(np.linspace(0, len(half) - 1, min(quota, len(half))).round().astype(int))
         ]
     return found[:count]
 
@@ -115,14 +115,14 @@ def _captured(
         whole = _whole(name, settings, cache)
         names = [view.posed.name for view in whole.views]
         test = names[::_EVERY]
-        train = [one for one in names if one not in test]
+        train = [photo_name for photo_name in names if photo_name not in test]
         if split == "validation":
             views = {view.posed.name: view for view in whole.views}
-            test = list(validation_names(train, [views[one].posed.world_from_camera for one in train]))
-            train = [one for one in train if one not in test]
+            test = list(validation_names(train, [views[photo_name].posed.world_from_camera for photo_name in train]))
+            train = [photo_name for photo_name in train if photo_name not in test]
         capture = subset(whole, tuple(train))
         posed = [view.posed for view in whole.views if view.posed.name in test]
-    return capture, tuple(HeldOut(one.name, images / Path(one.name).name, one) for one in posed)
+    return capture, tuple(HeldOut(camera.name, images / Path(camera.name).name, camera) for camera in posed)
 
 
 def _whole(name: str, settings: Settings, cache: Path) -> Capture:

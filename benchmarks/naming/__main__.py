@@ -36,7 +36,7 @@ from benchmarks.reads.labels import true_objects
 from benchmarks.rooms.arranging import Room
 from benchmarks.rooms.drawing import ROOMS, Studio, camera_of, room_of
 from benchmarks.rooms.pictures import phone_faults, photo_of
-from benchmarks.rooms.truth import Shown
+from benchmarks.rooms.truth import RoomView
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.jobs.nameless_objects import said_by, sheets_of
@@ -70,9 +70,9 @@ def _main() -> None:
     for name in options.rooms or _TWELVE:
         room, seed = room_of(name)
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
-            index = drawn_index(room, Studio(room, seed).shown, seed, options.views, Path(folder), encoder)
-            one, two = (named_room(index, room, Path(folder), seed, count) for count in (1, 2))
-        rooms[name] = {**one, "two": two}
+            index = drawn_index(room, Studio(room, seed).draw, seed, options.views, Path(folder), encoder)
+            single, two = (named_room(index, room, Path(folder), seed, count) for count in (1, 2))
+        rooms[name] = {**single, "two": two}
         print(name, rooms[name], flush=True)
     rows = list(rooms.values())
     document = {"rooms": rooms, **summed(rows), "two": summed([row["two"] for row in rows])}
@@ -81,7 +81,7 @@ def _main() -> None:
 
 
 def drawn_index(
-    room: Room, draw: Callable[[PosedCamera], Shown], seed: int, views: int, folder: Path, encoder: TextEncoder
+    room: Room, draw: Callable[[PosedCamera], RoomView], seed: int, views: int, folder: Path, encoder: TextEncoder
 ) -> SceneIndex:
     """A room whose true objects are known and have no names, with so many photos, evenly spread, in a version's folder;
     the seed is of their faults."""
@@ -90,11 +90,11 @@ def drawn_index(
     gaussians, objects = true_objects(room, float(np.sqrt(size[1] * size[2] / _POINTS)))
     posed = []
     for number, pose in enumerate(room.poses[:: max(1, len(room.poses) // views)][:views]):
-        shown = draw(PosedCamera(camera, pose, f"{number:03d}.jpg"))
+        view = draw(PosedCamera(camera, pose, f"{number:03d}.jpg"))
         path = photo_path(folder, number)
         path.parent.mkdir(exist_ok=True)
-        Image.fromarray(photo_of(shown.light, phone_faults(rng), rng)).save(path, quality=92)
-        posed.append(shown.posed)
+        Image.fromarray(photo_of(view.light, phone_faults(rng), rng)).save(path, quality=92)
+        posed.append(view.posed)
     scene = Scene(
         gaussians=gaussians,
         head=SemanticHead.unlearnt(0),
@@ -112,40 +112,44 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, captioner
     """A room of `drawn_index` named by a person, whom so many captioners help, with errors by this seed."""
     truth = {number: obj.label for number, obj in enumerate(room.objects, start=1)}
     sheets = list(sheets_of(index, folder, "drawn"))
-    shown = [each.object_id for sheet in sheets for each in sheet.objects]
+    object_ids = [obj.object_id for sheet in sheets for obj in sheet.objects]
     refused = 0
     for number in range(captioners):
-        seen = with_errors({obj: truth[obj] for obj in shown}, [seed, number])
+        seen = with_errors({obj: truth[obj] for obj in object_ids}, [seed, number])
         with replayed(sheets, partial(named, names=seen, probability=_SAYS)) as server:
             said = said_by(CaptionerSettings(url=server.url, model=f"model {number}"), sheets)
         refused += said.refused
         if said.names:
             index = index.after(apply_edit(index, Edit("suggest", suggestions=said.names)))
     stated = sum(bool(obj.name) for obj in index.objects.listed)
-    with replayed(sheets, partial(named, names=dict.fromkeys(shown, "cat"))) as server:
+    with replayed(sheets, partial(named, names=dict.fromkeys(object_ids, "cat"))) as server:
         obeyed = said_by(CaptionerSettings(url=server.url, model="obeys"), sheets).names
-    by_hand = [obj for obj in index.objects.listed if obj.id in shown and obj.kind == "object"]
-    told = {obj.id: obj.suggestions for obj in by_hand}
-    first = {each: told[each][0] for each in told if told[each]}
-    right = {each: label_key(one.name) == label_key(truth[each]) for each, one in first.items()}
+    by_hand = [obj for obj in index.objects.listed if obj.id in object_ids and obj.kind == "object"]
+    suggestions = {obj.id: obj.suggestions for obj in by_hand}
+    first = {object_id: suggestions[object_id][0] for object_id in suggestions if suggestions[object_id]}
+    right = {
+        object_id: label_key(suggestion.name) == label_key(truth[object_id]) for object_id, suggestion in first.items()
+    }
     keys = 1  # begins
     for obj in by_hand:
         filled = right.get(obj.id, False) and first[obj.id].probability >= _FILLED_IN
         keys += 1 if filled else len(truth[obj.id]) + 1
         index = index.after(apply_edit(index, Edit("name", object_ids=(obj.id,), name=truth[obj.id])))
     names = {obj.id: obj.name for obj in index.objects.listed}
-    keyed = [{label_key(one.name) for one in told[each]} for each in told]
+    keyed = [{label_key(suggestion.name) for suggestion in suggestions[object_id]} for object_id in suggestions]
     return {
         "objects": len(by_hand),
-        "reached": sum(label_key(truth[each]) in names_told for each, names_told in zip(told, keyed, strict=True)),
+        "reached": sum(
+            label_key(truth[object_id]) in names_told for object_id, names_told in zip(suggestions, keyed, strict=True)
+        ),
         "first": sum(right.values()),
         "refused": refused,
         "stated": stated,
         "obeyed": len(obeyed),
-        "named": sum(label_key(names[each]) == label_key(truth[each]) for each in told),
+        "named": sum(label_key(names[object_id]) == label_key(truth[object_id]) for object_id in suggestions),
         "keystrokes": keys,
         "seconds": round(_DECIDES_S * (1 + len(by_hand)) + _KEY_S * keys, 1),
-        "wrong_at_once": sum(first[each].probability >= _AT_ONCE and not right[each] for each in first),
+        "wrong_at_once": sum(first[object_id].probability >= _AT_ONCE and not right[object_id] for object_id in first),
     }
 
 
@@ -153,9 +157,9 @@ def with_errors(truth: Mapping[int, str], seed: Sequence[int]) -> dict[int, str]
     """The names of objects, one in ten of them another object's or "umbrella"."""
     rng = np.random.default_rng(seed)
     wrong = set(rng.choice(list(truth), -(-len(truth) // _WRONG_OF), replace=False).tolist())
-    others = sorted({*truth.values(), "umbrella"})
+    names = sorted({*truth.values(), "umbrella"})
     return {
-        obj: str(rng.choice([other for other in others if other != name])) if obj in wrong else name
+        obj: str(rng.choice([other_name for other_name in names if other_name != name])) if obj in wrong else name
         for obj, name in truth.items()
     }
 

@@ -76,9 +76,9 @@ def replayed(sheets: Sequence[ContactSheet], says: Says) -> Iterator[ReplayCapti
 
 def named(sheet: ContactSheet, names: Mapping[int, str], probability: float = 0.9) -> dict[str, Any]:
     """An answer as it is asked for, with the names of objects by their ids."""
-    told = [
-        {"number": each.number, "name": names[each.object_id], "probability": probability, "aliases": []}
-        for each in sheet.objects
-        if each.object_id in names
+    entries = [
+        {"number": obj.number, "name": names[obj.object_id], "probability": probability, "aliases": []}
+        for obj in sheet.objects
+        if obj.object_id in names
     ]
-    return {"names": told}
+    return {"names": entries}

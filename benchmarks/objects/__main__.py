@@ -71,7 +71,7 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
     dataset, capture = discovery_data(name, work, keep, settings.capture, options.split)
     scene = trained_scene(keep / name, capture, settings)
     masks, looking = timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
-    unlabeled, seen = Labelling(Dictionary(()), ()), [own for own in masks if own is not None]
+    unlabeled, seen = Labelling(Dictionary(()), ()), [view_masks for view_masks in masks if view_masks is not None]
     (objects, gaussians), grouping = timed(
         lambda: find_scene_objects(
             scene.gaussians, capture, unlabeled, masks, settings.discovery, training=settings.training
@@ -81,8 +81,8 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
     with_objects = replace(scene, gaussians=gaussians, head=head, objects=objects)
     row: dict[str, Any] = {
         "views": len(seen),
-        "prompts": sum(own.prompts for own in seen),
-        "proposals": sum(len(own) for own in seen),
+        "prompts": sum(view_masks.prompts for view_masks in seen),
+        "proposals": sum(len(view_masks) for view_masks in seen),
         "objects": len(objects.table),
         "gaussians": len(scene.gaussians),
         **{f"looking_{key}": value for key, value in looking.items()},

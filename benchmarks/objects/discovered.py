@@ -62,8 +62,8 @@ def draw_sheet(scene: Scene, capture: Capture, path: Path, *, scale: float = 1.0
     for position in np.linspace(0, len(capture.views) - 1, _SHEET_VIEWS).round().astype(int):
         view = capture.views[position]
         picture = renderer.colors(view.posed)
-        shown = object_map(scene, view.posed)
-        mixed = (0.4 * picture + 0.6 * colors[shown]).astype(np.uint8)
+        ids = object_map(scene, view.posed)
+        mixed = (0.4 * picture + 0.6 * colors[ids]).astype(np.uint8)
         panels = [np.asarray(Image.fromarray(panel).resize(size)) for panel in (picture, mixed)]
         rows.append(np.hstack(panels))
     path.parent.mkdir(parents=True, exist_ok=True)

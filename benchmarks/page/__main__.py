@@ -43,10 +43,10 @@ def main() -> None:
         rows += _rows("sample", sample, "banana", arguments.seconds)
         judged = _judged(sample)
         if arguments.gaussians:
-            made = Settings(data_dir=Path(folder) / "made", models=models, auth="off")
-            store = open_store(made.data_dir, made.database_url)
+            room_settings = Settings(data_dir=Path(folder) / "made", models=models, auth="off")
+            store = open_store(room_settings.data_dir, room_settings.database_url)
             add_scene(store, seen_around(room(arguments.gaussians, models)))
-            rows += _rows("made", made, "teddy bear", arguments.seconds)
+            rows += _rows("made", room_settings, "teddy bear", arguments.seconds)
     write_results("page", start, arguments, MADE_FAST_HERE, {"rows": rows, "lighthouse": judged})
 
 

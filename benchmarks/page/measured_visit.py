@@ -96,7 +96,7 @@ def visit(browser: Browser, url: str, scene_id: str, text: str, seconds: float) 
         page.get_by_role("searchbox").wait_for()
         interactive = page.evaluate("() => performance.now()") / 1000
         page.locator("canvas[data-shown]").wait_for()
-        shown = _awaited(page, "shown")
+        picture_s = _awaited(page, "shown")
         begun = page.evaluate("() => performance.now()")
         page.keyboard.press("Shift")  # a gesture that moves nothing
         page.locator("canvas[data-drawn]").wait_for()
@@ -119,7 +119,7 @@ def visit(browser: Browser, url: str, scene_id: str, text: str, seconds: float) 
             first_paint_s=page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime")
             / 1000,
             interactive_s=interactive,
-            scene_shown_s=shown,
+            scene_shown_s=picture_s,
             ready_s=ready,
             bytes=transferred,
             frames_per_s=frames,

@@ -56,7 +56,7 @@ def tables(measured: Mapping[str, Mapping[str, float | None]]) -> str:
             rows = [(name, (*getattr(PAPER[name], key), measured[name][key])) for name in there]
             if there == scenes and key != "minutes":
                 rows.append(("mean", tuple(map(_mean, zip(*(values for _, values in rows), strict=True)))))
-            lines = (f"| {name} | {' | '.join(_shown(value, digits) for value in values)} |" for name, values in rows)
+            lines = (f"| {name} | {' | '.join(_cell(value, digits) for value in values)} |" for name, values in rows)
             parts.append("\n".join((f"{data_set}: {title}\n", _HEAD, *lines)))
     return "\n\n".join(parts)
 
@@ -66,5 +66,5 @@ def _mean(values: Sequence[float | None]) -> float | None:
     return sum(known) / len(known) if len(known) == len(values) else None
 
 
-def _shown(value: float | None, digits: int) -> str:
+def _cell(value: float | None, digits: int) -> str:
     return "not measured" if value is None else f"{value:.{digits}f}"

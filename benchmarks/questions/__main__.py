@@ -79,7 +79,7 @@ def truth_in(scene: LocalScene, photographed: Photographed) -> Truth:
 def ask_all(scene: LocalScene, photographed: Photographed, truth: Truth) -> list[Judged]:
     """The answers to all questions of one scene."""
     names = {name for name in truth.names.values() if name}
-    names |= {each.name for obj in scene.objects() if not obj.name for each in obj.suggestions}
+    names |= {suggestion.name for obj in scene.objects() if not obj.name for suggestion in obj.suggestions}
     judged = []
     views = views_by_photo(scene.views)
     for question in photographed.questions:
@@ -93,20 +93,20 @@ def ask_all(scene: LocalScene, photographed: Photographed, truth: Truth) -> list
 def figures(judged: Sequence[Judged]) -> dict[str, Any]:
     """The figures of the module's description, without `named`."""
     return {
-        **_counted([each.right for each in judged]),
-        "by_part": _grouped(judged, lambda each: each.question.part),
-        "by_scene": _grouped(judged, lambda each: each.question.scene),
-        "by_kind": _grouped(judged, lambda each: each.question.kind),
-        "not_here_but_named": sum(each.denied for each in judged),
-        "contradictions": sum(bool(each.contradictions) for each in judged),
-        "undecided": sum(each.answer.outcome == "cannot_say" for each in judged),
+        **_counted([verdict.right for verdict in judged]),
+        "by_part": _grouped(judged, lambda verdict: verdict.question.part),
+        "by_scene": _grouped(judged, lambda verdict: verdict.question.scene),
+        "by_kind": _grouped(judged, lambda verdict: verdict.question.kind),
+        "not_here_but_named": sum(verdict.denied for verdict in judged),
+        "contradictions": sum(bool(verdict.contradictions) for verdict in judged),
+        "undecided": sum(verdict.answer.outcome == "cannot_say" for verdict in judged),
     }
 
 
 def _grouped(judged: Sequence[Judged], key: Callable[[Judged], str]) -> dict[str, dict[str, Any]]:
     groups: defaultdict[str, list[bool]] = defaultdict(list)
-    for each in judged:
-        groups[key(each)].append(each.right)
+    for verdict in judged:
+        groups[key(verdict)].append(verdict.right)
     return {name: _counted(groups[name]) for name in sorted(groups)}
 
 
@@ -128,7 +128,7 @@ def _main() -> None:
     judged: list[Judged] = []
     objects = {}
     known = read_scenes()
-    wanted = options.only.split(",") if options.only else [each.name for each in known]
+    wanted = options.only.split(",") if options.only else [scene.name for scene in known]
     with ExitStack() as stack:
         for photographed in known:
             if photographed.name not in wanted:
@@ -138,13 +138,13 @@ def _main() -> None:
             scene = stack.enter_context(open_sample() if of_package else open_scene(folder))
             truth = truth_in(scene, photographed)
             judged += ask_all(scene, photographed, truth)
-            named = [each.key for each in photographed.objects if truth.named(each.key)]
+            named = [obj.key for obj in photographed.objects if truth.named(obj.key)]
             objects[photographed.name] = {"objects": len(photographed.objects), "named": named}
-    for each in judged if options.misses else ():
-        if each.question.part != "scored" and (not each.right or each.denied or each.contradictions):
-            question, answer = each.question, each.answer
+    for verdict in judged if options.misses else ():
+        if verdict.question.part != "scored" and (not verdict.right or verdict.denied or verdict.contradictions):
+            question, answer = verdict.question, verdict.answer
             print(f"{question.scene}, {question.kind}: {question.text!r} -> {question.keys} {question.count or ''}")
-            print(f"  {answer.object_ids}: {answer.sentence} {each.contradictions}")
+            print(f"  {answer.object_ids}: {answer.sentence} {verdict.contradictions}")
     row = {**figures(judged), "named": objects, **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
     for name in (
         "right",

@@ -39,25 +39,25 @@ class Truth:
     def named(self, key: str) -> bool:
         """True if an object bears one of its right names."""
         name = label_key(self.names.get(self.ids.get(key, 0), ""))
-        return bool(name) and name in {label_key(each) for each in self.right_names[key]}
+        return bool(name) and name in {label_key(right_name) for right_name in self.right_names[key]}
 
 
 def truth_of(objects: Sequence[PhotoObject], ids: Mapping[str, int], names: Mapping[int, str]) -> Truth:
     """What `objects_of` and the scene's own list of objects say."""
-    return Truth(ids, names, {each.key: each.names for each in objects})
+    return Truth(ids, names, {obj.key: obj.names for obj in objects})
 
 
 def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
     """Whether an answer is right, see the module."""
     if question.kind == "count":
         return _count_right(question, answer, truth)
-    if question.kind == "foreign" and not _shown(answer):
+    if question.kind == "foreign" and not _object_ids(answer):
         return "English" in answer.sentence
     if question.kind in ("near", "nonsense", "foreign"):
-        return not _shown(answer) or (answer.probability is not None and answer.probability < RATHER)
+        return not _object_ids(answer) or (answer.probability is not None and answer.probability < RATHER)
     if question.kind == "far":
         nameless = sum(not name for name in truth.names.values())
-        return not _shown(answer) and (answer.is_absent or 2 * nameless > len(truth.names))
+        return not _object_ids(answer) and (answer.is_absent or 2 * nameless > len(truth.names))
     return _objects_right(question, answer, truth)
 
 
@@ -111,20 +111,20 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
     return said
 
 
-def _shown(answer: Answer) -> tuple[int, ...]:
+def _object_ids(answer: Answer) -> tuple[int, ...]:
     return answer.object_ids if answer.outcome in _DECIDED else ()
 
 
 def _objects_right(question: Question, answer: Answer, truth: Truth) -> bool:
-    shown = _shown(answer)
+    object_ids = _object_ids(answer)
     ids = {truth.ids[key] for key in question.keys if key in truth.ids}
     accepted = ids | {truth.ids[key] for key in question.also if key in truth.ids}
     if not question.keys:
-        return not shown and (answer.is_absent or answer.outcome == "cannot_say")
-    if shown:
+        return not object_ids and (answer.is_absent or answer.outcome == "cannot_say")
+    if object_ids:
         named = {truth.ids[key] for key in question.keys if truth.named(key)}
-        complete = question.kind in ("use", "superlative") or 2 * len(named & set(shown)) >= len(named)
-        return shown[0] in accepted and 2 * len(accepted & set(shown)) >= len(shown) and complete
+        complete = question.kind in ("use", "superlative") or 2 * len(named & set(object_ids)) >= len(named)
+        return object_ids[0] in accepted and 2 * len(accepted & set(object_ids)) >= len(object_ids) and complete
     if any(truth.named(key) for key in question.keys):
         return False
     return answer.outcome == "cannot_say" or (answer.searched.unnamed_objects > 0 and "no name" in answer.sentence)
@@ -137,4 +137,4 @@ def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if phrase.count is not None:
         return phrase.count == question.count
     ids = {truth.ids[key] for key in question.keys if truth.named(key)}
-    return not _shown(answer) and len(ids) < len(question.keys or ("nothing",))
+    return not _object_ids(answer) and len(ids) < len(question.keys or ("nothing",))

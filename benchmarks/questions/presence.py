@@ -53,7 +53,7 @@ def outcome_of(word: str, kind: str, answer: Answer, truth: Truth) -> str:
     """What an answer counts as, see the module."""
     if kind != "there":
         return answer.outcome
-    names = {key: set(map(label_key, each)) for key, each in truth.right_names.items()}
+    names = {key: set(map(label_key, right_names)) for key, right_names in truth.right_names.items()}
     right = {truth.ids[key] for key in truth.ids if label_key(word) in names[key]}
     if answer.is_absent:
         return "denied"
@@ -73,12 +73,12 @@ def _main() -> None:
     counts: dict[str, Counter[str]] = {"there": Counter(), "gone": Counter(), "other": Counter()}
     for photographed in read_scenes():
         name, folder = photographed.name, options.scenes / photographed.name
-        own = tuple(object_of(each) for scene, kind, each in words if (scene, kind) == (name, "object"))
-        asked = [(kind, each) for scene, kind, each in words if scene == name and kind in counts]
+        extra_objects = tuple(object_of(line) for scene, kind, line in words if (scene, kind) == (name, "object"))
+        scene_words = [(kind, word) for scene, kind, word in words if scene == name and kind in counts]
         if folder.is_dir():
             with open_scene(folder) as scene:
-                truth = truth_in(scene, Photographed(name, (*photographed.objects, *own), ()))
-                for kind, word in asked:
+                truth = truth_in(scene, Photographed(name, (*photographed.objects, *extra_objects), ()))
+                for kind, word in scene_words:
                     if half_of(name, word) == options.half:
                         answer = scene.ask(word)
                         said = outcome_of(word, kind, answer, truth)
@@ -89,7 +89,7 @@ def _main() -> None:
         counts["there"]["evaded"] + counts["gone"]["cannot_say"],
         counts["there"].total() + counts["gone"].total(),
     ]
-    row = {**{kind: dict(each) for kind, each in counts.items()}, "evasions": evasions}
+    row = {**{kind: dict(counter) for kind, counter in counts.items()}, "evasions": evasions}
     print(json.dumps(row, indent=1))
     file, about = RESULTS / "presence.json", provenance(start, settings=options, chosen_on="the half validation")
     rows = json.loads(file.read_text())["rows"] if file.is_file() else {}

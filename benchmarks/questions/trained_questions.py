@@ -95,12 +95,14 @@ def read_scenes(path: Path = FILE) -> list[Photographed]:
         elif line.startswith("object "):
             objects[name].append(object_of(line.removeprefix("object ")))
         else:
-            asked = list(_questions(name, line, number))
-            unknown = {key for each in asked for key in (*each.keys, *each.also)} - {one.key for one in objects[name]}
+            line_questions = list(_questions(name, line, number))
+            unknown = {key for question in line_questions for key in (*question.keys, *question.also)} - {
+                obj.key for obj in objects[name]
+            }
             if unknown:
                 raise ValueError(f"line {number}: {sorted(unknown)} are no objects of {name}")
-            questions[name] += asked
-    return [Photographed(each, tuple(objects[each]), tuple(questions[each])) for each in objects]
+            questions[name] += line_questions
+    return [Photographed(name, tuple(objects[name]), tuple(questions[name])) for name in objects]
 
 
 def object_of(line: str) -> PhotoObject:
@@ -120,12 +122,12 @@ def _questions(scene: str, line: str, number: int) -> Iterator[Question]:
         yield from (Question(scene, kind, text.strip()) for text in rest.split(", "))
         return
     text, arrow, truth = (part.strip() for part in rest.partition("->"))
-    told = _TRUTH.fullmatch(truth)
-    if not arrow or told is None or (kind == "count") != (told["count"] is not None):
+    match = _TRUTH.fullmatch(truth)
+    if not arrow or match is None or (kind == "count") != (match["count"] is not None):
         raise ValueError(f"line {number}: {truth!r} is no truth of kind {kind}")
-    keys = () if told["keys"].strip() == "nothing" else tuple(names_of(told["keys"]))
-    count = None if told["count"] is None else int(told["count"])
-    yield Question(scene, kind, text, parsed["view"] or "", keys, tuple(names_of(told["also"] or "")), count)
+    keys = () if match["keys"].strip() == "nothing" else tuple(names_of(match["keys"]))
+    count = None if match["count"] is None else int(match["count"])
+    yield Question(scene, kind, text, parsed["view"] or "", keys, tuple(names_of(match["also"] or "")), count)
 
 
 def views_by_photo(views: Sequence[str]) -> Mapping[str, str]:
@@ -144,14 +146,14 @@ def objects_of(
         object_map: ids [H, W] of the objects that a view shows, 0 for none.
     """
     ids = {}
-    for each in objects:
-        shown = []
-        for photo, x, y in each.places:
+    for obj in objects:
+        numbers = []
+        for photo, x, y in obj.places:
             if photo in views:
                 drawn = object_map(views[photo])
                 row, column = int(y * drawn.shape[0]), int(x * drawn.shape[1])
-                shown.append(int(drawn[row, column]))
-        counted = Counter(number for number in shown if number)
+                numbers.append(int(drawn[row, column]))
+        counted = Counter(number for number in numbers if number)
         if counted:
-            ids[each.key] = counted.most_common(1)[0][0]
+            ids[obj.key] = counted.most_common(1)[0][0]
     return ids

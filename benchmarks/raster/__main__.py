@@ -85,10 +85,10 @@ def _quietest(measure: Callable[[], Row], patience: float) -> tuple[Row, float]:
     """The row during which other programs used the smallest share of the CPUs, and that share."""
     best, least, start = None, 2.0, time.monotonic()
     while best is None or (least > _QUIET and time.monotonic() - start < patience):
-        busy, own, then = _busy_seconds(), time.process_time(), time.monotonic()
+        busy, process_s, then = _busy_seconds(), time.process_time(), time.monotonic()
         row = measure()
-        others = (_busy_seconds() - busy) - (time.process_time() - own)
-        share = max(0.0, others / ((time.monotonic() - then) * (os.cpu_count() or 1)))
+        background_s = (_busy_seconds() - busy) - (time.process_time() - process_s)
+        share = max(0.0, background_s / ((time.monotonic() - then) * (os.cpu_count() or 1)))
         if share < least:
             best, least = row, share
     return best, least

@@ -55,9 +55,9 @@ def _main() -> None:
     said: list[_Said] = []
     found: list[float] = []
     for seed in range(_SEEDS[options.split], _SEEDS[options.split] + options.rooms):
-        row, own, probable = _measured(seed, options.width, settings)
+        row, room_reads, probable = _measured(seed, options.width, settings)
         print(seed, row, flush=True)
-        rows, said, found = [*rows, row], [*said, *own], [*found, *probable]
+        rows, said, found = [*rows, row], [*said, *room_reads], [*found, *probable]
     document = {"rooms": rows, **figures(said, found)}
     print({name: value for name, value in document.items() if name != "rooms"})
     about = provenance(start, settings=options, chosen_on=_CHOSEN_ON)
@@ -72,13 +72,15 @@ def figures(said: Sequence[_Said], found: Sequence[float]) -> dict[str, float]:
         found: of each line to be read, the probability with which it is said; 0 where it is not.
     """
     likely = sorted({probability for probability, _ in said}, reverse=True)
-    kept = [each for each in likely if _precision([one for one in said if one[0] >= each]) >= _PRECISION]
-    least = min(kept, default=1.0)
+    thresholds = [
+        threshold for threshold in likely if _precision([read for read in said if read[0] >= threshold]) >= _PRECISION
+    ]
+    least = min(thresholds, default=1.0)
     return {
         "lines": len(found),
-        "recall": round(float(np.mean([each > 0 for each in found])), 4),
+        "recall": round(float(np.mean([probability > 0 for probability in found])), 4),
         "precision": round(_precision(said), 4),
-        "recall_at_95": round(float(np.mean([each >= least and each > 0 for each in found])), 4),
+        "recall_at_95": round(float(np.mean([probability >= least and probability > 0 for probability in found])), 4),
         "threshold": round(least, 4),
     }
 
@@ -95,10 +97,10 @@ def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any]
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
         for number, pose in enumerate(room.poses):
             path = Path(folder) / f"{number:03d}.jpg"
-            shown = studio.shown(PosedCamera(camera, pose, path.name))
-            Image.fromarray(photo_of(shown.light, phone_faults(rng), rng)).save(path, quality=92)
-            views.append(View(shown.posed, path))
-            highest = np.maximum(highest, [line.height_in(shown) for line in lines])
+            view = studio.draw(PosedCamera(camera, pose, path.name))
+            Image.fromarray(photo_of(view.light, phone_faults(rng), rng)).save(path, quality=92)
+            views.append(View(view.posed, path))
+            highest = np.maximum(highest, [line.height_in(view) for line in lines])
         reader, side = open_reader(settings.perception, settings.models), settings.discovery.max_side
         read, seconds = timed(lambda: with_reads(objects, gaussians, views, reader, side))
     said, found = judged(read, lines, (highest >= _LEAST_PX).tolist())
@@ -119,8 +121,8 @@ def judged(objects: Objects, lines: Sequence[Line], legible: Sequence[bool]) -> 
         for read in obj.reads:
             key = (obj.id, _letters(read.text))
             said[key] = max(read.probability, said.get(key, 0.0))
-    keys = [(line.object_id, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
-    return [(own, key in printed) for key, own in said.items()], [said.get(key, 0.0) for key in keys]
+    keys = [(line.object_id, _letters(line.text)) for line, readable in zip(lines, legible, strict=True) if readable]
+    return [(probability, key in printed) for key, probability in said.items()], [said.get(key, 0.0) for key in keys]
 
 
 def _letters(text: str) -> str:

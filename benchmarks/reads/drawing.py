@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.rooms.arranging import Room
 from benchmarks.rooms.materials import F32
 from benchmarks.rooms.shapes import F64, Mesh
-from benchmarks.rooms.truth import Shown
+from benchmarks.rooms.truth import RoomView
 from fastsplat_contract.geometry.camera import PosedCamera
 
 _MOST_TEXELS = 800
@@ -43,16 +43,16 @@ class FlatStudio:
                 ]
                 self._sheets.append((number, corners, light * _picture(mesh, corners, (size[0], size[1]))))
 
-    def shown(self, posed: PosedCamera) -> Shown:
+    def draw(self, posed: PosedCamera) -> RoomView:
         """A view; all rectangles must lie wholly before the camera or behind it."""
         camera, transform = posed.camera, posed.camera_from_world()
         size = (camera.height, camera.width)
         light, objects, nearest = np.full((*size, 3), 0.1, np.float32), np.zeros(size, np.uint8), np.zeros(size)
         for number, corners, picture in self._sheets:
-            own = corners @ transform[:3, :3].T + transform[:3, 3]
-            if own[:, 2].min() < 0.05:
+            camera_points = corners @ transform[:3, :3].T + transform[:3, 3]
+            if camera_points[:, 2].min() < 0.05:
                 continue
-            pixels = own[:, :2] / own[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy) - 0.5
+            pixels = camera_points[:, :2] / camera_points[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy) - 0.5
             low = np.clip(np.floor(pixels.min(axis=0)), 0, np.array(size[::-1])).astype(int)
             high = np.clip(np.ceil(pixels.max(axis=0)) + 1, 0, np.array(size[::-1])).astype(int)
             if (high <= low).any():
@@ -61,13 +61,13 @@ class FlatStudio:
             shape = (int(high[1] - low[1]), int(high[0] - low[0]))
             inside = np.zeros(shape, np.uint8)
             cv2.fillConvexPoly(inside, np.round(16 * (pixels - low)).astype(np.int32), 1, shift=4)
-            plane = np.linalg.lstsq(np.column_stack([pixels - low, np.ones(4)]), 1 / own[:, 2], rcond=None)[0]
+            plane = np.linalg.lstsq(np.column_stack([pixels - low, np.ones(4)]), 1 / camera_points[:, 2], rcond=None)[0]
             nearness = plane[0] * np.arange(shape[1]) + plane[1] * np.arange(shape[0])[:, None] + plane[2]
             first = (inside > 0) & (nearness > nearest[box])
             if first.any():
                 drawn = _warped(picture, (pixels - low).astype(np.float32), shape)
                 light[box][first], objects[box][first], nearest[box][first] = drawn[first], number, nearness[first]
-        return Shown(posed, light, objects, np.zeros_like(objects), nearest)
+        return RoomView(posed, light, objects, np.zeros_like(objects), nearest)
 
 
 def _picture(mesh: Mesh, corners: F64, size: tuple[int, int]) -> F32:

@@ -16,7 +16,7 @@ from benchmarks.rooms.groups import photographed
 from benchmarks.rooms.materials import F32, mottled, painted, plain
 from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, box, placed, sheet
-from benchmarks.rooms.truth import Shown
+from benchmarks.rooms.truth import RoomView
 from demo.sample_paint import hex_rgb
 from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
@@ -59,21 +59,21 @@ class Line:
     text: str
     corners: F64
 
-    def height_in(self, shown: Shown) -> float:
+    def height_in(self, view: RoomView) -> float:
         """How high its capitals are in a view, pixels; 0 where it is not wholly seen, or much from the side."""
-        pixels, depth = _projected(shown.posed, self._samples())
-        size = (shown.posed.camera.width, shown.posed.camera.height)
+        pixels, depth = _projected(view.posed, self._samples())
+        size = (view.posed.camera.width, view.posed.camera.height)
         if (depth < 0.05).any() or (pixels < 1).any() or (pixels > np.array(size) - 2).any():
             return 0.0
         columns, rows = np.round(pixels - 0.5).astype(int).T
-        seen = (shown.objects[rows, columns] == self.object_id) & (shown.nearness[rows, columns] * depth < 1 + _NEAR)
-        top, right, bottom, left = _projected(shown.posed, (self.corners + np.roll(self.corners, -1, axis=0)) / 2)[0]
+        seen = (view.objects[rows, columns] == self.object_id) & (view.nearness[rows, columns] * depth < 1 + _NEAR)
+        top, right, bottom, left = _projected(view.posed, (self.corners + np.roll(self.corners, -1, axis=0)) / 2)[0]
         high, wide = float(np.linalg.norm(bottom - top)), float(np.linalg.norm(right - left))
         shape = np.linalg.norm(self.corners[1] - self.corners[0]) / np.linalg.norm(self.corners[3] - self.corners[0])
         return high if seen.all() and wide >= _LEAST_STRETCH * shape * high else 0.0
 
     def _samples(self) -> F64:
-        u, v = (each.reshape(-1, 1) for each in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 3)))
+        u, v = (grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 3)))
         a, b, c, d = self.corners
         return np.asarray((1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c))
 
@@ -113,7 +113,7 @@ def labelled_room(seed: int) -> tuple[Room, list[Line]]:
         if meshes is None:
             continue
         obj = room.put("book" if lying else "box", meshes)
-        lines += [Line(obj, each.text, _corners(each, meshes[place].points, wide, high)) for each in label]
+        lines += [Line(obj, line.text, _corners(line, meshes[place].points, wide, high)) for line in label]
     return photographed(room, rng, (0, 0, 0.06), 1.05), lines
 
 
@@ -126,10 +126,10 @@ def surface_points(room: Room, spacing: float) -> tuple[F64, NDArray[np.int64]]:
         for mesh in obj.meshes if obj.surface not in ("floor", "wall") else ():
             a, b, c = (mesh.points[mesh.triangles[:, corner]] for corner in range(3))
             areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-            own = np.repeat(np.arange(len(areas)), np.ceil(areas / spacing**2).astype(int))
-            u, v = np.sort(rng.uniform(size=(2, len(own), 1)), axis=0)
-            points.append(u * a[own] + (v - u) * b[own] + (1 - v) * c[own])
-            owners.append(np.full(len(own), number))
+            rows = np.repeat(np.arange(len(areas)), np.ceil(areas / spacing**2).astype(int))
+            u, v = np.sort(rng.uniform(size=(2, len(rows), 1)), axis=0)
+            points.append(u * a[rows] + (v - u) * b[rows] + (1 - v) * c[rows])
+            owners.append(np.full(len(rows), number))
     return np.concatenate(points), np.concatenate(owners)
 
 
@@ -225,6 +225,8 @@ def _corners(line: _Printed, label: F64, wide: float, high: float) -> F64:
 
 def _projected(posed: PosedCamera, points: F64) -> tuple[F64, F64]:
     """Pixels float64 [K, 2], the center of the first one at 0.5, and depths [K]."""
-    own = points @ posed.camera_from_world()[:3, :3].T + posed.camera_from_world()[:3, 3]
-    camera, depth = posed.camera, own[:, 2]
-    return np.stack([camera.fx * own[:, 0] / depth + camera.cx, camera.fy * own[:, 1] / depth + camera.cy], 1), depth
+    camera_points = points @ posed.camera_from_world()[:3, :3].T + posed.camera_from_world()[:3, 3]
+    camera, depth = posed.camera, camera_points[:, 2]
+    return np.stack(
+        [camera.fx * camera_points[:, 0] / depth + camera.cx, camera.fy * camera_points[:, 1] / depth + camera.cy], 1
+    ), depth

@@ -79,7 +79,7 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
     """Answers to at least so many questions that are decided, and to those undecided ones that come with them."""
     answered: list[Answered] = []
     room_seed = seed
-    while sum(each.case.truth is not None for each in answered) < decided:
+    while sum(reply.case.truth is not None for reply in answered) < decided:
         rng = np.random.default_rng([seed, room_seed])
         drawn = ROOMS[room_seed % len(ROOMS)](rng)
         world = drawn_frame(rng)
@@ -100,16 +100,16 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
 
 def figures(answered: Sequence[Answered]) -> dict[str, Any]:
     """The figures of the module's description."""
-    decided = [each for each in answered if each.case.truth is not None]
-    undecided = [each for each in answered if each.case.truth is None]
-    refused = sum(each.objects is None for each in decided)
+    decided = [reply for reply in answered if reply.case.truth is not None]
+    undecided = [reply for reply in answered if reply.case.truth is None]
+    refused = sum(reply.objects is None for reply in decided)
     return {
-        "decided": share_right([each.right for each in decided]),
+        "decided": share_right([reply.right for reply in decided]),
         "wrongly_refused": refused,
-        "wrong": sum(not each.right for each in decided) - refused,
+        "wrong": sum(not reply.right for reply in decided) - refused,
         "decided_by_kind": _by_kind(decided),
-        "rightly_refused": share_right([each.right for each in undecided]),
-        "guessed": sum(not each.right for each in undecided),
+        "rightly_refused": share_right([reply.right for reply in undecided]),
+        "guessed": sum(not reply.right for reply in undecided),
         "refused_by_kind": _by_kind(undecided),
     }
 
@@ -125,8 +125,8 @@ def _judged(case: Case, seed: int, answer: Answer) -> Answered:
 
 def _by_kind(answered: Sequence[Answered]) -> dict[str, Any]:
     kinds: defaultdict[str, list[bool]] = defaultdict(list)
-    for each in answered:
-        kinds[each.case.kind].append(each.right)
+    for reply in answered:
+        kinds[reply.case.kind].append(reply.right)
     return {kind: share_right(kinds[kind]) for kind in sorted(kinds)}
 
 
@@ -150,11 +150,11 @@ def _main() -> None:
     options = parser.parse_args()
     start = begin()
     answered = answer_drawn(options.questions, options.seed)
-    for each in answered if options.misses else ():
-        if not each.right:
-            truth = each.case.truth if each.case.count is None else each.case.count
-            said = each.reason or (each.objects if each.case.count is None else each.count)
-            print(f"room {each.seed}, {each.case.kind}: {each.case.text!r}: {truth} but {said}: {each.explanation}")
+    for reply in answered if options.misses else ():
+        if not reply.right:
+            truth = reply.case.truth if reply.case.count is None else reply.case.count
+            said = reply.reason or (reply.objects if reply.case.count is None else reply.count)
+            print(f"room {reply.seed}, {reply.case.kind}: {reply.case.text!r}: {truth} but {said}: {reply.explanation}")
     document = {"seed": options.seed, **figures(answered)}
     for name in ("decided", "rightly_refused"):
         print(name, document[name])

@@ -111,14 +111,16 @@ def scene_of(room: Room, seed: int, world: F64, cameras: bool = True) -> Scene:
     means, colors, owners, widths = [], [], [], []
     for object_id, obj in enumerate(room.objects, start=1):
         points, width = _surface(obj, rng)
-        points = points[~_covered(points, [other for other in room.objects if other is not obj])]
+        points = points[~_covered(points, [neighbor for neighbor in room.objects if neighbor is not obj])]
         wild = rng.random(len(points)) < _WILD
         points = points + rng.normal(0, 1, points.shape) * np.where(wild, 0.08, _NOISE)[:, None]
         means.append(points)
         colors.append(np.clip(np.array(obj.color) + rng.normal(0, _COLOR_NOISE, points.shape), 0, 1))
         owners.append(np.full(len(points), object_id, np.int32))
         widths.append(np.full(len(points), width))
-    return _trained(room, world, *(np.concatenate(each) for each in (means, colors, owners, widths)), cameras=cameras)
+    return _trained(
+        room, world, *(np.concatenate(arrays) for arrays in (means, colors, owners, widths)), cameras=cameras
+    )
 
 
 def drawn_frame(rng: np.random.Generator) -> F64:
@@ -142,16 +144,16 @@ def _surface(obj: Placed, rng: np.random.Generator) -> tuple[F64, float]:
     slab, face = choice // 6, choice % 6
     unit = rng.uniform(0, 1, (count, 3))
     unit[np.arange(count), face // 2] = face % 2
-    points = np.array([each.low for each in obj.slabs])[slab] + unit * sizes[slab]
+    points = np.array([cuboid.low for cuboid in obj.slabs])[slab] + unit * sizes[slab]
     return points @ _turn(obj.yaw).T + np.array(obj.base), 0.4 * float(np.sqrt(total / count))
 
 
-def _covered(points: F64, others: Sequence[Placed]) -> NDArray[np.bool_]:
+def _covered(points: F64, neighbors: Sequence[Placed]) -> NDArray[np.bool_]:
     """bool [K]: points in or against another object, which no camera sees."""
     hidden = np.zeros(len(points), dtype=np.bool_)
-    for other in others:
-        local = (points - np.array(other.base)) @ _turn(other.yaw)
-        for slab in other.slabs:
+    for neighbor in neighbors:
+        local = (points - np.array(neighbor.base)) @ _turn(neighbor.yaw)
+        for slab in neighbor.slabs:
             hidden |= ((local > np.array(slab.low) - 0.004) & (local < np.array(slab.high) + 0.004)).all(axis=1)
     return hidden
 

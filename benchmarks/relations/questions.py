@@ -112,13 +112,15 @@ def stacked_room(rng: np.random.Generator) -> Drawn:
             paints[obj] = paint
             where.setdefault(place, {}).setdefault(name, []).append(obj)
     for place, named in where.items():
-        everything = [obj for own in named.values() for obj in own]
+        everything = [obj for group in named.values() for obj in group]
         drawn.ask(f"what is {place}?", place.split()[0], everything)
         drawn.count(f"how many objects are {place}?", "how many", everything)
         for name in sorted({*named, str(rng.choice(list(_SMALL)))} & {obj.name for obj in room.objects}):
             drawn.ask(f"the {name} {place}", place.split()[0], named.get(name, []))
         name = str(rng.choice(list(named)))
-        elsewhere = [obj for other, own in where.items() if other != place for obj in own.get(name, [])]
+        elsewhere = [
+            obj for other_place, by_name in where.items() if other_place != place for obj in by_name.get(name, [])
+        ]
         drawn.ask(f"{name}s not {place}", "not", elsewhere)
         paint = paints[named[name][0]]
         both = [obj for obj in named[name] if paints[obj] == paint]
@@ -131,7 +133,7 @@ def _without_answers(drawn: Drawn, where: dict[str, dict[str, list[int]]], rng: 
     """Questions about a stacked room that its placing does not decide."""
     room = drawn.room
     place = str(rng.choice(["on the table", "on the cabinet"]))
-    carrier = next(obj for own in where[place].values() for obj in own)
+    carrier = next(obj for group in where[place].values() for obj in group)
     below = room.objects[carrier - 1]
     base = (below.base[0], below.base[1], below.base[2] + below.height)
     room.place("toy", box((0.06, 0.06, 0.07)), base, 0.0, COLORS["yellow"])
@@ -228,10 +230,10 @@ def row_room(rng: np.random.Generator) -> Drawn:
     drawn.ask(f"{name}s that are not {paints[0]}", "color", row[1:])
     drawn.count(f"how many {name}s are there?", "how many", row)
     drawn.ask(f"the {name} without a handle", "not measured", None)
-    one, other = _MIXED[int(rng.integers(len(_MIXED)))]
-    mixed = tuple(float((a + b) / 2) for a, b in zip(COLORS[one], COLORS[other], strict=True))
+    first, second = _MIXED[int(rng.integers(len(_MIXED)))]
+    mixed = tuple(float((a + b) / 2) for a, b in zip(COLORS[first], COLORS[second], strict=True))
     room.place("box", box((0.3, 0.3, 0.3)), (0.0, 1.5, 0.0), 0.0, (mixed[0], mixed[1], mixed[2]))
-    drawn.ask(f"the {rng.choice([one, other])} box", "between two colors", None)
+    drawn.ask(f"the {rng.choice([first, second])} box", "between two colors", None)
     for at in (-0.9, 0.9):
         base = (at, -1.6, 0.0)
         room.place("pot", box((0.25 * float(rng.uniform(0.99, 1.01)), 0.25, 0.3)), base, 0.0, COLORS["white"])
@@ -244,34 +246,34 @@ def near_room(rng: np.random.Generator) -> Drawn:
     drawn = Drawn(Room())
     room = drawn.room
     names = [str(name) for name in rng.permutation(list(_STANDING))]
-    first, second, other = names[0], names[1], names[2]
+    first, second, third = names[0], names[1], names[2]
     half = float(rng.uniform(1.6, 2.0))
     room.place(first, box(_STANDING[first]), (-half, 0, 0), float(rng.uniform(0, 3)), _WOOD)
     room.place(second, box(_STANDING[second]), (half, 0, 0), float(rng.uniform(0, 3)), _WOOD)
-    size = _STANDING[other]
+    size = _STANDING[third]
     step = (size[0] + _STANDING[first][0]) / 2 + float(rng.uniform(0.05, 0.2))
     turned = float(rng.uniform(2.0, 4.3))  # beside the first one, on the side away from the second
     spot = (-half + step * float(np.cos(turned)), step * float(np.sin(turned)), 0.0)
-    beside = room.place(other, box(size), spot, turned, _WOOD)
+    beside = room.place(third, box(size), spot, turned, _WOOD)
     middle = room.place(
-        other, box(size), (float(rng.uniform(-0.25, 0.25)), float(rng.uniform(-0.1, 0.1)), 0.0), 0.3, _WOOD
+        third, box(size), (float(rng.uniform(-0.25, 0.25)), float(rng.uniform(-0.1, 0.1)), 0.0), 0.3, _WOOD
     )
-    off = room.place(other, box(size), (half * 0.8, 2.7 * float(rng.choice([-1, 1])), 0.0), 0.3, _WOOD)
-    drawn.ask(f"the {other} next to the {first}", "next to", [beside])
-    drawn.ask(f"{other}s beside the {second}", "next to", [])
-    drawn.ask(f"{other} near the {first}", "near", [beside])
-    drawn.ask(f"the {other} between the {first} and the {second}", "between", [middle])
+    off = room.place(third, box(size), (half * 0.8, 2.7 * float(rng.choice([-1, 1])), 0.0), 0.3, _WOOD)
+    drawn.ask(f"the {third} next to the {first}", "next to", [beside])
+    drawn.ask(f"{third}s beside the {second}", "next to", [])
+    drawn.ask(f"{third} near the {first}", "near", [beside])
+    drawn.ask(f"the {third} between the {first} and the {second}", "between", [middle])
     drawn.ask(f"what is between the {second} and the {first}?", "between", [middle])
-    drawn.ask(f"the {other} nearest to the {first}", "nearest", [beside])
-    drawn.ask(f"the {other} closest to the {second}", "nearest", [middle])
-    drawn.ask(f"the farthest {other} from the {first}", "farthest", [off])
+    drawn.ask(f"the {third} nearest to the {first}", "nearest", [beside])
+    drawn.ask(f"the {third} closest to the {second}", "nearest", [middle])
+    drawn.ask(f"the farthest {third} from the {first}", "farthest", [off])
     eye = (-half - 2.0, float(rng.uniform(-0.3, 0.3)), 1.5)
     asker = look_at(eye, (0.0, 0.0, 0.4))
-    drawn.ask(f"the nearest {other}", "nearest", [beside], asker)
-    drawn.ask(f"the {other} farthest from me", "farthest", [off], asker)
-    drawn.ask(f"the nearest {other}", "pose not said", None)
-    drawn.ask(f"the {first} next to the {other} between the {first} and the {second}", "next to", [])
-    drawn.ask(f"the {second} nearest to the {other}", "several are meant", None)
+    drawn.ask(f"the nearest {third}", "nearest", [beside], asker)
+    drawn.ask(f"the {third} farthest from me", "farthest", [off], asker)
+    drawn.ask(f"the nearest {third}", "pose not said", None)
+    drawn.ask(f"the {first} next to the {third} between the {first} and the {second}", "next to", [])
+    drawn.ask(f"the {second} nearest to the {third}", "several are meant", None)
     last = names[3]
     for sign in (-1.0, 1.0):
         base = (half, sign * 1.2, 0.0)

@@ -141,16 +141,16 @@ def main(minutes: float, seed: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             if name not in alone:
                 alone[name] = _placed(capture_of(Path(folder) / "alone", sets[name], {}, SETTINGS))
-            others = [photo for other in sets if other != name for photo in sets[other].values()]
+            other_photos = [photo for other_name in sets if other_name != name for photo in sets[other_name].values()]
             rng = np.random.default_rng([seed, counts["captures"]])
-            _one(Path(folder) / "spoiled", sets[name], others, alone[name], rng, counts, kinds, failures)
+            _spoil_photo(Path(folder) / "spoiled", sets[name], other_photos, alone[name], rng, counts, kinds, failures)
     print(json.dumps({"seed": seed, **counts, "failures": failures, "kinds": kinds}, indent=1))
 
 
-def _one(
+def _spoil_photo(
     folder: Path,
     good: dict[str, bytes],
-    others: list[bytes],
+    other_photos: list[bytes],
     alone: set[str],
     rng: np.random.Generator,
     counts: Counter[str],
@@ -162,7 +162,7 @@ def _one(
     names = rng.choice([*SPOILED, *DAMAGED], max(1, round(share / (1 - share) * len(good))), replace=False)
     spoiled, damaged = {}, {}
     for kind in (str(name) for name in names):
-        whole, foreign = good[str(rng.choice(list(good)))], others[rng.integers(len(others))]
+        whole, foreign = good[str(rng.choice(list(good)))], other_photos[rng.integers(len(other_photos))]
         file = f"{kind}.jpg"
         if kind in SPOILED:
             spoiled[file] = SPOILED[kind](_pixels(whole), _pixels(foreign), rng)

@@ -20,7 +20,7 @@ from benchmarks.rooms.lighting import light_on
 from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of, picture_of
 from benchmarks.rooms.rasterizing import Soup, soup_of
 from benchmarks.rooms.shapes import F64, Ints, Mesh
-from benchmarks.rooms.truth import Shown, truth_of, write_truth
+from benchmarks.rooms.truth import RoomView, truth_of, write_truth
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
 KINDS = {
@@ -82,11 +82,11 @@ class Studio:
         ]
         self.light = light_on(self.soup, np.concatenate(objects), room.window, seed, width / WIDTH)
 
-    def shown(self, posed: PosedCamera) -> Shown:
+    def draw(self, posed: PosedCamera) -> RoomView:
         """A view, with the objects and parts that the centers of its pixels show."""
         picture = picture_of(self.meshes, self.soup, self.light, posed)
-        ids = [np.where(picture.triangle >= 0, own[picture.triangle], 0) for own in (self.object_of, self.part_of)]
-        return Shown(posed, picture.light, ids[0].astype(np.uint8), ids[1].astype(np.uint8), picture.nearness)
+        ids = [np.where(picture.triangle >= 0, id_of[picture.triangle], 0) for id_of in (self.object_of, self.part_of)]
+        return RoomView(posed, picture.light, ids[0].astype(np.uint8), ids[1].astype(np.uint8), picture.nearness)
 
 
 def write_room(name: str, folder: Path, *, views: int | None = None, width: int = WIDTH) -> None:
@@ -103,15 +103,15 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
     train, test = [], []
     for number, pose in enumerate(room.poses[:views]):
         file = f"{number:03d}"
-        shown = studio.shown(PosedCamera(camera, pose, f"images/{file}.jpg"))
+        picture = studio.draw(PosedCamera(camera, pose, f"images/{file}.jpg"))
         tested = number % _TEST_EVERY == _FIRST_TEST
-        photo = photo_of(shown.light, EVEN if tested else phone_faults(rng), rng)
+        photo = photo_of(picture.light, EVEN if tested else phone_faults(rng), rng)
         Image.fromarray(photo).save(folder / "images" / f"{file}.jpg", quality=92)
-        Image.fromarray(shown.objects).save(folder / "instances" / f"{file}.png")
-        Image.fromarray(shown.parts).save(folder / "parts" / f"{file}.png")
+        Image.fromarray(picture.objects).save(folder / "instances" / f"{file}.png")
+        Image.fromarray(picture.parts).save(folder / "parts" / f"{file}.png")
         paths = {"file_path": f"images/{file}.jpg", "instance_path": f"instances/{file}.png"}
         frames.append({**paths, "part_path": f"parts/{file}.png", "transform_matrix": _opengl(pose).tolist()})
-        (test if tested else train).append(shown)
+        (test if tested else train).append(picture)
     names = [[view.posed.name for view in views] for views in (train, test)]
     document = {
         "camera_model": "PINHOLE",

@@ -82,11 +82,13 @@ def measured(scene: Scene, dataset: Dataset, truth: Truth) -> Measured:
     """The maps and counts that figures are made of."""
     posed = {view.name: view.posed for view in dataset.test if view.posed is not None}
     objects = {name: object_map(scene, camera) for name, camera in posed.items()}
-    own = None if scene.objects is None else scene.objects.parts
+    scene_parts = None if scene.objects is None else scene.objects.parts
     renderer = Renderer(scene, QuerySettings())
     parts = {
-        name: np.zeros(shown.shape, np.int32) if own is None else renderer.part_map(posed[name], own).astype(np.int32)
-        for name, shown in objects.items()
+        name: np.zeros(ids.shape, np.int32)
+        if scene_parts is None
+        else renderer.part_map(posed[name], scene_parts).astype(np.int32)
+        for name, ids in objects.items()
     }
     return Measured(scene, dataset, truth, objects, parts, count_objects(scene, dataset, objects))
 
@@ -161,9 +163,9 @@ def _parted(scene: Measured) -> dict[str, float | int]:
         meant = truth == number
         if meant.sum() < MIN_PIXELS:
             continue
-        pairs = [(shown, shown[meant]) for shown in (objects, parts)]
-        likely = [(shown, int(np.bincount(inside).argmax())) for shown, inside in pairs]
-        best.append(max(_iou(shown == number_there, meant) if number_there else 0.0 for shown, number_there in likely))
+        pairs = [(ids, ids[meant]) for ids in (objects, parts)]
+        likely = [(ids, int(np.bincount(inside).argmax())) for ids, inside in pairs]
+        best.append(max(_iou(ids == number_there, meant) if number_there else 0.0 for ids, number_there in likely))
     return {"parts_true": len(best), "parts_recall_50": _mean([float(iou >= _IS) for iou in best])}
 
 
@@ -185,26 +187,26 @@ def _in_space(scene: Measured) -> dict[str, float]:
     assert scene.scene.objects is not None
     rows, table = object_rows(scene.scene.objects), scene.scene.objects.table
     surfaces = cKDTree(truth.points.astype(np.float64))
-    outside, others, covered, alone = [], [], [], []
+    outside, elsewhere, covered, alone = [], [], [], []
     for number, place in scene.matches().items():
-        own = np.flatnonzero(rows == table[place].id)
-        if truth.surfaces[number - 1] or not len(own):
+        members = np.flatnonzero(rows == table[place].id)
+        if truth.surfaces[number - 1] or not len(members):
             continue
-        opacity = 1 / (1 + np.exp(-gaussians.logit_opacities[own].astype(np.float64)))
-        means = gaussians.means[own].astype(np.float64)
+        opacity = 1 / (1 + np.exp(-gaussians.logit_opacities[members].astype(np.float64)))
+        means = gaussians.means[members].astype(np.float64)
         out = truth.outside(number, means, MARGIN)
         distance, nearest = surfaces.query(means)
         at_another = out & (distance <= _AT) & (truth.owners[nearest] != number)
         outside.append(float(opacity[out].sum() / opacity.sum()))
-        others.append(float(opacity[at_another].sum() / opacity.sum()))
-        single = _rows_of(gaussians, own)
+        elsewhere.append(float(opacity[at_another].sum() / opacity.sum()))
+        single = _rows_of(gaussians, members)
         points = truth.points[truth.owners == number].astype(np.float64)
         if len(points):
             covered.append(float(_covers(single, points).mean()))
         alone.append(_silhouette_iou(single, scene, number))
     return {
         "outside_box": _mean(outside),
-        "outside_at_others": _mean(others),
+        "outside_at_others": _mean(elsewhere),
         "covered": _mean(covered),
         "alone_miou": _mean(alone),
     }

@@ -92,11 +92,11 @@ def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int, detail:
     toward = np.concatenate([room, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
     of_room = np.outer(np.full(_ROOM, _ROOM_STRENGTH / (_ROOM * 0.66)), _COOL)
     strength = np.concatenate([of_room, np.outer(np.full(_WINDOW, _WINDOW_STRENGTH / _WINDOW), _WARM)])
-    made = [
+    depth_maps = [
         _map(soup, about, direction, round(detail * (_COARSE if k < _ROOM else _FINE)))
         for k, direction in enumerate(toward)
     ]
-    axes, maps, low, step = zip(*made, strict=True)
+    axes, maps, low, step = zip(*depth_maps, strict=True)
     return Light(toward, strength, np.stack(axes), maps, np.stack(low), np.stack(step), middle)
 
 

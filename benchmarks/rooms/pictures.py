@@ -89,18 +89,18 @@ def picture_of(meshes: Sequence[Mesh], soup: Soup, light: Light, posed: PosedCam
     triangle = hits.triangle[rows, columns]
     corners = soup.triangles[triangle]
     shares = corner_shares(projected, corners, columns.astype(float), rows.astype(float))
-    points, normals, local = (_mixed(shares, corners, each) for each in (soup.points, soup.normals, soup.local))
+    points, normals, local = (_mixed(shares, corners, values) for values in (soup.points, soup.normals, soup.local))
     uv = _mixed(shares, corners, soup.uv)
     away = posed.world_from_camera[:3, 3] - points
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     normals = np.where((normals * away).sum(axis=1, keepdims=True) < 0, -normals, normals)
-    shown = np.zeros((*hits.triangle.shape, 3), np.float32)
+    colors = np.zeros((*hits.triangle.shape, 3), np.float32)
     owner = soup.mesh[triangle]
     once, all_of = _alike(rows, columns, owner, hits.triangle.shape[1])
     falling = light.reaching(points[once], normals[once])[all_of]
-    shown[rows, columns] = _shaded(meshes, owner, falling, normals, away, local, uv, light.window)
-    return Picture(_smoothed(shown), hits.triangle[1::2, 1::2], hits.nearness[1::2, 1::2])
+    colors[rows, columns] = _shaded(meshes, owner, falling, normals, away, local, uv, light.window)
+    return Picture(_smoothed(colors), hits.triangle[1::2, 1::2], hits.nearness[1::2, 1::2])
 
 
 def _alike(rows: Ints, columns: Ints, owner: Ints, width: int) -> tuple[Ints, Ints]:
@@ -130,7 +130,7 @@ def _shaded(
     around = (_DARK + level * (_BRIGHT - _DARK)).astype(np.float32) * falling.mean(axis=1, keepdims=True)
     gleam = np.maximum(mirrored @ window, 0)
     grazing = (1 - np.clip((normals * away).sum(axis=1), 0, 1)) ** 5
-    shown = np.zeros_like(falling)
+    colors = np.zeros_like(falling)
     order = np.argsort(owner, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(owner[order])) + 1):
         material = meshes[int(owner[rows[0]])].material
@@ -138,11 +138,11 @@ def _shaded(
         highlight = (material.polish / 12 * gleam[rows] ** material.polish)[:, None].astype(np.float32)
         mirror = around[rows] + highlight * np.minimum(falling[rows], 1.0)
         if material.metal:
-            shown[rows] = color * (0.35 * falling[rows] + 0.75 * mirror)
+            colors[rows] = color * (0.35 * falling[rows] + 0.75 * mirror)
         else:
             share = (material.gloss + (1 - material.gloss) * material.gloss * 4 * grazing[rows])[:, None]
-            shown[rows] = color * falling[rows] + share.astype(np.float32) * mirror
-    return shown
+            colors[rows] = color * falling[rows] + share.astype(np.float32) * mirror
+    return colors
 
 
 def _smoothed(samples: F32) -> F32:

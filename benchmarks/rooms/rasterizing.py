@@ -76,14 +76,14 @@ def projected_into(
         camera_from_world: float64 [4, 4], OpenCV axes.
         steps: 1 or 2.
     """
-    own = soup.points @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
-    depth = np.maximum(own[:, 2], 1e-9)
+    camera_points = soup.points @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
+    depth = np.maximum(camera_points[:, 2], 1e-9)
     shift = 0.5 if steps == 1 else 0.0
-    x = (camera.fx * own[:, 0] / depth + camera.cx) * steps - shift
-    y = (camera.fy * own[:, 1] / depth + camera.cy) * steps - shift
+    x = (camera.fx * camera_points[:, 0] / depth + camera.cx) * steps - shift
+    y = (camera.fy * camera_points[:, 1] / depth + camera.cy) * steps - shift
     more = steps - 1
-    projected = np.stack([x, y, 1 / np.maximum(own[:, 2], NEAR)], axis=1)
-    front = (own[:, 2] > NEAR)[soup.triangles].all(axis=1)
+    projected = np.stack([x, y, 1 / np.maximum(camera_points[:, 2], NEAR)], axis=1)
+    front = (camera_points[:, 2] > NEAR)[soup.triangles].all(axis=1)
     return projected, front, (camera.height * steps + more, camera.width * steps + more)
 
 
@@ -102,27 +102,27 @@ def rasterized(projected: F64, triangles: Ints, drawn: NDArray[np.bool_], size: 
     high = np.floor(corners[:, :, :2].max(axis=1))
     low = np.maximum(low, 0)
     high = np.minimum(high, (width - 1, height - 1))
-    edge, other = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
-    area = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0]
+    edge, second_edge = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+    area = edge[:, 0] * second_edge[:, 1] - edge[:, 1] * second_edge[:, 0]
     rows = np.flatnonzero(drawn & (high >= low).all(axis=1) & (np.abs(area) > 1e-12))
     spans = (high[rows] - low[rows] + 1).astype(np.int64)
     counts = spans[:, 0] * spans[:, 1]
-    planes = _planes(corners[rows], edge[rows], other[rows], area[rows])
+    planes = _planes(corners[rows], edge[rows], second_edge[rows], area[rows])
     top = max(float(corners[rows, :, 2].max(initial=0)), 1e-12)
     best = np.zeros(height * width, np.uint64)
     chunk = np.cumsum(counts) // _CHUNK
     for number in np.unique(chunk):
         part = np.flatnonzero(chunk == number)
         _draw(best, rows[part], low[rows[part]].astype(np.int64), spans[part], counts[part], planes[part], top, width)
-    shown = best > 0
-    triangle = np.where(shown, (best & np.uint64(0xFFFFFFFF)).astype(np.int64), NOTHING)
-    nearness = np.where(shown, (best >> np.uint64(32)).astype(np.float64) / _DEEPEST * top, 0.0)
+    hit = best > 0
+    triangle = np.where(hit, (best & np.uint64(0xFFFFFFFF)).astype(np.int64), NOTHING)
+    nearness = np.where(hit, (best >> np.uint64(32)).astype(np.float64) / _DEEPEST * top, 0.0)
     return Hits(triangle.reshape(size), nearness.reshape(size))
 
 
-def _planes(corners: F64, edge: F64, other: F64, area: F64) -> F64:
+def _planes(corners: F64, edge: F64, second_edge: F64, area: F64) -> F64:
     """float64 [T, 3, 3]: the shares of the second and third corner and the nearness, as a x + b y + c."""
-    second = np.stack([other[:, 1], -other[:, 0]], axis=1) / area[:, None]
+    second = np.stack([second_edge[:, 1], -second_edge[:, 0]], axis=1) / area[:, None]
     third = np.stack([-edge[:, 1], edge[:, 0]], axis=1) / area[:, None]
     shares = np.stack([second, third], axis=1)
     constant = -(shares * corners[:, :1, :2]).sum(axis=2)
@@ -136,17 +136,17 @@ def _planes(corners: F64, edge: F64, other: F64, area: F64) -> F64:
 def _draw(
     best: NDArray[np.uint64], rows: Ints, low: Ints, spans: Ints, counts: Ints, planes: F64, top: float, width: int
 ) -> None:
-    own = np.repeat(np.arange(len(rows)), counts)
+    owner = np.repeat(np.arange(len(rows)), counts)
     place = np.arange(int(counts.sum())) - np.repeat(np.cumsum(counts) - counts, counts)
-    down = place // spans[own, 0]
-    x, y = low[own, 0] + place - down * spans[own, 0], low[own, 1] + down
-    second = planes[own, 0, 0] * x + planes[own, 0, 1] * y + planes[own, 0, 2]
-    third = planes[own, 1, 0] * x + planes[own, 1, 1] * y + planes[own, 1, 2]
+    down = place // spans[owner, 0]
+    x, y = low[owner, 0] + place - down * spans[owner, 0], low[owner, 1] + down
+    second = planes[owner, 0, 0] * x + planes[owner, 0, 1] * y + planes[owner, 0, 2]
+    third = planes[owner, 1, 0] * x + planes[owner, 1, 1] * y + planes[owner, 1, 2]
     inside = np.flatnonzero((second >= 0) & (third >= 0) & (second + third <= 1))
-    own, x, y = own[inside], x[inside], y[inside]
-    near = planes[own, 2, 0] * x + planes[own, 2, 1] * y + planes[own, 2, 2]
+    owner, x, y = owner[inside], x[inside], y[inside]
+    near = planes[owner, 2, 0] * x + planes[owner, 2, 1] * y + planes[owner, 2, 2]
     key = np.clip(near / top * _DEEPEST, 1, 2 * _DEEPEST - 1).astype(np.uint64) << np.uint64(32)
-    np.maximum.at(best, y * width + x, key | rows[own].astype(np.uint64))
+    np.maximum.at(best, y * width + x, key | rows[owner].astype(np.uint64))
 
 
 def corner_shares(projected: F64, corners: Ints, x: F64, y: F64) -> F64:
@@ -158,10 +158,10 @@ def corner_shares(projected: F64, corners: Ints, x: F64, y: F64) -> F64:
         x, y: the sample's column and row.
     """
     a, b, c = (projected[corners[:, k]] for k in range(3))
-    edge, other = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2]
-    area = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0]
+    edge, second_edge = b[:, :2] - a[:, :2], c[:, :2] - a[:, :2]
+    area = edge[:, 0] * second_edge[:, 1] - edge[:, 1] * second_edge[:, 0]
     dx, dy = x - a[:, 0], y - a[:, 1]
-    second = (other[:, 1] * dx - other[:, 0] * dy) / area
+    second = (second_edge[:, 1] * dx - second_edge[:, 0] * dy) / area
     third = (edge[:, 0] * dy - edge[:, 1] * dx) / area
     shares = np.stack([1 - second - third, second, third], axis=1)
     shares *= np.stack([a[:, 2], b[:, 2], c[:, 2]], axis=1)

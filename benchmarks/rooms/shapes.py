@@ -175,8 +175,8 @@ def tube(path: ArrayLike, radius: ArrayLike, material: Material, *, sides: int =
     for k in range(len(p)):  # parallel transport: the ring never twists
         side = side - tangent[k] * (side @ tangent[k])
         side /= np.linalg.norm(side)
-        other = np.cross(tangent[k], side)
-        rings.append(p[k] + r[k] * (np.cos(angle) * side + squash * np.sin(angle) * other))
+        binormal = np.cross(tangent[k], side)
+        rings.append(p[k] + r[k] * (np.cos(angle) * side + squash * np.sin(angle) * binormal))
     ends = [p[k] + 1e-4 * (rings[k] - p[k]) for k in (0, -1)]
     return grid(np.stack([ends[0], *rings, ends[1]]), material, wrap=True)
 

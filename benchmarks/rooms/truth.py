@@ -24,7 +24,7 @@ _NEAR = 0.01
 
 
 @dataclass(frozen=True)
-class Shown:
+class RoomView:
     """A view of a room.
 
     Attributes:
@@ -81,8 +81,8 @@ def truth_of(
     soup: Soup,
     object_of: Ints,
     part_names: Sequence[str],
-    train: Sequence[Shown],
-    test: Sequence[Shown],
+    train: Sequence[RoomView],
+    test: Sequence[RoomView],
 ) -> Truth:
     """The truth of a room, whose triangles belong to `object_of` (int64 [T]), by views that show what can be known
     (`train`) and views to measure by (`test`, at least one)."""
@@ -90,13 +90,13 @@ def truth_of(
     boxes = [_upright_box(np.concatenate([mesh.points for mesh in obj.meshes])) for obj in room.objects]
     points, owners = [], []
     for number in range(1, len(room.objects) + 1):
-        own = _surface_points(soup, np.flatnonzero(object_of == number), rng)
-        seen = np.zeros(len(own), np.bool_)
+        samples = _surface_points(soup, np.flatnonzero(object_of == number), rng)
+        seen = np.zeros(len(samples), np.bool_)
         for view in train:
-            seen |= _shows(view, own, number)
-        points.append(own[seen])
+            seen |= _shows(view, samples, number)
+        points.append(samples[seen])
         owners.append(np.full(int(seen.sum()), number, np.int32))
-    axes, low, high = (np.stack(each) for each in zip(*boxes, strict=True))
+    axes, low, high = (np.stack(arrays) for arrays in zip(*boxes, strict=True))
     return Truth(
         labels=tuple(obj.label for obj in room.objects),
         surfaces=tuple(obj.surface for obj in room.objects),
@@ -148,13 +148,13 @@ def _surface_points(soup: Soup, triangles: Ints, rng: np.random.Generator) -> F6
     return np.asarray(a[rows] + u * (b - a)[rows] + v * (c - a)[rows])
 
 
-def _shows(view: Shown, points: F64, obj: int) -> NDArray[np.bool_]:
+def _shows(view: RoomView, points: F64, obj: int) -> NDArray[np.bool_]:
     camera, matrix = view.posed.camera, view.posed.camera_from_world()
-    own = points @ matrix[:3, :3].T + matrix[:3, 3]
-    depth = np.maximum(own[:, 2], 1e-9)
-    column = np.floor(camera.fx * own[:, 0] / depth + camera.cx).astype(np.int64)
-    row = np.floor(camera.fy * own[:, 1] / depth + camera.cy).astype(np.int64)
-    inside = (own[:, 2] > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    camera_points = points @ matrix[:3, :3].T + matrix[:3, 3]
+    depth = np.maximum(camera_points[:, 2], 1e-9)
+    column = np.floor(camera.fx * camera_points[:, 0] / depth + camera.cx).astype(np.int64)
+    row = np.floor(camera.fy * camera_points[:, 1] / depth + camera.cy).astype(np.int64)
+    inside = (camera_points[:, 2] > 0) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
     column, row = np.clip(column, 0, camera.width - 1), np.clip(row, 0, camera.height - 1)
     near = depth * view.nearness[row, column] < 1 + _NEAR
     return np.asarray(inside & near & (view.objects[row, column] == obj))
@@ -163,5 +163,5 @@ def _shows(view: Shown, points: F64, obj: int) -> NDArray[np.bool_]:
 def _silhouettes(soup: Soup, object_of: Ints, count: int, posed: PosedCamera) -> NDArray[np.bool_]:
     """bool [N, H, W]."""
     projected, front, size = projected_into(soup, posed.camera, posed.camera_from_world())
-    own = [front & (object_of == number) for number in range(1, count + 1)]
-    return np.stack([rasterized(projected, soup.triangles, drawn, size).triangle >= 0 for drawn in own])
+    masks = [front & (object_of == number) for number in range(1, count + 1)]
+    return np.stack([rasterized(projected, soup.triangles, drawn, size).triangle >= 0 for drawn in masks])

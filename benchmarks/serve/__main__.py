@@ -139,18 +139,18 @@ def _soak(scene: str, api: Api, seconds: float, note: Note) -> None:
 def _shelf(settings: Settings, small: Any, note: Note) -> None:
     """One client's p50 on a scene that stands alone and on one among a thousand others; fresh processes, in turns."""
     shelves = {}
-    for name, others in (("alone", 0), ("among_1000", 1_000)):
-        own = settings.model_copy(update={"data_dir": settings.data_dir.parent / name})
-        store = open_store(own.data_dir, own.database_url)
+    for name, other_count in (("alone", 0), ("among_1000", 1_000)):
+        shelf_settings = settings.model_copy(update={"data_dir": settings.data_dir.parent / name})
+        store = open_store(shelf_settings.data_dir, shelf_settings.database_url)
         scene = add_scene(store, small)
-        for _ in range(others):
+        for _ in range(other_count):
             add_scene(store, small, like=scene)
         store.close()
-        shelves[name] = (own, scene)
+        shelves[name] = (shelf_settings, scene)
     times: dict[str, list[float]] = {name: [] for name in shelves}
     for _ in range(4):
-        for name, (own, scene) in shelves.items():
-            with Api(own, {}) as api:
+        for name, (shelf_settings, scene) in shelves.items():
+            with Api(shelf_settings, {}) as api:
                 load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=200))
                 got = load_of(Load(api.http_port, _paths(scene), api.key, 1, 30.0, requests=1500))
                 times[name].append(float(got["p50_ms"]))

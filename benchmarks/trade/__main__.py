@@ -97,8 +97,8 @@ def measured(row: Row, threads: int, split: Split) -> dict[str, Any] | None:
     about = {"key": row.key, "data": row.data, "factor": row.factor, "value": row.value}
     changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception")}
     about_run = provenance(start, settings={}, chosen_on=chosen_on(row.data, split))
-    made = {name: value for name, value in about_run.items() if name not in ("command", "machine", "settings")}
-    return {**about, **{name: value for name, value in changed.items() if value}, **made, **figures}
+    origin = {name: value for name, value in about_run.items() if name not in ("command", "machine", "settings")}
+    return {**about, **{name: value for name, value in changed.items() if value}, **origin, **figures}
 
 
 def _line(row: dict[str, Any]) -> str:

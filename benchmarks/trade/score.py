@@ -38,13 +38,13 @@ def score(index: SceneIndex, data: BenchData, prompts_only: bool) -> dict[str, f
         predicted, truth = to_truth[index.label_map(view.posed)], data.truth.label_maps[position].astype(np.int64)
         pixels += mask_counts(predicted, truth, classes)
         edges += boundary_counts(predicted, truth, classes)
-    shown = [row for row in _counted(data, prompts_only) if pixels.present()[row]]
-    iou = pixels.iou()[shown]
+    rows = [row for row in _counted(data, prompts_only) if pixels.present()[row]]
+    iou = pixels.iou()[rows]
     return {
         **{name: mean(values) for name, values in qualities.items()},
         "miou": float(iou.mean()),
         "worst_iou": float(iou.min()),
-        "boundary_iou": float(np.nan_to_num(edges.iou()[shown]).mean()),
+        "boundary_iou": float(np.nan_to_num(edges.iou()[rows]).mean()),
     }
 
 

@@ -55,8 +55,8 @@ def main() -> None:
 def measure(workers: int, seconds: float, jobs: int) -> tuple[float, float, float]:
     """Seconds of the database's processors: a worker takes in a second while it waits, the same while it trains, and of
     a job that does nothing."""
-    with tempfile.TemporaryDirectory() as made, closing(PostgresServer()) as server, server.database() as url:
-        deployment = Deployment(Path(made), url)
+    with tempfile.TemporaryDirectory() as folder, closing(PostgresServer()) as server, server.database() as url:
+        deployment = Deployment(Path(folder), url)
         intervals = JobSettings(niceness=1).model_dump_json(include=set(settings_of(JobSettings)))
         try:
             for _ in range(workers):
@@ -85,7 +85,7 @@ def measure(workers: int, seconds: float, jobs: int) -> tuple[float, float, floa
 
 
 def _wait(deployment: Deployment, posted: Sequence[Operation]) -> None:
-    deployment.wait_for(lambda: {deployment.state(each) for each in posted} == {"SUCCEEDED"}, 1200.0)
+    deployment.wait_for(lambda: {deployment.state(operation) for operation in posted} == {"SUCCEEDED"}, 1200.0)
 
 
 def cpu_seconds(server: PostgresServer) -> float:
@@ -95,7 +95,7 @@ def cpu_seconds(server: PostgresServer) -> float:
     children = Path(f"/proc/{main_id}/task/{main_id}/children").read_text().split()
     fields = [Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split() for pid in (str(main_id), *children)]
     # utime and stime of each; of the first also what its children took that have ended (proc(5)).
-    ticks = sum(int(field) for each in fields for field in each[11:13]) + sum(map(int, fields[0][13:15]))
+    ticks = sum(int(field) for stat in fields for field in stat[11:13]) + sum(map(int, fields[0][13:15]))
     return ticks / _CLOCK
 
 

@@ -108,8 +108,8 @@ def run_main_job(
 def _train(
     client: Client, capture: Path, seconds: float | None, console: Console, folder: Path
 ) -> tuple[Scene, Operation]:
-    own = capture.parent.name if capture.name == "images" else capture.stem
-    name = "sample, trained here" if capture == SAMPLE_PHOTOS else own  # the package's "sample" is in meters
+    capture_name = capture.parent.name if capture.name == "images" else capture.stem
+    name = "sample, trained here" if capture == SAMPLE_PHOTOS else capture_name  # the package's "sample" is in meters
     posted = client.create_scene(capture, name=name, options=SceneOptions(time_budget_s=seconds))
     console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
     show = _Progress(console)
@@ -179,9 +179,11 @@ def object_to_name(ids: NDArray[np.uint16], objects: Mapping[int, SceneObject]) 
         objects: by id.
     """
     numbers, areas = np.unique(ids[ids > 0], return_counts=True)
-    shown = [(objects[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
+    candidates = [(objects[number], area) for number, area in zip(numbers.tolist(), areas.tolist(), strict=True)]
     cut = set(np.concatenate([ids[0], ids[-1], ids[:, 0], ids[:, -1]]).tolist()) if ids.size else set()
-    order = sorted(shown, key=lambda one: (one[0].kind == "surface", bool(one[0].name), one[0].id in cut, -one[1]))
+    order = sorted(
+        candidates, key=lambda pair: (pair[0].kind == "surface", bool(pair[0].name), pair[0].id in cut, -pair[1])
+    )
     return order[0][0].id if order else None
 
 

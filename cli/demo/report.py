@@ -50,7 +50,7 @@ def caption_of(answer: Answer) -> str:
     return f"“{answer.text}” {answer.sentence}"
 
 
-_SHOWN = 4
+_MAX_MATCHES = 4
 _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
 
@@ -153,7 +153,7 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
         title="Questions and answers, the same over REST and gRPC; dim: not relevant",
     )
     for query in report["queries"]:
-        for rank, match in enumerate(query["results"][:_SHOWN]):
+        for rank, match in enumerate(query["results"][:_MAX_MATCHES]):
             first = (query["text"], query["outcome"]) if rank == 0 else ("", "")
             likely = match["relevancy"] if match["probability"] is None else match["probability"]
             figures = (match["label"], f"{likely:.3f}", str(match["gaussian_count"]))

@@ -9,7 +9,7 @@ import typer
 
 from fastsplat.cli.options import JobId, Watch, service_command
 from fastsplat.cli.session import Session, progress
-from fastsplat.cli.short_ids import SHOWN
+from fastsplat.cli.short_ids import ID_LETTERS
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.jobs.operations import Operation, OperationList, OperationState
 from fastsplat_contract.messages.projects import GetJobLogRequest
@@ -32,7 +32,8 @@ def list_jobs(
     jobs = tuple(islice(session.client.operations(state), limit))
     columns = (Column("job"), Column("scene"), Column("state"), Column("posted"), Column("progress", "cut"))
     rows = [
-        (each.id[:SHOWN], each.scene_id[:SHOWN], each.state, minute(each.created_at), _progress(each)) for each in jobs
+        (job.id[:ID_LETTERS], job.scene_id[:ID_LETTERS], job.state, minute(job.created_at), _progress(job))
+        for job in jobs
     ]
     session.tell(OperationList(jobs, ""), table(columns, rows), nothing="there is no such job" if state else "no jobs")
 
@@ -40,8 +41,8 @@ def list_jobs(
 @service_command(jobs_app)
 def show(session: Session, job: JobId) -> None:
     """Show where a job stands, and why it failed if it did."""
-    told = session.client.operation(session.job(job))
-    session.tell(told, _facts(told))
+    operation = session.client.operation(session.job(job))
+    session.tell(operation, _facts(operation))
 
 
 @service_command(jobs_app)
@@ -53,16 +54,16 @@ def watch(session: Session, job: JobId) -> None:
 @service_command(jobs_app)
 def cancel(session: Session, job: JobId) -> None:
     """Stop a job without keeping a result; its upload stays a while for a retry."""
-    told = session.client.cancel(session.job(job))
-    stops = "" if told.done else "; it stops soon"
-    session.tell(told, f"job {told.id} is {told.state}{stops}")
+    operation = session.client.cancel(session.job(job))
+    stops = "" if operation.done else "; it stops soon"
+    session.tell(operation, f"job {operation.id} is {operation.state}{stops}")
 
 
 @service_command(jobs_app)
 def finish(session: Session, job: JobId) -> None:
     """End the training of a job early, and make its scene of what is there."""
-    told = session.client.finish(session.job(job))
-    session.tell(told, f"job {told.id} ends its training")
+    operation = session.client.finish(session.job(job))
+    session.tell(operation, f"job {operation.id} ends its training")
 
 
 @service_command(jobs_app)

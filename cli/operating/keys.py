@@ -10,7 +10,7 @@ from fastsplat.cli.connection import link_to_share
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import LEAST, SHOWN
+from fastsplat.cli.short_ids import ID_LETTERS, LEAST
 from fastsplat.cli.tables import Column, day, table
 from fastsplat_contract.server.keys import KeyList, Role
 
@@ -36,9 +36,9 @@ def create(
     days: Annotated[float | None, typer.Option(help="It expires after so many days. Default: never.")] = None,
 ) -> None:
     """Create a key and print it, this once: the database stores its hash alone."""
-    made = session.client.keys.create(name, role, None if days is None else days * _DAY_S)
-    typer.echo(f"key {made.key.id} ({role} in {made.key.project}) for {name}; it is not shown again:", err=True)
-    session.tell(made, made.secret)
+    new_key = session.client.keys.create(name, role, None if days is None else days * _DAY_S)
+    typer.echo(f"key {new_key.key.id} ({role} in {new_key.key.project}) for {name}; it is not shown again:", err=True)
+    session.tell(new_key, new_key.secret)
 
 
 @service_command(keys_app)
@@ -50,11 +50,11 @@ def share(
     page: Annotated[str, typer.Option(help="Where people open the page. Default: the server's URL.")] = "",
 ) -> None:
     """Print a read-only link to one scene; it is listed and revoked as a key."""
-    made = session.client.keys.share(session.scene(scene), name, days * _DAY_S)
+    new_key = session.client.keys.share(session.scene(scene), name, days * _DAY_S)
     settings = load_settings()
     here = f"{'http' if settings.tls_cert is None else 'https'}://localhost:{settings.http_port}"
-    typer.echo(f"key {made.key.id} shows scene {made.key.scene_id} alone, for {days:g} days:", err=True)
-    session.tell(made, link_to_share(page or session.address.url or here, made))
+    typer.echo(f"key {new_key.key.id} shows scene {new_key.key.scene_id} alone, for {days:g} days:", err=True)
+    session.tell(new_key, link_to_share(page or session.address.url or here, new_key))
 
 
 @service_command(keys_app, "list")
@@ -72,15 +72,15 @@ def list_keys(session: Session) -> None:
     )
     rows = [
         (
-            each.id,
-            each.name,
-            each.role,
-            each.state,
-            day(each.created_at),
-            "never" if each.expires_at is None else day(each.expires_at),
-            each.scene_id[:SHOWN],
+            key.id,
+            key.name,
+            key.role,
+            key.state,
+            day(key.created_at),
+            "never" if key.expires_at is None else day(key.expires_at),
+            key.scene_id[:ID_LETTERS],
         )
-        for each in keys
+        for key in keys
     ]
     session.tell(KeyList(keys, ""), table(columns, rows), nothing="the project has no key")
 
@@ -88,5 +88,5 @@ def list_keys(session: Session) -> None:
 @service_command(keys_app)
 def revoke(session: Session, key: _KeyId) -> None:
     """Revoke a key for ever; running servers refuse it within seconds."""
-    told = session.client.keys.revoke(session.key(key))
-    session.tell(told, f"key {told.id} is revoked")
+    access_key = session.client.keys.revoke(session.key(key))
+    session.tell(access_key, f"key {access_key.id} is revoked")

@@ -23,8 +23,8 @@ def create(
     """Make a project; only its own keys see its scenes, and they see no others."""
     from fastsplat_contract import calls  # every message of the contract
 
-    made = session.client.call(calls.CREATE_PROJECT, CreateProjectRequest(name))
-    session.tell(made, f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}")
+    project = session.client.call(calls.CREATE_PROJECT, CreateProjectRequest(name))
+    session.tell(project, f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}")
 
 
 @service_command(projects_app, "list")
@@ -34,5 +34,8 @@ def list_projects(session: Session) -> None:
 
     listed = session.client.call(calls.LIST_PROJECTS, None)
     columns = (Column("project", "cut"), Column("made"), Column("scenes", right=True), Column("keys", right=True))
-    rows = [(each.name, minute(each.created_at), str(each.scenes), str(each.keys)) for each in listed.projects]
+    rows = [
+        (project.name, minute(project.created_at), str(project.scenes), str(project.keys))
+        for project in listed.projects
+    ]
     session.tell(listed, table(columns, rows))

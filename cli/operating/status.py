@@ -42,32 +42,38 @@ def status(
             typer.echo(problem, err=True)
             raise typer.Exit(1)
         return
-    told = session.client.server_status()
-    session.tell(told, _facts(told))
+    server = session.client.server_status()
+    session.tell(server, _facts(server))
 
 
-def _facts(told: ServerStatus) -> str:
+def _facts(server: ServerStatus) -> str:
     return facts(
         (
-            ("release", told.version),
-            ("project", f"{told.project}, as {told.role}"),
-            ("key", "" if told.key_expires_at is None else f"expires {minute(told.key_expires_at)}"),
+            ("release", server.version),
+            ("project", f"{server.project}, as {server.role}"),
+            ("key", "" if server.key_expires_at is None else f"expires {minute(server.key_expires_at)}"),
             (
                 "workers",
-                f"{told.workers}, which train with {told.training_backend}" if told.workers else "none: jobs wait",
+                f"{server.workers}, which train with {server.training_backend}"
+                if server.workers
+                else "none: jobs wait",
             ),
-            *(_health(told.health) if told.health is not None else ()),
-            ("answers", f"are drawn with {told.backend}"),
-            *((model.role.replace("_", " "), _model(model)) for model in told.models),
-            *((quota.kind, _quota(quota)) for quota in told.quotas),
-            ("upload", f"at most {size(told.max_upload_bytes)} and {told.max_images} images"),
-            ("page", " ".join(told.addresses)),
+            *(_health(server.health) if server.health is not None else ()),
+            ("answers", f"are drawn with {server.backend}"),
+            *((model.role.replace("_", " "), _model(model)) for model in server.models),
+            *((quota.kind, _quota(quota)) for quota in server.quotas),
+            ("upload", f"at most {size(server.max_upload_bytes)} and {server.max_images} images"),
+            ("page", " ".join(server.addresses)),
         )
     )
 
 
-def _health(told: ServerHealth) -> tuple[tuple[str, str], ...]:
-    return (*(("worker", _worker(worker)) for worker in told.workers), ("queue", _queue(told.queue)), _disk(told.disk))
+def _health(health: ServerHealth) -> tuple[tuple[str, str], ...]:
+    return (
+        *(("worker", _worker(worker)) for worker in health.workers),
+        ("queue", _queue(health.queue)),
+        _disk(health.disk),
+    )
 
 
 def _worker(worker: WorkerHealth) -> str:
@@ -94,8 +100,8 @@ def _model(model: ModelStatus) -> str:
 
 
 def _quota(quota: QuotaStatus) -> str:
-    shown = size if quota.kind == "bytes" else "{:,.0f}".format
-    return shown(quota.used) + ("" if quota.limit is None else f" of {shown(quota.limit)}")
+    text_of = size if quota.kind == "bytes" else "{:,.0f}".format
+    return text_of(quota.used) + ("" if quota.limit is None else f" of {text_of(quota.limit)}")
 
 
 def _api_problem(settings: Settings) -> str:

@@ -64,10 +64,10 @@ def ask(
         asker=asker,
         asker_view=asker_view or None,
     )
-    told = session.client.ask_everywhere(request)
-    session.tell(told, "\n".join(line for answer in told.answers for line in _lines(answer)))
+    result = session.client.ask_everywhere(request)
+    session.tell(result, "\n".join(line for answer in result.answers for line in _lines(answer)))
     if picture is not None:
-        write_file(picture, _picture(session, told.answers[0]))
+        write_file(picture, _picture(session, result.answers[0]))
 
 
 def _lines(answer: Answer) -> list[str]:
@@ -85,7 +85,7 @@ def _picture(session: Session, answer: Answer) -> bytes:
     views: list[str] = []
     if answer.shows_something:
         best = session.client.best_views(answer.scene_id, text=answer.text, max_views=1, version=answer.version)
-        views = [each.view for each in best]
+        views = [best_view.view for best_view in best]
     if not views:
         cameras = session.client.scene(answer.scene_id).cameras
         views = [cameras[len(cameras) // 2].name]

@@ -41,8 +41,8 @@ def clean(
     edits = [Edit("remove", object_ids=tuple(obj), filter=chosen)]
     scene_id = session.scene(scene)
     if preview:
-        told = session.client.preview_edit(scene_id, edits)
-        session.tell(told, f"{told.count:,} of {told.gaussians:,} Gaussians would go")
+        edit_preview = session.client.preview_edit(scene_id, edits)
+        session.tell(edit_preview, f"{edit_preview.count:,} of {edit_preview.gaussians:,} Gaussians would go")
         return
-    made = session.client.edit_scene(scene_id, edits)
-    session.tell(made, f"version {made.version} is current, with {made.gaussians:,} Gaussians")
+    new_version = session.client.edit_scene(scene_id, edits)
+    session.tell(new_version, f"version {new_version.version} is current, with {new_version.gaussians:,} Gaussians")

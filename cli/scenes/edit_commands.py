@@ -75,8 +75,8 @@ def suggest(
         suggested = from_json(SuggestIn, file.read_bytes()).suggestions
     except InvalidInputError as error:
         raise error.within("file") from error
-    made = session.client.suggest_names(session.scene(scene), suggested)
-    session.tell(made, f"{len(suggested)} names suggested\nversion {made.version} is current")
+    new_version = session.client.suggest_names(session.scene(scene), suggested)
+    session.tell(new_version, f"{len(suggested)} names suggested\nversion {new_version.version} is current")
 
 
 @service_command(objects_app)
@@ -108,17 +108,17 @@ def ask_captioner(
     captioner = Captioner(url, model, captioner_key.read_text().strip() if captioner_key is not None else "")
     said = suggest_by(session.client, session.scene(scene), captioner)
     by = f"{captioner.model} at {captioner.host}"
-    session.tell(SuggestIn(said.names), _asked(len(said.names), said.shown, said.refused, by, said.problem))
+    session.tell(SuggestIn(said.names), _summary(len(said.names), said.objects, said.refused, by, said.problem))
 
 
 def _said(operation: Operation) -> str:
-    told = operation.ask_captioner
-    assert told is not None
-    return _asked(told.suggested, told.shown, told.refused, "the server's captioner", told.problem)
+    result = operation.ask_captioner
+    assert result is not None
+    return _summary(result.suggested, result.objects, result.refused, "the server's captioner", result.problem)
 
 
-def _asked(names: int, shown: int, refused: int, who: str, problem: str) -> str:
-    lines = [f"{names} names suggested for {shown} objects by {who}"]
+def _summary(names: int, objects: int, refused: int, who: str, problem: str) -> str:
+    lines = [f"{names} names suggested for {objects} objects by {who}"]
     if refused:
         lines.append(f"{refused} refused: unusable, or the same for too many objects")
     if problem:
@@ -135,7 +135,7 @@ def confirm(
     """Give objects without a name the likeliest one that is suggested for them."""
     scene_id = session.scene(scene)
     named = session.client.confirm_names(scene_id, least=least)
-    lines = [f"object {each.id} is {each.suggestions[0].name!r}" for each in named]
+    lines = [f"object {obj.id} is {obj.suggestions[0].name!r}" for obj in named]
     session.tell(ObjectList(named, "", ""), "\n".join(lines) or "no suggestion is so probable")
 
 
@@ -220,14 +220,14 @@ def add(
 
 def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
     scene_id = session.scene(scene)
-    made = session.client.edit_scene(scene_id, [edit], looked_at=session.version(scene_id, looked_at))
+    new_version = session.client.edit_scene(scene_id, [edit], looked_at=session.version(scene_id, looked_at))
     lines = []
-    for new in made.prompted:
+    for new in new_version.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
         lines.append(f"object {new.object_id} has {new.gaussian_count} Gaussians{agree}")
-    if made.asks_kind:
+    if new_version.asks_kind:
         lines.append(f"no word of {edit.name!r} is known here: to be found by what it is, name it again with --kind")
-    session.tell(made, "\n".join([*lines, f"version {made.version} is current"]))
+    session.tell(new_version, "\n".join([*lines, f"version {new_version.version} is current"]))
 
 
 def _prompt(

@@ -12,7 +12,7 @@ import typer
 from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import SHOWN
+from fastsplat.cli.short_ids import ID_LETTERS
 from fastsplat.cli.tables import minute, point
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError
@@ -72,7 +72,7 @@ def observe(
     contents = [_bytes(path) for path in files]
     when = None if seen_at is None else seen_at.astimezone()
     observation = session.client.observe(session.scene(scene), contents, focals=focal, seen_at=when)
-    session.tell(observation, _told(observation))
+    session.tell(observation, _observation_text(observation))
 
 
 @service_command(scenes_app)
@@ -80,18 +80,20 @@ def observations(session: Session, scene: SceneId, version: Version = "") -> Non
     """Say what photos of other days showed, the newest first."""
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
-    told = tuple(session.client.observations(scene_id, version=version))
-    lines = [_told(each) for each in told] or ["no photos of another day are kept with this scene"]
-    session.tell(ObservationList(told, "", version), "\n".join(lines))
+    all_observations = tuple(session.client.observations(scene_id, version=version))
+    lines = [_observation_text(observation) for observation in all_observations] or [
+        "no photos of another day are kept with this scene"
+    ]
+    session.tell(ObservationList(all_observations, "", version), "\n".join(lines))
 
 
-def _told(observation: Observation) -> str:
+def _observation_text(observation: Observation) -> str:
     photos = f"{len(observation.photos)} photos of {minute(observation.seen_at)}"
-    lines = [f"{observation.id[:SHOWN]}: {photos}: {len(observation.looked_at)} objects were looked at"]
+    lines = [f"{observation.id[:ID_LETTERS]}: {photos}: {len(observation.looked_at)} objects were looked at"]
     lines += [
         f"  {change.sentence} ({change.probability:.0%}, {len(change.photos)} photos)" for change in observation.changes
     ] or [f"  {observation.sentence}"]
-    return "\n".join([*lines, *(f"  left out: {each}" for each in observation.left_out)])
+    return "\n".join([*lines, *(f"  left out: {reason}" for reason in observation.left_out)])
 
 
 def _files(path: Path) -> list[Path]:

@@ -27,9 +27,9 @@ def measure(
     version: Version = "",
 ) -> None:
     """Measure a place, an object's size, or the distance of two places."""
-    asked = [_place(text) for text in places]
+    parsed_places = [_place(text) for text in places]
     scene_id = session.scene(scene)
-    measured = session.client.measure(scene_id, *asked, version=session.version(scene_id, version))
+    measured = session.client.measure(scene_id, *parsed_places, version=session.version(scene_id, version))
     session.tell(measured, _sentences(measured))
 
 
@@ -46,12 +46,12 @@ def scale(
     plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
 ) -> None:
     """Make the scene's units meters by measured lengths or sizes; several are combined."""
-    first, *others = (_place(text) for text in places)
+    first, *rest = (_place(text) for text in places)
     known: KnownLength | KnownSize
-    if first.object_id and not others:
+    if first.object_id and not rest:
         known = KnownSize(first.object_id, meters, plus_minus, "height" if height else "longest")
-    elif len(others) == 1 and not height:
-        known = KnownLength(first, others[0], meters, plus_minus)
+    elif len(rest) == 1 and not height:
+        known = KnownLength(first, rest[0], meters, plus_minus)
     else:
         raise InvalidInputError(
             f"a scale by {len(places)} places",
@@ -59,13 +59,13 @@ def scale(
             hint="Name two places, or one object; --height is of an object.",
         )
     scene_id = session.scene(scene)
-    made = session.client.scale_scene(scene_id, known)
+    new_version = session.client.scale_scene(scene_id, known)
     scaling = session.client.scene(scene_id).scaling
     assert scaling is not None
     session.tell(
-        made,
+        new_version,
         f"a unit of the trained scene is {scaling.meters_per_unit:.6g} m ({scaling.low:.6g} to {scaling.high:.6g}), "
-        f"by {scaling.known_lengths} known lengths\nversion {made.version} is current",
+        f"by {scaling.known_lengths} known lengths\nversion {new_version.version} is current",
     )
 
 

@@ -47,14 +47,14 @@ def list_objects(
     )
     rows = [
         (
-            f"{'  ' if each.parent else ''}{each.id}",
-            each.name,
-            f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
-            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
-            _said_on(each),
-            f"{each.gaussian_count:,}",
+            f"{'  ' if obj.parent else ''}{obj.id}",
+            obj.name,
+            f"{_said_by(obj)} {obj.probability:.0%}" if obj.source else obj.surface,
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in obj.suggestions),
+            _said_on(obj),
+            f"{obj.gaussian_count:,}",
         )
-        for each in objects
+        for obj in objects
     ]
     session.tell(ObjectList(objects, "", version), table(columns, rows), nothing="the scene has no objects")
 
@@ -71,10 +71,10 @@ def sheet(
 ) -> None:
     """Write a picture of at most 20 numbered objects without a name, and list them."""
     scene_id = session.scene(scene)
-    asked = GetContactSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
-    shown = session.client.call(calls.GET_CONTACT_SHEET, asked)
-    if shown.picture:
-        write_file(file, shown.picture)
+    request = GetContactSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
+    contact_sheet = session.client.call(calls.GET_CONTACT_SHEET, request)
+    if contact_sheet.picture:
+        write_file(file, contact_sheet.picture)
     columns = (
         Column("no.", right=True),
         Column("id"),
@@ -84,19 +84,19 @@ def sheet(
     )
     rows = [
         (
-            str(each.number),
-            str(each.object_id),
-            "" if each.size is None else " × ".join(f"{side:.3g}" for side in each.size),
-            ", ".join(f"{near.object_id} {near.name}".rstrip() for near in each.neighbors),
-            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
+            str(obj.number),
+            str(obj.object_id),
+            "" if obj.size is None else " × ".join(f"{side:.3g}" for side in obj.size),
+            ", ".join(f"{near.object_id} {near.name}".rstrip() for near in obj.neighbors),
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in obj.suggestions),
         )
-        for each in shown.objects
+        for obj in contact_sheet.objects
     ]
-    session.tell(shown, table(columns, rows), nothing="no object is without a name")
-    if shown.unseen and not session.as_json:
-        typer.echo(f"no camera shows {', '.join(map(str, shown.unseen))}", err=True)
-    if shown.next_page_token and not session.as_json:
-        typer.echo(f"there are more: --page {shown.next_page_token}", err=True)
+    session.tell(contact_sheet, table(columns, rows), nothing="no object is without a name")
+    if contact_sheet.unseen and not session.as_json:
+        typer.echo(f"no camera shows {', '.join(map(str, contact_sheet.unseen))}", err=True)
+    if contact_sheet.next_page_token and not session.as_json:
+        typer.echo(f"there are more: --page {contact_sheet.next_page_token}", err=True)
 
 
 @service_command(objects_app)
@@ -122,10 +122,10 @@ def detections(session: Session, scene: SceneId, version: Version = "") -> None:
     """Show each object's position with uncertainty, its name, and the object that carries it."""
     scene_id = session.scene(scene)
     whole = session.client.detection_page(scene_id, version=session.version(scene_id, version))
-    made = list(whole.detections)
+    all_detections = list(whole.detections)
     while whole.next_page_token:
         whole = session.client.detection_page(scene_id, version=whole.version, page_token=whole.next_page_token)
-        made += whole.detections
+        all_detections += whole.detections
     columns = (
         Column("id"),
         Column("name", "cut"),
@@ -134,8 +134,11 @@ def detections(session: Session, scene: SceneId, version: Version = "") -> None:
         Column("on or in", "cut"),
         Column("views", right=True),
     )
-    session.tell(whole._replace(detections=tuple(made)), table(columns, [_row(each) for each in made]))
-    if made and not session.as_json:
+    session.tell(
+        whole._replace(detections=tuple(all_detections)),
+        table(columns, [_row(detection) for detection in all_detections]),
+    )
+    if all_detections and not session.as_json:
         unit = "meters" if whole.meters else "scene units"
         typer.echo(f"centers in {unit}; --json has poses, boxes and covariances", err=True)
 
@@ -184,11 +187,17 @@ def known(
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
     known_names = session.client.known_names
     if forget:
-        whole = forget if forget == EVERY_NAME else whole_id("name", forget, (each.id for each in known_names.all()))
+        whole = (
+            forget
+            if forget == EVERY_NAME
+            else whole_id("name", forget, (known_name.id for known_name in known_names.all()))
+        )
         known_names.forget(whole)
     names = tuple(known_names.all())
     columns = (Column("id"), Column("name", "cut"), Column("object", right=True), Column("named"))
-    rows = [(each.id, each.name, str(each.object_id), minute(each.named_at)) for each in names]
+    rows = [
+        (known_name.id, known_name.name, str(known_name.object_id), minute(known_name.named_at)) for known_name in names
+    ]
     session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
 
 
@@ -213,29 +222,29 @@ def _picked(picked: PickedObject) -> str:
     lines = [object_name(picked.object), f"maybe {maybe}" if maybe else "", f"says {said}" if said else ""]
     if picked.part is not None:
         lines.append(f"there its part: {object_name(picked.part)}")
-    for each in picked.levels:
-        if each.level == "group":
-            lines.append(f"in group {each.id}: objects {', '.join(map(str, each.members))}")
+    for choice in picked.levels:
+        if choice.level == "group":
+            lines.append(f"in group {choice.id}: objects {', '.join(map(str, choice.members))}")
     if len(picked.levels) > 1:
-        meant = ", ".join(f"{each.level} {each.probability:.0%}" for each in picked.levels)
+        meant = ", ".join(f"{choice.level} {choice.probability:.0%}" for choice in picked.levels)
         lines.append(f"meant: {meant}; the mask is of the {picked.level}")
     return "\n".join(line for line in lines if line)
 
 
-def _row(each: Detection) -> tuple[str, ...]:
-    center = "" if each.box is None else point(each.box.center.position)
-    variances = each.position_covariance[::4]
+def _row(detection: Detection) -> tuple[str, ...]:
+    center = "" if detection.box is None else point(detection.box.center.position)
+    variances = detection.position_covariance[::4]
     sure = f"{1.96 * math.sqrt(max(variances)):.3f}" if variances else ""
-    support = each.support
+    support = detection.support
     on = "" if support is None else f"{support.relation} {support.label or f'object {support.object_id}'}"
-    return str(each.object_id), each.label, center, sure, on, str(len(each.views))
+    return str(detection.object_id), detection.label, center, sure, on, str(len(detection.views))
 
 
 def _seen(operation: Operation) -> str:
     result = operation.look_again
     assert result is not None
-    lines = [f"object {each.object_id} is {each.name} ({each.probability:.0%})" for each in result.named]
-    lines += [f"object {each.object_id} may be {each.name} ({each.probability:.0%})" for each in result.suggested]
+    lines = [f"object {guess.object_id} is {guess.name} ({guess.probability:.0%})" for guess in result.named]
+    lines += [f"object {guess.object_id} may be {guess.name} ({guess.probability:.0%})" for guess in result.suggested]
     if not result.named and not result.suggested:
         lines.append("nothing of that was found on an object")
     if result.unmatched:

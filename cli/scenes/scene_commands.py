@@ -10,7 +10,7 @@ import typer
 
 from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import SHOWN
+from fastsplat.cli.short_ids import ID_LETTERS
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.places import Alignment, PointPair
@@ -41,15 +41,15 @@ def list_scenes(session: Session) -> None:
     )
     rows = [
         (
-            each.id[:SHOWN],
-            each.name,
-            each.state,
-            f"{each.gaussians:,}",
-            "-" if each.object_count is None else str(each.object_count),
-            "m" if each.scale == "METRIC" else "-",
-            minute(each.captured_at or each.created_at),
+            scene.id[:ID_LETTERS],
+            scene.name,
+            scene.state,
+            f"{scene.gaussians:,}",
+            "-" if scene.object_count is None else str(scene.object_count),
+            "m" if scene.scale == "METRIC" else "-",
+            minute(scene.captured_at or scene.created_at),
         )
-        for each in scenes
+        for scene in scenes
     ]
     session.tell(SceneList(scenes, ""), table(columns, rows), nothing="there is no scene")
 
@@ -57,8 +57,8 @@ def list_scenes(session: Session) -> None:
 @service_command(scenes_app)
 def show(session: Session, scene: SceneId) -> None:
     """Show a scene's state, quality, unit and names."""
-    told = session.client.scene(session.scene(scene))
-    session.tell(told, _facts(told))
+    scene_info = session.client.scene(session.scene(scene))
+    session.tell(scene_info, _facts(scene_info))
 
 
 @service_command(scenes_app)
@@ -96,11 +96,11 @@ def delete(
 def photos(session: Session, scene: SceneId) -> None:
     """Show what became of each photo of a scene, and what to do about it."""
     verdicts = tuple(session.client.photo_verdicts(session.scene(scene)))
-    placed = sum(each.placed for each in verdicts)
+    placed = sum(verdict.placed for verdict in verdicts)
     columns = (Column("photo", "wrap"), Column("verdict", "wrap"), Column("advice", "wrap"))
     session.tell(
         PhotoVerdictList(verdicts, "", bool(verdicts), placed, len(verdicts)),
-        table(columns, [(each.name, _verdict(each), each.advice) for each in verdicts]),
+        table(columns, [(verdict.name, _verdict(verdict), verdict.advice) for verdict in verdicts]),
         nothing="nobody has looked at the photos of this scene: see the job",
     )
     if verdicts:
@@ -115,7 +115,7 @@ def next_photos(session: Session, scene: SceneId, version: Version = "") -> None
     places = session.client.next_photos(scene_id, version)
     session.tell(
         NextPhotoList(places, version),
-        "\n".join(each.advice for each in places),
+        "\n".join(place.advice for place in places),
         nothing="no place to stand at would add much",
     )
 
@@ -133,17 +133,17 @@ def align(
     """Align a scene with a map by three or more points, as a new version."""
     alignment = Alignment(frame, pairs=_pairs(pairs))
     scene_id = session.scene(scene)
-    made = session.client.align_scene(scene_id, alignment)
+    new_version = session.client.align_scene(scene_id, alignment)
     result = session.client.scene(scene_id).alignment
     assert result is not None and result.rms is not None
-    lines = [f"the pairs fit to {result.rms:.4g} m (root mean square)", f"version {made.version} is current"]
-    session.tell(made, "\n".join(lines))
+    lines = [f"the pairs fit to {result.rms:.4g} m (root mean square)", f"version {new_version.version} is current"]
+    session.tell(new_version, "\n".join(lines))
     for number in result.outliers:
         typer.echo(f"pair {number + 1} did not count: it is {result.residuals[number]:.4g} m off", err=True)
 
 
 def _facts(scene: Scene) -> str:
-    names = Counter({each.label: each.gaussian_count for each in scene.dictionary}).most_common(_SHOWN_NAMES)
+    names = Counter({entry.label: entry.gaussian_count for entry in scene.dictionary}).most_common(_SHOWN_NAMES)
     more = scene.label_count - len(names)
     assessment = scene.assessment
     findings = () if assessment is None else assessment.findings
@@ -158,7 +158,7 @@ def _facts(scene: Scene) -> str:
             ("size", f"{scene.gaussians:,} Gaussians, {scene.camera_count} cameras" if scene.gaussians else ""),
             ("unit", _unit(scene) if scene.gaussians else ""),
             ("quality", "" if assessment is None else assessment.grade),
-            *(("", f"{each.message} {each.advice}") for each in findings),
+            *(("", f"{finding.message} {finding.advice}") for finding in findings),
             ("names", ", ".join(name for name, _ in names) + (f" and {more} more" if more > 0 else "")),
         )
     )

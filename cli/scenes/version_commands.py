@@ -9,7 +9,7 @@ import typer
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import SHOWN
+from fastsplat.cli.short_ids import ID_LETTERS
 from fastsplat.cli.tables import Column, minute, table
 from fastsplat_contract.messages.scenes import SceneVersion, VersionList
 
@@ -19,7 +19,7 @@ _Only = Annotated[str, typer.Option("--version", help="Only if this is the curre
 @service_command(objects_app)
 def versions(session: Session, scene: SceneId) -> None:
     """Show every version of a scene, oldest first; a star marks the current one."""
-    told = session.client.versions(session.scene(scene))
+    scene_versions = session.client.versions(session.scene(scene))
     columns = (
         Column(""),
         Column("version"),
@@ -30,16 +30,16 @@ def versions(session: Session, scene: SceneId) -> None:
     )
     rows = [
         (
-            "*" if each.current else "",
-            each.version[:SHOWN],
-            each.parent[:SHOWN],
-            ", ".join(edit.action for edit in each.edits) or "trained",
-            each.author,
-            minute(each.created_at),
+            "*" if version.current else "",
+            version.version[:ID_LETTERS],
+            version.parent[:ID_LETTERS],
+            ", ".join(edit.action for edit in version.edits) or "trained",
+            version.author,
+            minute(version.created_at),
         )
-        for each in told
+        for version in scene_versions
     ]
-    session.tell(VersionList(told), table(columns, rows))
+    session.tell(VersionList(scene_versions), table(columns, rows))
 
 
 @service_command(objects_app)

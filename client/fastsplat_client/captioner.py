@@ -52,7 +52,7 @@ _AGAIN = (408, 429)
 _Name = Mapping[str, Any]
 """Fields of `SuggestedName`."""
 
-_ASKED = (
+_PROMPT = (
     "The picture shows objects of one place, each outlined, with its number in the corner of its part. Say what each "
     "outlined object is, in one or two plain words, as a person would call it. Leave out what you do not recognize. "
     "probability is how sure you are: of names with 0.6, 4 in 10 are wrong. aliases are other words for the same. "
@@ -120,13 +120,13 @@ class NamedSheets:
     """A captioner's suggestions for a scene."""
 
     names: tuple[SuggestedName, ...]  # at most one per object
-    shown: int  # objects in the pictures
+    objects: int  # objects in the pictures
     refused: int  # names left out: of unknown numbers, unusable, or the same for too many objects
     requests: int  # retries included
     problem: str = ""  # why some objects were not asked about, for display
 
 
-class _Told(BaseModel):
+class _NamedObject(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     number: int
@@ -138,7 +138,7 @@ class _Told(BaseModel):
 class _Answer(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
-    names: Annotated[list[_Told], Field(max_length=200)]
+    names: Annotated[list[_NamedObject], Field(max_length=200)]
 
 
 def ask_captioner(captioner: Captioner, sheets: Iterable[ContactSheet]) -> NamedSheets:
@@ -151,29 +151,29 @@ def ask_captioner(captioner: Captioner, sheets: Iterable[ContactSheet]) -> Named
         FastSplatError: raised by `sheets`, which are fetched as needed.
     """
     ends = time.monotonic() + captioner.total_s
-    told: list[tuple[ContactSheet, list[_Name]]] = []
-    answered = shown = requests = 0
+    answers: list[tuple[ContactSheet, list[_Name]]] = []
+    answered = object_count = requests = 0
     problem = ""
     with httpx.Client(follow_redirects=False, trust_env=False) as http:
         for sheet in sheets:
             if not sheet.objects:
                 continue
-            shown += len(sheet.objects)
+            object_count += len(sheet.objects)
             try:
                 answer, tries = _answer(captioner, http, sheet, ends, MAX_REQUESTS - requests)
             except CaptionerError as error:
-                if not told:
+                if not answers:
                     raise
                 problem = str(error)
                 break
             requests += tries
             answered += len(answer.names)
-            told.append((sheet, _usable(answer, sheet)))
-    kept = _not_obeyed(told, shown)
+            answers.append((sheet, _usable(answer, sheet)))
+    good_names = _not_obeyed(answers, object_count)
     names = [
-        SuggestedName(**each, source=captioner.model.strip()[:_MAX_SOURCE], model=captioner.model) for each in kept
+        SuggestedName(**row, source=captioner.model.strip()[:_MAX_SOURCE], model=captioner.model) for row in good_names
     ]
-    return NamedSheets(tuple(names), shown, answered - len(kept), requests, problem)
+    return NamedSheets(tuple(names), object_count, answered - len(good_names), requests, problem)
 
 
 def suggest_by(client: Client, scene_id: str, captioner: Captioner) -> NamedSheets:
@@ -202,8 +202,8 @@ def _answer(
             return _once(captioner, http, sheet, min(left - pause, captioner.request_s)), tried
         except (_AgainError, httpx.HTTPError) as error:
             failed = str(error) or type(error).__name__
-            told = error.after_s if isinstance(error, _AgainError) else None
-            pause = _PAUSES.pause(tried - 1) if told is None else told
+            wait_s = error.after_s if isinstance(error, _AgainError) else None
+            pause = _PAUSES.pause(tried - 1) if wait_s is None else wait_s
     raise CaptionerError(
         f"the captioner at {captioner.host} does not answer: {failed[:300]}",
         field="url",
@@ -288,17 +288,17 @@ def _request(captioner: Captioner, sheet: ContactSheet) -> Mapping[str, Any]:
     picture = base64.b64encode(sheet.picture).decode()
     unit = " m" if sheet.meters else ""
     lines = []
-    for each in sheet.objects:
-        size = "" if each.size is None else " × ".join(f"{side:.2g}" for side in each.size) + unit
-        beside = ", ".join(near.name for near in each.neighbors if near.name)
-        about = [size, f"a {each.surface}" if each.surface else "", f"beside {beside}" if beside else ""]
-        lines.append(f"{each.number}: " + ("; ".join(filter(None, about)) or "of unknown size"))
+    for obj in sheet.objects:
+        size = "" if obj.size is None else " × ".join(f"{side:.2g}" for side in obj.size) + unit
+        beside = ", ".join(near.name for near in obj.neighbors if near.name)
+        about = [size, f"a {obj.surface}" if obj.surface else "", f"beside {beside}" if beside else ""]
+        lines.append(f"{obj.number}: " + ("; ".join(filter(None, about)) or "of unknown size"))
     return {
         "model": captioner.model,
         "temperature": 0,
         "max_tokens": 4_096,
         "messages": [
-            {"role": "system", "content": _ASKED + json.dumps(_SCHEMA)},
+            {"role": "system", "content": _PROMPT + json.dumps(_SCHEMA)},
             {
                 "role": "user",
                 "content": [
@@ -316,14 +316,14 @@ def _request(captioner: Captioner, sheet: ContactSheet) -> Mapping[str, Any]:
 
 def _usable(answer: _Answer, sheet: ContactSheet) -> list[_Name]:
     """Selects the most probable usable name of each object on the sheet."""
-    ids = {each.number: each.object_id for each in sheet.objects}
+    ids = {entry.number: entry.object_id for entry in sheet.objects}
     best: dict[int, _Name] = {}
-    for each in sorted(answer.names, key=lambda one: -one.probability):
-        name = each.name.strip()
-        if each.number in ids and ids[each.number] not in best and _is_name(name):
-            aliases = tuple(word.strip() for word in each.aliases if _is_name(word.strip()))[:_MAX_ALIASES]
-            obj = ids[each.number]
-            best[obj] = {"object_id": obj, "name": name, "probability": each.probability, "aliases": aliases}
+    for suggestion in sorted(answer.names, key=lambda suggestion: -suggestion.probability):
+        name = suggestion.name.strip()
+        if suggestion.number in ids and ids[suggestion.number] not in best and _is_name(name):
+            aliases = tuple(word.strip() for word in suggestion.aliases if _is_name(word.strip()))[:_MAX_ALIASES]
+            obj = ids[suggestion.number]
+            best[obj] = {"object_id": obj, "name": name, "probability": suggestion.probability, "aliases": aliases}
     return list(best.values())
 
 
@@ -331,30 +331,28 @@ def _is_name(text: str) -> bool:
     return 0 < len(text) <= _MAX_NAME and not unseen_in(text)
 
 
-def _not_obeyed(told: Sequence[tuple[ContactSheet, Sequence[_Name]]], shown: int) -> list[_Name]:
+def _not_obeyed(answers: Sequence[tuple[ContactSheet, Sequence[_Name]]], object_count: int) -> list[_Name]:
     """Drops names due to prompt injection: all of such sheets, their name elsewhere, or everything."""
-    obeyed = [_obeyed([sheet], names, len(sheet.objects)) for sheet, names in told]
-    kept = [each for (_, names), poster in zip(told, obeyed, strict=True) if not poster for each in names]
-    kept = [each for each in kept if _key(each) not in obeyed]
-    return [] if _obeyed([sheet for sheet, _ in told], kept, shown) else kept
+    obeyed = [_obeyed([sheet], names, len(sheet.objects)) for sheet, names in answers]
+    good_names = [row for (_, names), poster in zip(answers, obeyed, strict=True) if not poster for row in names]
+    good_names = [row for row in good_names if _key(row) not in obeyed]
+    return [] if _obeyed([sheet for sheet, _ in answers], good_names, object_count) else good_names
 
 
-def _obeyed(sheets: Sequence[ContactSheet], names: Sequence[_Name], shown: int) -> str:
-    """Finds a name given to implausibly many of `shown` objects, or "".
+def _obeyed(sheets: Sequence[ContactSheet], names: Sequence[_Name], object_count: int) -> str:
+    """Finds a name given to implausibly many of the objects on the sheets, or "".
 
     It is a sign of prompt injection, e.g. by a poster. Similar sizes, as of books on a shelf, make a common name
     plausible, unless photos show it in writing.
     """
     counts = Counter(map(_key, names)).most_common(1)
-    if shown < _FEW or not counts or counts[0][1] <= math.floor(_MOST_ALIKE * shown):
+    if object_count < _FEW or not counts or counts[0][1] <= math.floor(_MOST_ALIKE * object_count):
         return ""
     name = counts[0][0]
     if any(_squeezed(name) in _squeezed(line) for sheet in sheets for line in sheet.written):
         return name
-    same = {each["object_id"] for each in names if _key(each) == name}
-    sizes = [
-        each.size for sheet in sheets for each in sheet.objects if each.object_id in same and each.size is not None
-    ]
+    same = {row["object_id"] for row in names if _key(row) == name}
+    sizes = [obj.size for sheet in sheets for obj in sheet.objects if obj.object_id in same and obj.size is not None]
     return name if len(sizes) < _FEW - 1 or _apart(sizes) > _SIZES_APART else ""
 
 
@@ -364,8 +362,8 @@ def _apart(sizes: Sequence[Vector3]) -> float:
     return fmean(abs(side - typical) for row in sides for side, typical in zip(row, middle, strict=True))
 
 
-def _key(told: _Name) -> str:
-    return str(told["name"]).casefold()
+def _key(row: _Name) -> str:
+    return str(row["name"]).casefold()
 
 
 def _squeezed(text: str) -> str:

@@ -96,12 +96,12 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
 
 
 def _with_splat(files: list[tuple[str, Path]], splat: Path) -> list[tuple[str, Path]]:
-    others = [(name, path) for name, path in files if not path.samefile(splat)]
-    if any(name == splat.name for name, _ in others):
+    rest = [(name, path) for name, path in files if not path.samefile(splat)]
+    if any(name == splat.name for name, _ in rest):
         raise InvalidInputError(
             f"there is another file called {splat.name} among the photos", field="photos", hint="Rename one of them."
         )
-    return [(splat.name, splat), *others]
+    return [(splat.name, splat), *rest]
 
 
 def _is_sent(name: Path) -> bool:

@@ -78,8 +78,8 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         piece_bytes: int = PIECE_BYTES,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
-        own = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
-        self._headers = {name: value for name, value in own.items() if value}
+        headers = {"Authorization": f"Bearer {key}" if key else "", "X-Fastsplat-Project": project}
+        self._headers = {name: value for name, value in headers.items() if value}
         super().__init__(Transport(url, self._headers, ca, timeout_s, retry, transport))
         self.known_names = ClientKnownNames(self._transport)
         """Names given in the project's scenes, suggested in others."""

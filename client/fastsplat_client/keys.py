@@ -44,6 +44,6 @@ class ClientKeys(TableCalls):
         return self.call(calls.REVOKE_KEY, requests.RevokeKeyRequest(key_id))
 
 
-def share_link(server: str, made: NewKey) -> str:
+def share_link(server: str, new_key: NewKey) -> str:
     """Builds the link to a shared scene; browsers send nothing after #, the secret's place."""
-    return f"{server.rstrip('/')}/#/scenes/{quote(made.key.scene_id, safe='')}?share={made.secret}"
+    return f"{server.rstrip('/')}/#/scenes/{quote(new_key.key.scene_id, safe='')}?share={new_key.secret}"

@@ -81,7 +81,7 @@ class ObjectCalls(TableCalls):
 
     def measure(self, scene_id: str, *places: Place | int, version: str = "") -> Measurement:
         """Measures one place or object (its id), or the distance between two."""
-        of = tuple(Place(object_id=one) if isinstance(one, int) else one for one in places)
+        of = tuple(Place(object_id=place) if isinstance(place, int) else place for place in places)
         return self.call(calls.MEASURE_SCENE, MeasureRequest(scene_id, of, version))
 
     def goal(self, scene_id: str, object_id: int, robot_radius: float = 0.0, *, version: str = "") -> Goal:
@@ -104,8 +104,8 @@ class ObjectCalls(TableCalls):
 
     def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
         """Makes a metric version by known lengths and sizes, adding to earlier ones; see `Scene.scaling`."""
-        lengths = tuple(each for each in known if isinstance(each, KnownLength))
-        sizes = tuple(each for each in known if isinstance(each, KnownSize))
+        lengths = tuple(length for length in known if isinstance(length, KnownLength))
+        sizes = tuple(size for size in known if isinstance(size, KnownSize))
         return self.edit_scene(scene_id, [Edit("scale", known_lengths=lengths, known_sizes=sizes)])
 
     def name_objects(
@@ -163,7 +163,7 @@ class ObjectCalls(TableCalls):
             if not obj.name and obj.suggestions and obj.suggestions[0].probability >= least
         ]
         firsts = ((obj, obj.suggestions[0]) for obj in likely)
-        edits = [Edit("name", object_ids=(obj.id,), name=told.name, aliases=told.aliases) for obj, told in firsts]
+        edits = [Edit("name", object_ids=(obj.id,), name=first.name, aliases=first.aliases) for obj, first in firsts]
         for start in range(0, len(edits), _EDITS):
             self.edit_scene(scene_id, edits[start : start + _EDITS])
         return tuple(likely)

@@ -24,7 +24,7 @@ class Subscription:
 class Connection:
     """State of one connection of a stream."""
 
-    asked: list[int] = field(default_factory=list)  # numbers of the questions sent, in order
+    questions: list[int] = field(default_factory=list)  # numbers of the questions sent, in order
     over: bool = False
     accepted: bool = False  # the server accepted a question
     alive: bool = False  # and sent more after it; a server that fails at every pose still accepts questions
@@ -92,8 +92,8 @@ class PendingQueries:
                     self._changed.wait()
                 if connection.over:
                     return
-                if connection.asked[-1:] != [len(self._questions)]:
-                    connection.asked.append(len(self._questions))
+                if connection.questions[-1:] != [len(self._questions)]:
+                    connection.questions.append(len(self._questions))
                     question = self._questions[-1]
                     request = pb.StreamQueryRequest(
                         question=pb.Subscription(query=to_proto(question.request), heartbeat_s=question.heartbeat_s)
@@ -111,8 +111,8 @@ class PendingQueries:
                 yield request
 
     def _has_news(self, connection: Connection, sent: int) -> bool:
-        asked = connection.asked[-1:] == [len(self._questions)]
-        return self._ended or not asked or self._sequence > max(sent, self._answered)
+        current = connection.questions[-1:] == [len(self._questions)]
+        return self._ended or not current or self._sequence > max(sent, self._answered)
 
     def _read(self) -> None:
         """Reads the next part; only one thread does so at a time."""

@@ -85,7 +85,7 @@ class PhotoCalls(TableCalls):
     def observations(self, scene_id: str, *, version: str = "") -> Iterator[Observation]:
         """Lists a scene's observations by photos of other days, newest photos first."""
         pages = self._pages(calls.LIST_OBSERVATIONS, ListObservationsRequest(scene_id, version))
-        return (each for page in pages for each in page.observations)
+        return (observation for page in pages for observation in page.observations)
 
     def observation(self, scene_id: str, observation_id: str, *, version: str = "") -> Observation:
         """Gets an observation; `photo` of a photo's `view` gets its file."""

@@ -10,22 +10,22 @@ from typing import TypeVar
 from fastsplat_contract.server.server_info import ServerInfo
 from fastsplat_contract.server.server_status import ServerStatus
 
-Told = TypeVar("Told", ServerInfo, ServerStatus)
+Reply = TypeVar("Reply", ServerInfo, ServerStatus)
 
 
 class ReleaseWarning(UserWarning):
     """Client and server releases are incompatible; calls may fail."""
 
 
-def fitting(told: Told) -> Told:
+def fitting(reply: Reply) -> Reply:
     """Returns its argument; warns by `ReleaseWarning` if the server's release is incompatible."""
     try:
-        own = version("fastsplat-client")
+        release = version("fastsplat-client")
     except PackageNotFoundError:  # not installed, hence without a release
-        return told
-    if said := advice(own, told.version):
+        return reply
+    if said := advice(release, reply.version):
         warnings.warn(said, ReleaseWarning, stacklevel=3)
-    return told
+    return reply
 
 
 def advice(client: str, server: str) -> str:

@@ -27,9 +27,9 @@ def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: fl
     size = path.stat().st_size
     name = base64.b64encode(path.name.encode()).decode()
     headers = {**_TUS, "Upload-Length": str(size), "Upload-Metadata": f"filename {name}"}
-    made = transport.call("POST", "/v1/uploads", headers=headers).headers["location"]
-    upload_id = made.rpartition("/")[2]
-    path_there = f"/v1/uploads/{upload_id}"  # not `made`, which may begin with a proxy's path
+    location = transport.call("POST", "/v1/uploads", headers=headers).headers["location"]
+    upload_id = location.rpartition("/")[2]
+    path_there = f"/v1/uploads/{upload_id}"  # not the header, which may begin with a proxy's path
     offset = failures = 0
     with path.open("rb") as file:
         while offset < size:

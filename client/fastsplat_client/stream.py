@@ -190,8 +190,8 @@ def grpc_address(server: ServerInfo, host: str) -> str:
             field="grpc_target",
             hint='Name it: Client(url, grpc_target="host:port").',
         )
-    own = f"[{host}]" if ":" in host else host
-    return f"{own}{server.grpc}" if server.grpc.startswith(":") else server.grpc
+    url_host = f"[{host}]" if ":" in host else host
+    return f"{url_host}{server.grpc}" if server.grpc.startswith(":") else server.grpc
 
 
 def error_from(error: grpc.RpcError) -> FastSplatError:
@@ -248,7 +248,7 @@ def _answers(
         if part == "response":
             pieces.append(reply.response)
         elif part == "done":
-            number = connection.asked[reply.question - 1]
+            number = connection.questions[reply.question - 1]
             answers = tuple(answers_of(pieces, pending.question(number).outputs))
             dropped = pending.answered(reply.sequence)
             yield PoseAnswer(reply.sequence, number, answers, dropped, reply.done.seconds)

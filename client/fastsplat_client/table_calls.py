@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
-from fastsplat_contract.call import Answered, Asked, Call
+from fastsplat_contract.call import Call, RequestT, ResponseT
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.messages.requests import InPages
 
@@ -35,7 +35,7 @@ class TableCalls:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def call(self, call: Call[Asked, Answered], asked: Asked, *, timeout_s: float | None = None) -> Answered:
+    def call(self, call: Call[RequestT, ResponseT], request: RequestT, *, timeout_s: float | None = None) -> ResponseT:
         """Makes a call of `fastsplat_contract.calls` whose request is neither a form nor a stream.
 
         Args:
@@ -43,7 +43,7 @@ class TableCalls:
             asked: its request, e.g. `MeasureRequest`; None if the call has none.
         """
         method, template = call.route.split(" ")
-        plain: dict[str, Any] = {} if asked is None else to_plain(asked)
+        plain: dict[str, Any] = {} if request is None else to_plain(request)
         path = re.sub(r"{(\w+)}", lambda name: in_path(plain.pop(name[1])), template)
         if method in ("GET", "DELETE"):
             sent: dict[str, Any] = {"params": {name: value for name, value in plain.items() if value is not None}}
@@ -51,13 +51,13 @@ class TableCalls:
             sent = {"json": plain or None}
         response = self._transport.call(method, path, **sent, repeatable=call.repeatable, timeout_s=timeout_s)
         if call.response is NoneType:
-            return cast(Answered, None)
-        return cast(Answered, response.content) if call.response is bytes else read(call.response, response)
+            return cast(ResponseT, None)
+        return cast(ResponseT, response.content) if call.response is bytes else read(call.response, response)
 
-    def _pages(self, call: Call[Listed, Page], asked: Listed) -> Iterator[Page]:
+    def _pages(self, call: Call[Listed, Page], request: Listed) -> Iterator[Page]:
         token = ""
         while True:
-            page = self.call(call, replace(asked, page_size=_PAGE, page_token=token))
+            page = self.call(call, replace(request, page_size=_PAGE, page_token=token))
             yield page
             if not (token := page.next_page_token):
                 return

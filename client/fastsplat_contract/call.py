@@ -7,8 +7,8 @@ from typing import Generic, Literal, NamedTuple, TypeVar, get_args
 
 from fastsplat_contract.server.keys import Role
 
-Asked = TypeVar("Asked")
-Answered = TypeVar("Answered")
+RequestT = TypeVar("RequestT")
+ResponseT = TypeVar("ResponseT")
 Tag = Literal["server", "scenes", "operations", "queries", "keys", "known names"]
 _ROLES: tuple[Role, ...] = get_args(Role)
 APART: tuple[Role, ...] = ("uploader", "suggester")
@@ -40,7 +40,7 @@ class Rule(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Call(Generic[Asked, Answered]):
+class Call(Generic[RequestT, ResponseT]):
     """One call of the service.
 
     Attributes:
@@ -62,8 +62,8 @@ class Call(Generic[Asked, Answered]):
 
     rpc: str
     tag: Tag
-    request: type[Asked]
-    response: type[Answered]
+    request: type[RequestT]
+    response: type[ResponseT]
     rule: Rule
     route: str
     about: str

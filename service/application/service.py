@@ -129,10 +129,10 @@ class SceneService:
         return self._projects.get((project, scene_id), lambda: 1, lambda: self._over(project, scene_id))
 
     def _over(self, project: str, scene_id: str) -> SceneService:
-        other, context = copy.copy(self), self._context.over(self._store.in_project(project, scene_id))
-        other.exports, other.localizing = self.exports.over(context), self.localizing.over(context)
-        other._bind(context)
-        return other
+        clone, context = copy.copy(self), self._context.over(self._store.in_project(project, scene_id))
+        clone.exports, clone.localizing = self.exports.over(context), self.localizing.over(context)
+        clone._bind(context)
+        return clone
 
     def __enter__(self) -> Self:
         return self
@@ -322,8 +322,8 @@ class SceneService:
         """Deletes a scene, stops its job and frees its request id; raises `NotFoundError`."""
         # On a full disk, even deletion needs some space for its row.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
-        for kept in (self._context.scenes, self.exports, self.localizing):
-            kept.forget(scene_id)
+        for cache in (self._context.scenes, self.exports, self.localizing):
+            cache.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)
         if operation is not None and operation.state != "RUNNING":  # else its worker cleans up

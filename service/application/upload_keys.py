@@ -34,8 +34,8 @@ class OneUpload:
     @property
     def resumable(self) -> _OwnUploads:
         """As `SceneService.resumable`, restricted to the key's own uploads."""
-        own = self._service.resumable.of_key(self._key_id, self._service.max_entries)
-        return _OwnUploads(self._service, self._key_id, own)
+        uploads = self._service.resumable.of_key(self._key_id, self._service.max_entries)
+        return _OwnUploads(self._service, self._key_id, uploads)
 
     def get_operation(self, operation_id: str) -> Operation:
         """The key's own operation; raises `NotFoundError` for any other."""

@@ -143,11 +143,11 @@ class _Build:
         log.left_out.update(
             {image.name: result["impossible"][image.file] for image in images if image.file in result["impossible"]}
         )
-        cameras, made = result["cameras"], self._sources(table, log)
+        cameras, factory = result["cameras"], self._sources(table, log)
         sources = (
             source
             for image, pose in zip(registered, poses, strict=True)
-            for source in made.reconstructed(image, pose, cameras[image.file], matches[image.name])
+            for source in factory.reconstructed(image, pose, cameras[image.file], matches[image.name])
         )
         written = self._write(sources, len(registered), 0.9, 1.0)
         unregistered = [image for image in images if image.file not in result["poses"] or image.name in log.left_out]
@@ -180,8 +180,8 @@ class _Build:
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
         log = ViewLog()
-        made = self._sources(table, log)
-        sources = (source for image in dataset.images for source in made.posed(image, photo_by_path[image.path]))
+        factory = self._sources(table, log)
+        sources = (source for image in dataset.images for source in factory.posed(image, photo_by_path[image.path]))
         written = self._write(sources, len(dataset.images), 0.0, 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         views, scale, notes = written.views, None, tuple[str, ...]()
@@ -305,14 +305,14 @@ class _Build:
     def _placing_listener(self, images: list[SfmImage]) -> Listener:
         """Makes a listener that also reports placed cameras, never fewer than before."""
         names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
-        shown = 0
+        last_count = 0
 
         def heard(fraction: float, message: str) -> None:
-            nonlocal shown
+            nonlocal last_count
             listen(fraction, message)
             placed = take_placed(folder / "reconstruct", names, len(images)) if self.on_placed else None
-            if placed is not None and self.on_placed is not None and placed.placed >= shown:
-                shown = placed.placed
+            if placed is not None and self.on_placed is not None and placed.placed >= last_count:
+                last_count = placed.placed
                 self.on_placed(placed)
 
         return heard

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-_NOW = {"thing": "object_id", "thing_id": "object_id", "things": "object_ids"}
+_NOW = {"thing": "object_id", "thing_id": "object_id", "things": "object_ids", "shown": "objects"}
 
 
 def renamed_keys(stored: Any) -> Any:

@@ -63,7 +63,7 @@ def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE,
     lines, size = _header_lines(head, refuse)
     if not lines or lines[0][:1] != ["format"] or len(lines[0]) != 3 or lines[0][1] not in encodings:
         stated = " ".join(lines[0][1:])[:60] if lines else ""
-        raise refuse(f"has the format {stated!r}, expected {' or '.join(f'{each} 1.0' for each in encodings)}")
+        raise refuse(f"has the format {stated!r}, expected {' or '.join(f'{encoding} 1.0' for encoding in encodings)}")
     order = ">" if lines[0][1] == BIG else "<"
     elements: list[tuple[str, int, list[tuple[str, str]], bool]] = []
     for words in lines[1:]:
@@ -73,14 +73,14 @@ def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE,
             elements.append((words[1], int(words[2]), [], False))
         elif words[0] == "property" and elements and len(words) == 3 and words[1] in _TYPES:
             properties = elements[-1][2]
-            if words[2] in {own for own, _ in properties}:
+            if words[2] in {name for name, _ in properties}:
                 raise refuse(f"has two properties called {words[2][:40]!r}")
             properties.append((words[2], order + _TYPES[words[1]]))
         elif words[0] == "property" and elements and len(words) == 5 and words[1] == "list":
             elements[-1] = (*elements[-1][:3], True)
         else:
             raise refuse(f"has the header line {' '.join(words)[:80]!r}")
-    found = tuple(Element(own, count, np.dtype(layout), lists) for own, count, layout, lists in elements)
+    found = tuple(Element(name, count, np.dtype(layout), lists) for name, count, layout, lists in elements)
     return PlyHeader(lines[0][1], found, size, refuse)
 
 
@@ -96,7 +96,7 @@ def read_element(path: Path, header: PlyHeader, element: Element) -> Iterator[tu
         return
     with path.open("rb") as file:
         file.seek(header.size)
-        for _ in range(sum(own.count for own in before)):
+        for _ in range(sum(section.count for section in before)):
             _line(header, file)
         yield from _ascii_rows(header, file, element)
 
@@ -108,7 +108,7 @@ def check_size(path: Path, header: PlyHeader, element: Element) -> None:
         InvalidInputError: a list in the element or before it, no properties, or a file that is too short.
     """
     before = header.elements[: header.elements.index(element)]
-    listed = next((own.name for own in (*before, element) if own.has_lists), None)
+    listed = next((section.name for section in (*before, element) if section.has_lists), None)
     if listed is not None:
         raise header.refuse(f"has a list in its element {listed[:40]!r}, which is not read")
     if not element.layout.names:
@@ -119,7 +119,7 @@ def check_size(path: Path, header: PlyHeader, element: Element) -> None:
         if size < end:
             raise header.refuse(f"has {size} bytes where its header asks for at least {end}")
         return
-    numbers = sum(own.count * max(1, len(own.layout.names or ())) for own in (*before, element))
+    numbers = sum(section.count * max(1, len(section.layout.names or ())) for section in (*before, element))
     if size < header.size + 2 * numbers - 1:  # a digit and a blank each
         raise header.refuse(f"has {size} bytes, too few for the {numbers} numbers that its header announces")
 
@@ -127,7 +127,7 @@ def check_size(path: Path, header: PlyHeader, element: Element) -> None:
 def _begin(header: PlyHeader, element: Element) -> int:
     """Offset of an element's rows in a binary file."""
     before = header.elements[: header.elements.index(element)]
-    return header.size + sum(own.count * own.layout.itemsize for own in before)
+    return header.size + sum(section.count * section.layout.itemsize for section in before)
 
 
 def _binary_rows(path: Path, begin: int, element: Element) -> Iterator[tuple[slice, Table]]:
@@ -152,8 +152,8 @@ def _ascii_rows(header: PlyHeader, file: BinaryIO, element: Element) -> Iterator
             raise header.refuse(f"has text that is no number near row {start}: {str(error)[:80]}") from error
         table = np.empty(rows, element.layout)
         with np.errstate(over="ignore", invalid="ignore"):  # float overflow becomes infinity, which callers handle
-            for column, own in enumerate(names):
-                table[own] = _held(numbers[:, column], element.layout[own])
+            for column, name in enumerate(names):
+                table[name] = _held(numbers[:, column], element.layout[name])
         yield slice(start, start + rows), table
 
 

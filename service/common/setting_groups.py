@@ -65,8 +65,8 @@ def environment_variable(group: type[BaseModel], field: str) -> str:
 
 def settings_of(group: type[BaseModel]) -> dict[str, FieldInfo]:
     """Returns a group's fields that the environment may set."""
-    options = [each for each in group.__mro__[1:] if issubclass(each, Options) and not issubclass(each, SettingGroup)]
-    constants = {name for each in options for name in each.model_fields}
+    options = [base for base in group.__mro__[1:] if issubclass(base, Options) and not issubclass(base, SettingGroup)]
+    constants = {name for base in options for name in base.model_fields}
     constants |= {name for name, field in group.model_fields.items() if _is_constant(field)}
     return {name: field for name, field in group.model_fields.items() if name not in constants}
 

@@ -97,31 +97,31 @@ def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32
     Args:
         drawn: float32 [H, W, 3], shares of each pixel: piece, known other, unknown.
     """
-    piece, other = drawn[..., 0], drawn[..., 1]
-    shown = piece > np.maximum(0.5 * drawn.sum(axis=2), 0.25)
-    if shown.sum() < _LEAST_PX:
+    piece, outside = drawn[..., 0], drawn[..., 1]
+    piece_mask = piece > np.maximum(0.5 * drawn.sum(axis=2), 0.25)
+    if piece_mask.sum() < _LEAST_PX:
         return None
-    height, width = shown.shape
+    height, width = piece_mask.shape
     known, total = embedding(), float(piece.sum())
     best, highest = None, 0.0
-    for prompt in _prompts_for(shown, other > 0.5):
+    for prompt in _prompts_for(piece_mask, outside > 0.5):
         answer = segmenter.mask_logits(known, prompt.prompts())
         for layer, mask in zip(answer.logits[0], _enlarged(answer, width, height), strict=True):
-            score = float(piece[mask].sum()) / (total + float(other[mask].sum())) * stability(layer)
+            score = float(piece[mask].sum()) / (total + float(outside[mask].sum())) * stability(layer)
             if score > highest:
                 best, highest = mask, score
     return best if highest >= _AGREES else None
 
 
-def _prompts_for(shown: Mask, other: Mask) -> list[PicturePrompt]:
-    columns, rows = np.flatnonzero(shown.any(0)), np.flatnonzero(shown.any(1))
+def _prompts_for(piece_mask: Mask, outside: Mask) -> list[PicturePrompt]:
+    columns, rows = np.flatnonzero(piece_mask.any(0)), np.flatnonzero(piece_mask.any(1))
     box = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
     margin = _AROUND * (box[2:] - box[:2])
     left, top = np.maximum(box[:2] - margin, 0).astype(int)
     right, bottom = np.ceil(box[2:] + margin).astype(int)
-    near = np.zeros_like(other)
-    near[top:bottom, left:right] = other[top:bottom, left:right]
-    middle, nothing = _deepest(shown), np.zeros((0, 2))
+    near = np.zeros_like(outside)
+    near[top:bottom, left:right] = outside[top:bottom, left:right]
+    middle, nothing = _deepest(piece_mask), np.zeros((0, 2))
     prompts = [PicturePrompt(middle, nothing, box), PicturePrompt(nothing, nothing, box)]
     beside = [_deepest(near)] if near.any() else []
     return prompts + [PicturePrompt(middle, background) for background in (nothing, *beside)]

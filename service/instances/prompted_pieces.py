@@ -77,12 +77,12 @@ def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, 
         return Piece(np.zeros(0, np.int64), ())
     votes.add(posed, mask)
     first = np.flatnonzero(votes.piece)
-    for other in scene.further(first) if len(first) else ():
+    for view in scene.further(first) if len(first) else ():
         check_cancelled()
-        shown = votes.drawn(other)
-        again = matching_mask(segmenter, partial(scene.embed, other), shown)
+        shares = votes.drawn(view)
+        again = matching_mask(segmenter, partial(scene.embed, view), shares)
         if again is not None:
-            votes.add(other, again)
+            votes.add(view, again)
     return Piece(np.flatnonzero(votes.settled()), tuple(votes.views))
 
 
@@ -119,8 +119,8 @@ class _Votes:
     def drawn(self, posed: PosedCamera) -> NDArray[np.float32]:
         """Renders pixel shares, float32 [H, W, 3]: piece, known other, seen by no view."""
         piece, seen = self.piece, self._seen
-        other = ~piece & (seen | ~self._region)
-        features = np.stack([piece, other, ~piece & ~other], axis=1).astype(np.float32)
+        outside = ~piece & (seen | ~self._region)
+        features = np.stack([piece, outside, ~piece & ~outside], axis=1).astype(np.float32)
         splats = replace(self._splats, features=torch.from_numpy(features).to(self._splats.means.device))
         rendering = rasterize(splats, self._viewmat(posed), posed.camera, backend=self._backend)
         return np.asarray(rendering.image.cpu().numpy())

@@ -117,7 +117,7 @@ def carry_edits(
     lost: list[str] = []
     before = draft
     for number, version in enumerate(edited):
-        made: list[Edit] = []
+        new_edits: list[Edit] = []
         before_here = index
         for edit in version.edits:
             try:
@@ -127,14 +127,14 @@ def carry_edits(
             except FastSplatError as error:
                 lost.append(f"{_named(edit)}: {error.message}")
                 continue
-            made.append(again)
+            new_edits.append(again)
             lost += [f"{_named(edit)}: object {object_id} of the draft was not found again" for object_id in missing]
-        there, here = _made(before, version.index), _made(before_here, index)
+        there, here = _new_objects(before, version.index), _new_objects(before_here, index)
         if len(there) == len(here):
             ids |= dict(zip(there, here, strict=True))
         before = version.index
-        if made:
-            versions.append(_CarriedVersion(number, made, index))
+        if new_edits:
+            versions.append(_CarriedVersion(number, new_edits, index))
     return _Carried(versions, lost)
 
 
@@ -180,18 +180,18 @@ def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneInde
         return apply_edit(index, edit, piece=_piece(before, after, index))
     if edit.source is None:
         return apply_edit(index, edit, max_gaussians=max_gaussians)
-    there = replace(edit, label=None, object_ids=_made(before, after), transform=_UNMOVED)
+    there = replace(edit, label=None, object_ids=_new_objects(before, after), transform=_UNMOVED)
     return apply_edit(index, there, source=after, max_gaussians=max_gaussians)
 
 
-def _made(before: SceneIndex, after: SceneIndex) -> tuple[int, ...]:
+def _new_objects(before: SceneIndex, after: SceneIndex) -> tuple[int, ...]:
     known = {obj.id for obj in before.objects.table.table}
     return tuple(obj.id for obj in after.objects.table.table if obj.id not in known)
 
 
 def _piece(before: SceneIndex, after: SceneIndex, index: SceneIndex) -> NDArray[np.int64]:
     """Gaussians of `index` located in the object that an edit made there, int64 [K]."""
-    return np.flatnonzero(np.isin(_at(after, index), _made(before, after)))
+    return np.flatnonzero(np.isin(_at(after, index), _new_objects(before, after)))
 
 
 def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Edit, list[int]]:

@@ -146,7 +146,7 @@ def look_for(
     for object_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
         whole = found.get(object_id, {})
         found[object_id] = {name: max(whole.get(name, 0.0), closer.get(name, 0.0)) for name in {**whole, **closer}}
-    regions = sum(1 for own in labelling.regions for region in own.votes if region)
+    regions = sum(1 for view_regions in labelling.regions for region in view_regions.votes if region)
     _tell(progress, 0, 1, 1, f"{regions} found in {len(views)} views, {votes.unmatched} of them no object's")
     return Sightings(
         tuple(texts), tuple(posed.name for posed in cameras), found, regions, votes.unmatched, paint is None
@@ -166,25 +166,25 @@ def _look_closer(
     if not settings.look_again.closer_views:
         return {}
     backend, sizes = settings.training.backend, {posed.name: posed.camera.width for posed in scene.cameras}
-    shown = [objects_in_map(object_map(scene, posed, backend=backend)) for posed in cameras]
+    boxes = [objects_in_map(object_map(scene, posed, backend=backend)) for posed in cameras]
     fixed = {obj.id for obj in scene.objects.table if obj.source in ("person", "given")}
-    best = {i: views for i, views in best_positions(shown, settings.look_again.closer_views).items() if i not in fixed}
+    best = {i: views for i, views in best_positions(boxes, settings.look_again.closer_views).items() if i not in fixed}
     total, done = sum(map(len, best.values())), 0
     votes: dict[int, dict[str, float]] = {}
     for object_id, positions in best.items():
-        own = []
+        object_votes = []
         for position in positions:
             posed = cameras[position]
-            box = next(obj.box for obj in shown[position] if obj.object_id == object_id)
+            box = next(obj.box for obj in boxes[position] if obj.object_id == object_id)
             closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
             if closer is not None:
                 picture, _ = paint(closer[0])
                 detections = detector.detect(picture, texts, settings.perception.open_score_floor)
-                own.append(votes_for(detections, closer[1], NAME_OVERLAP))
+                object_votes.append(votes_for(detections, closer[1], NAME_OVERLAP))
             done += 1
             _tell(progress, _DETECTING, 1, done / total, f"looking at object {object_id}, picture {done}/{total}")
-        if own:
-            votes[object_id] = mean_votes(own)
+        if object_votes:
+            votes[object_id] = mean_votes(object_votes)
     return votes
 
 

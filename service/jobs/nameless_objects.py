@@ -42,11 +42,11 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[Contact
     nameless = [obj for obj in index.objects.listed if not obj.name]
     for first in range(0, len(nameless) if index.scene.cameras else 0, MOST_OBJECTS):
         objects = nameless[first : first + MOST_OBJECTS]
-        picture, shown = drawn_sheet(index, objects, lambda views: kept_photos(index, folder, views))
-        seen = {each.object_id for each in shown}
+        picture, sheet_objects = drawn_sheet(index, objects, lambda views: kept_photos(index, folder, views))
+        seen = {obj.object_id for obj in sheet_objects}
         unseen = tuple(obj.id for obj in objects if obj.id not in seen)
         meters, written = index.scene.scale == "METRIC", written_on(index.objects.listed)
-        yield ContactSheet(picture, shown, unseen, meters, "", version, written)
+        yield ContactSheet(picture, sheet_objects, unseen, meters, "", version, written)
 
 
 def drawn_sheet(
@@ -58,21 +58,21 @@ def drawn_sheet(
     photo.
     """
     best = best_view_of_each(index, [obj.id for obj in objects])
-    shown = [obj for obj in objects if obj.id in best]
-    if not shown:
+    visible = [obj for obj in objects if obj.id in best]
+    if not visible:
         return b"", ()
-    photos = photos_of({best[obj.id].name for obj in shown})
-    side, cells = cell_side(len(shown)), {}
-    for name in sorted({best[obj.id].name for obj in shown}):  # one full picture in memory at a time
+    photos = photos_of({best[obj.id].name for obj in visible})
+    side, cells = cell_side(len(visible)), {}
+    for name in sorted({best[obj.id].name for obj in visible}):  # one full picture in memory at a time
         check_cancelled()
         if name in photos:
             whole = read_photo(photos[name], SHEET_PHOTO_SIDE)
         else:
             whole = index.render(small_view(index.view(name), SHEET_PHOTO_SIDE))
-        for obj in shown:
+        for obj in visible:
             if best[obj.id].name == name:
                 cells[obj.id] = object_cell(whole, best[obj.id].mask, side)
-    told = (
+    sheet_objects = (
         SheetObject(
             number,
             obj.id,
@@ -83,15 +83,15 @@ def drawn_sheet(
             _neighbors(obj, index.objects.listed),
             obj.suggestions,
         )
-        for number, obj in enumerate(shown, start=1)
+        for number, obj in enumerate(visible, start=1)
     )
-    return contact_sheet([cells[obj.id] for obj in shown]), tuple(told)
+    return contact_sheet([cells[obj.id] for obj in visible]), tuple(sheet_objects)
 
 
 def written_on(objects: Sequence[SceneObject]) -> tuple[str, ...]:
     """Distinct text lines read on objects, most probable first, at most `_MOST_LINES`."""
     lines = [read for obj in objects for read in obj.reads if read.kind == "text"]
-    ranked = sorted(lines, key=lambda one: -one.probability)
+    ranked = sorted(lines, key=lambda read: -read.probability)
     return tuple(dict.fromkeys(read.text for read in ranked))[:_MOST_LINES]
 
 
@@ -107,7 +107,7 @@ def _neighbors(obj: SceneObject, listed: Sequence[SceneObject]) -> tuple[Neighbo
     """At most three nearest objects by centroid distance."""
     if obj.centroid is None:
         return ()
-    others = [each for each in listed if each.id != obj.id and each.centroid is not None]
-    middles = np.array([each.centroid for each in others]).reshape(-1, 3)
+    candidates = [candidate for candidate in listed if candidate.id != obj.id and candidate.centroid is not None]
+    middles = np.array([candidate.centroid for candidate in candidates]).reshape(-1, 3)
     nearest = np.linalg.norm(middles - np.array(obj.centroid), axis=1).argsort(kind="stable")[:_NEIGHBORS]
-    return tuple(NeighborObject(others[n].id, others[n].name) for n in nearest.tolist())
+    return tuple(NeighborObject(candidates[n].id, candidates[n].name) for n in nearest.tolist())

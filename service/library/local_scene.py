@@ -102,8 +102,8 @@ class LocalScene:
             viewpoints: views to mask; free ones come first in the answer.
             choices: version, negatives, templates, coverage, max_matches, as in `QueryRequest`.
         """
-        cameras = tuple(each for each in viewpoints if not isinstance(each, str))
-        views = tuple(each for each in viewpoints if isinstance(each, str))
+        cameras = tuple(camera for camera in viewpoints if not isinstance(camera, str))
+        views = tuple(view for view in viewpoints if isinstance(view, str))
         outputs: frozenset[Output] = frozenset({"objects", "mask2d"} if viewpoints else {"objects"})
         (answer,) = self._service.answers.query(
             QueryRequest(self.id, (text,), cameras, views, outputs, **choices)
@@ -131,7 +131,7 @@ class LocalScene:
 
     def measure(self, *places: Place | int) -> Measurement:
         """Measures a position, an object's size (by id), or the distance of two places."""
-        located = tuple(Place(object_id=one) if isinstance(one, int) else one for one in places)
+        located = tuple(Place(object_id=place) if isinstance(place, int) else place for place in places)
         return self._service.answers.measure(MeasureRequest(self.id, located))
 
     def name(

@@ -101,10 +101,10 @@ def _post(service: SceneService, source: Path, name: str, options: SceneOptions)
     with service.new_upload() as upload:
         files = [source] if source.is_file() else sorted(path for path in source.rglob("*") if path.is_file())
         for path in files:
-            own = path.relative_to(source.parent if source.is_file() else source)
-            if not is_system_file(own.parts):
+            subpath = path.relative_to(source.parent if source.is_file() else source)
+            if not is_system_file(subpath.parts):
                 with path.open("rb") as stream:
-                    upload.write(own.as_posix(), stream)
+                    upload.write(subpath.as_posix(), stream)
         return service.create_scene(upload, name, "", options)
 
 

@@ -76,12 +76,12 @@ def agreement_of(comparison: Comparison) -> float | None:
     Averages over covered, textured windows of 15 × 15 gray pixels, each normalized by its own mean and contrast; None
     if there are too few.
     """
-    photo, shown = (_gray(picture) for picture in (comparison.photo, comparison.shown))
+    photo, scene = (_gray(picture) for picture in (comparison.photo, comparison.rendering))
     covered = comparison.covered.astype(np.float32)
     inside = cv2.boxFilter(covered, -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT) > 0.8
-    mean_p, mean_s = _mean(photo), _mean(shown)
-    var_p, var_s = _mean(photo * photo) - mean_p**2, _mean(shown * shown) - mean_s**2
-    both = _mean(photo * shown) - mean_p * mean_s
+    mean_p, mean_s = _mean(photo), _mean(scene)
+    var_p, var_s = _mean(photo * photo) - mean_p**2, _mean(scene * scene) - mean_s**2
+    both = _mean(photo * scene) - mean_p * mean_s
     textured = inside & (np.maximum(var_p, var_s) > _TEXTURE**2)
     if textured.mean() < _LEAST_WINDOWS:
         return None

@@ -123,38 +123,38 @@ def find_changes(
 def _events(
     comparisons: Sequence[Comparison], lost: Sequence[Lost], pieces: Sequence[ChangedPiece], length: float
 ) -> list[Change]:
-    looks_lost = [_colors([each.shown for each in comparisons], one) for one in lost]
-    looks_new = [_colors([each.photo for each in comparisons], piece) for piece in pieces]
+    looks_lost = [_colors([comparison.rendering for comparison in comparisons], loss) for loss in lost]
+    looks_new = [_colors([comparison.photo for comparison in comparisons], piece) for piece in pieces]
     pairs = []
-    for row, one in enumerate(lost):
+    for row, loss in enumerate(lost):
         for number, piece in enumerate(pieces):
             likeness = _likeness(looks_lost[row], looks_new[number])
-            if likeness >= _ALIKE and _size_ratio(one.box, piece.box) <= _SIZE_RATIO:
-                pairs.append((likeness - _NEARER * _distance(one.box, piece.box) / length, row, number))
+            if likeness >= _ALIKE and _size_ratio(loss.box, piece.box) <= _SIZE_RATIO:
+                pairs.append((likeness - _NEARER * _distance(loss.box, piece.box) / length, row, number))
     moved: dict[int, int] = {}
     for _, row, number in sorted(pairs, reverse=True):
         if row not in moved and number not in moved.values():
             moved[row] = number
     left = [piece for number, piece in enumerate(pieces) if number not in moved.values()]
     events: list[Change] = []
-    for row, one in enumerate(lost):
-        sure, regions = _sure(one), _regions(one, "missing")
+    for row, loss in enumerate(lost):
+        sure, regions = _sure(loss), _regions(loss, "missing")
         if row in moved:
             piece = pieces[moved[row]]
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
-            views = tuple(sorted({*one.views, *piece.views}))
-            events.append(Change("moved", one.object_id, views, sure, one.box, piece.box, regions))
-        elif one.step > _STEPS:
-            events.append(Change("changed", one.object_id, one.views, sure, one.box, one.box, regions))
+            views = tuple(sorted({*loss.views, *piece.views}))
+            events.append(Change("moved", loss.object_id, views, sure, loss.box, piece.box, regions))
+        elif loss.step > _STEPS:
+            events.append(Change("changed", loss.object_id, loss.views, sure, loss.box, loss.box, regions))
         else:
-            events.append(Change("gone", one.object_id, one.views, sure, one.box, None, regions))
+            events.append(Change("gone", loss.object_id, loss.views, sure, loss.box, None, regions))
     for piece in left:
         events.append(Change("new", 0, piece.views, _sure(piece), None, piece.box, _regions(piece, "new")))
     return events
 
 
 def _regions(of: Lost | ChangedPiece, kind: DifferenceKind) -> tuple[Region, ...]:
-    return tuple(Region(row, kind, _around(own)) for row, own in zip(of.views, of.pixels, strict=True))
+    return tuple(Region(row, kind, _around(mask)) for row, mask in zip(of.views, of.pixels, strict=True))
 
 
 def _around(pixels: Bools) -> tuple[int, int, int, int]:
@@ -167,18 +167,18 @@ def _sure(of: Lost | ChangedPiece) -> float:
     return float(of.share * (1 - 0.5 ** len(of.views)))
 
 
-def _size_ratio(one: F64, other: F64) -> float:
-    lengths = [max(float(np.linalg.norm(box[1] - box[0])), 1e-9) for box in (one, other)]
+def _size_ratio(first: F64, second: F64) -> float:
+    lengths = [max(float(np.linalg.norm(box[1] - box[0])), 1e-9) for box in (first, second)]
     return max(lengths) / min(lengths)
 
 
-def _distance(one: F64, other: F64) -> float:
-    return float(np.linalg.norm(one.mean(axis=0) - other.mean(axis=0)))
+def _distance(first: F64, second: F64) -> float:
+    return float(np.linalg.norm(first.mean(axis=0) - second.mean(axis=0)))
 
 
 def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
     """CIELAB histogram of a region, float64 [K], sum 1; few brightness bins because light differs."""
-    colors = np.concatenate([pictures[row][own] for row, own in zip(of.views, of.pixels, strict=True)])
+    colors = np.concatenate([pictures[row][mask] for row, mask in zip(of.views, of.pixels, strict=True)])
     if not len(colors):
         return np.zeros(int(np.prod(_CELLS)))
     lab = cv2.cvtColor(colors[None].astype(np.float32), cv2.COLOR_RGB2LAB)[0]
@@ -186,9 +186,9 @@ def _colors(pictures: Sequence[F32], of: Lost | ChangedPiece) -> F64:
     return np.asarray(counts.ravel() / counts.sum(), np.float64)
 
 
-def _likeness(one: F64, other: F64) -> float:
+def _likeness(first: F64, second: F64) -> float:
     """Bhattacharyya coefficient (1943) of two histograms, 0..1."""
-    return float(np.sqrt(one * other).sum())
+    return float(np.sqrt(first * second).sum())
 
 
 @dataclass(frozen=True)
@@ -218,16 +218,16 @@ def lost_objects(
     most = max([*boxes, *(int(view.objects.max(initial=0)) for view in views)], default=0) + 1
     for row, view in enumerate(views):
         ids = np.where(view.comparison.sure, view.objects, 0)
-        pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.objects))
+        pixels, whole = (np.bincount(id_map.ravel(), minlength=most) for id_map in (ids, view.objects))
         changed = np.bincount(ids[view.missing], minlength=most)
-        for obj, own in shares.items():
+        for obj, object_shares in shares.items():
             if pixels[obj] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[obj]):
-                own.append((row, float(changed[obj] / pixels[obj])))
-    seen = [obj for obj, own in shares.items() if len(own) >= _FEWEST_VIEWS]
+                object_shares.append((row, float(changed[obj] / pixels[obj])))
+    seen = [obj for obj, object_shares in shares.items() if len(object_shares) >= _FEWEST_VIEWS]
     lost = []
-    for obj in (each for each in seen if each not in surfaces):
-        share = float(np.median([each for _, each in shares[obj]]))
-        agreeing = tuple(row for row, each in shares[obj] if each >= _LOST_SHARE)
+    for obj in (object_id for object_id in seen if object_id not in surfaces):
+        share = float(np.median([fraction for _, fraction in shares[obj]]))
+        agreeing = tuple(row for row, fraction in shares[obj] if fraction >= _LOST_SHARE)
         if share >= _LOST_SHARE and len(agreeing) >= _FEWEST_VIEWS:
             own_pixels = tuple(views[row].objects == obj for row in agreeing)
             step = _step_ratio(agreeing, own_pixels, views)
@@ -262,29 +262,29 @@ def whole(lost: Sequence[Lost]) -> list[Lost]:
 
     One object is often several of the scene's objects, or extends beyond them.
     """
-    kept: list[Lost] = []
-    for one in lost:
-        if one.object_id or not any(_touches(one, other) for other in kept):
-            kept.append(one)
-    return kept
+    losses: list[Lost] = []
+    for loss in lost:
+        if loss.object_id or not any(_touches(loss, earlier) for earlier in losses):
+            losses.append(loss)
+    return losses
 
 
-def _touches(one: Lost, other: Lost) -> bool:
-    pixels = dict(zip(other.views, other.pixels, strict=True))
-    both = [(own, pixels[view]) for view, own in zip(one.views, one.pixels, strict=True) if view in pixels]
-    touching = [bool((cv2.dilate(own.astype(np.uint8), _TOUCHING)[its] > 0).any()) for own, its in both]
+def _touches(first: Lost, second: Lost) -> bool:
+    pixels = dict(zip(second.views, second.pixels, strict=True))
+    both = [(mask, pixels[view]) for view, mask in zip(first.views, first.pixels, strict=True) if view in pixels]
+    touching = [bool((cv2.dilate(mask.astype(np.uint8), _TOUCHING)[its] > 0).any()) for mask, its in both]
     return bool(both) and 2 * sum(touching) >= len(both)
 
 
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
     """Masks lost objects and all surface in lost pieces' boxes, [H, W] per photo."""
-    taken = sorted({each.object_id for each in lost if each.object_id})
-    boxes = [each.box for each in lost if not each.object_id]
+    taken = sorted({loss.object_id for loss in lost if loss.object_id})
+    boxes = [loss.box for loss in lost if not loss.object_id]
     maps = [np.isin(view.objects, taken) for view in views]
-    for view, own in zip(views, maps, strict=True):
+    for view, mask in zip(views, maps, strict=True):
         points = _surface(view.comparison) if boxes else np.zeros(0)
         for low, high in boxes:
-            own |= ((points >= low) & (points <= high)).all(axis=2)
+            mask |= ((points >= low) & (points <= high)).all(axis=2)
     return maps
 
 
@@ -305,24 +305,24 @@ def _step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[La
         pixels: [H, W] for each of `rows`, the region.
     """
     ratios = []
-    for row, own in zip(rows, pixels, strict=True):
-        pictures = views[row].comparison.photo, views[row].comparison.shown
-        in_photo, in_scene = (_step(each, own, views[row].same) + _LEAST_STEP for each in pictures)
+    for row, mask in zip(rows, pixels, strict=True):
+        pictures = views[row].comparison.photo, views[row].comparison.rendering
+        in_photo, in_scene = (_step(picture, mask, views[row].same) + _LEAST_STEP for picture in pictures)
         ratios.append(in_photo / in_scene)
     return float(np.median(ratios))
 
 
-def _step(picture: F32, own: Bools, free: Bools) -> float:
+def _step(picture: F32, mask: Bools, free: Bools) -> float:
     """Lower quartile of color differences across a region's border, 0..1, by local means.
 
     A quartile, as an object has a border all around while a pattern has edges only somewhere. Only `free` surroundings
     count.
     """
-    region = own.astype(np.uint8)
+    region = mask.astype(np.uint8)
     near = cv2.dilate(region, np.ones((_BORDER_PX, _BORDER_PX))) > 0
     around = (cv2.dilate(region, np.ones((_RING_PX, _RING_PX))) > 0) & ~near & free
     inner = cv2.erode(region, np.ones((3, 3))) > 0
-    (inside, weight), (outside, weight_out) = (_local_mean(picture, part) for part in (own, around))
+    (inside, weight), (outside, weight_out) = (_local_mean(picture, part) for part in (mask, around))
     border = near & ~inner & (weight > _ENOUGH) & (weight_out > _ENOUGH)
     return float(np.quantile(np.abs(inside - outside).max(axis=2)[border], 0.25)) if border.any() else 0.0
 
@@ -363,8 +363,8 @@ def changed_pieces(
     pieces = []
     for rough, _ in carve(place, width, wide=True)[:_MOST_PIECES]:
         fine = carve(rough + np.array([[-width], [width]]), width / _FINER, wide=False)
-        own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
-        piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
+        clusters = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
+        piece = _piece(comparisons, differing, np.concatenate(clusters), width / _FINER) if clusters else None
         pieces += [] if piece is None else [piece if on_surface else _centered(piece, comparisons)]
     return tuple(_unexplained(pieces, fewest))
 
@@ -417,7 +417,7 @@ def _piece(
     comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], points: F64, width: float
 ) -> ChangedPiece | None:
     """Projects voxels to a piece; None where fewer than two photos show enough of it."""
-    views, own, shares = [], [], []
+    views, masks, shares = [], [], []
     for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
         _, pixels, _ = _projected(comparison.posed, points)
         covered = np.zeros(differs.shape, np.bool_)
@@ -428,11 +428,11 @@ def _piece(
         shares.append(float(differs[covered].mean()))
         if (covered & differs).sum() >= _FEWEST_PIXELS:
             views.append(row)
-            own.append(covered & differs)
+            masks.append(covered & differs)
     if len(views) < _FEWEST_VIEWS or np.mean(shares) < _LEAST_SHARE:
         return None
     box = np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2])
-    return ChangedPiece(box, tuple(views), tuple(own), float(np.mean(shares)))
+    return ChangedPiece(box, tuple(views), tuple(masks), float(np.mean(shares)))
 
 
 def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> ChangedPiece:
@@ -441,9 +441,9 @@ def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> Changed
     Seen from few sides, a hull is too long along the rays, but its content is in the middle. The box never grows.
     """
     normal, right = np.zeros((3, 3)), np.zeros(3)
-    for view, own in zip(piece.views, piece.pixels, strict=True):
+    for view, mask in zip(piece.views, piece.pixels, strict=True):
         posed = comparisons[view].posed
-        rows, columns = (place.mean() + 0.5 for place in np.nonzero(own))
+        rows, columns = (place.mean() + 0.5 for place in np.nonzero(mask))
         ray = posed.world_from_camera[:3, :3] @ posed.camera.rays(columns, rows)
         across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
         normal += across
@@ -455,20 +455,20 @@ def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> Changed
 
 def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPiece]:
     """Drops pieces explained by larger ones: a new object changes what it occludes."""
-    kept: list[ChangedPiece] = []
+    result: list[ChangedPiece] = []
     taken: dict[int, Bools] = {}
-    for piece in sorted(pieces, key=lambda each: -sum(int(own.sum()) for own in each.pixels)):
+    for piece in sorted(pieces, key=lambda piece: -sum(int(mask.sum()) for mask in piece.pixels)):
         own_views = 0
-        for view, own in zip(piece.views, piece.pixels, strict=True):
-            free = own if view not in taken else own & ~taken[view]
-            own_views += bool(free.sum() >= _FREE * own.sum())
+        for view, mask in zip(piece.views, piece.pixels, strict=True):
+            free = mask if view not in taken else mask & ~taken[view]
+            own_views += bool(free.sum() >= _FREE * mask.sum())
         if own_views < fewest:
             continue
-        kept.append(piece)
-        for view, own in zip(piece.views, piece.pixels, strict=True):
-            around = ndimage.maximum_filter(own, _AROUND_PX)
+        result.append(piece)
+        for view, mask in zip(piece.views, piece.pixels, strict=True):
+            around = ndimage.maximum_filter(mask, _AROUND_PX)
             taken[view] = taken[view] | around if view in taken else around
-    return kept
+    return result
 
 
 def _projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:

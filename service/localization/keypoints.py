@@ -34,7 +34,7 @@ def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
     found, histograms = detector.detectAndCompute(gray, None)
     if histograms is None or not len(found):
         return Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
-    order = np.argsort([-one.response for one in found], kind="stable")[:most]
+    order = np.argsort([-keypoint.response for keypoint in found], kind="stable")[:most]
     points = np.array([found[row].pt for row in order], np.float32) + 0.5
     rows = np.asarray(histograms, np.float32)[order]
     roots = np.sqrt(rows / np.maximum(rows.sum(axis=1, keepdims=True), 1e-6))

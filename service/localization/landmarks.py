@@ -95,8 +95,8 @@ def find_landmarks(
     chosen = [photos[row] for row in rows.tolist()] if photos else []
     seen = [_seen(posed, read(), geometry, KEYPOINTS_PER_PHOTO) for posed, read in chosen]
     points, descriptors, counts = [np.zeros((0, 3), np.float32)], [np.zeros((0, DESCRIPTOR_BYTES), np.uint8)], [0]
-    for (photo, sure), (places, others) in zip(seen, _triangulate([photo for photo, _ in seen]), strict=True):
-        there = np.flatnonzero(sure | (others >= _ENOUGH_OTHERS))
+    for (photo, sure), (places, witnesses) in zip(seen, _triangulate([photo for photo, _ in seen]), strict=True):
+        there = np.flatnonzero(sure | (witnesses >= _ENOUGH_OTHERS))
         points.append(places[there].astype(np.float32))
         descriptors.append(photo.keypoints.descriptors[there])
         counts.append(len(there))
@@ -183,17 +183,17 @@ def _triangulate(photos: Sequence[_SeenKeypoints]) -> list[tuple[F64, NDArray[np
         check_cancelled()
         places = photo.places
         seen = []
-        for other in _neighbors(photos, number, places):
-            tree = trees[other]
+        for peer in _neighbors(photos, number, places):
+            tree = trees[peer]
             if tree is not None:
-                rows = _same(units[number], units[other], tree, reprojected(photos[other].posed, places), photos[other])
-                seen.append((other, np.where(photo.depths > 0, rows, -1)))
+                rows = _same(units[number], units[peer], tree, reprojected(photos[peer].posed, places), photos[peer])
+                seen.append((peer, np.where(photo.depths > 0, rows, -1)))
         first = _solved(photos, number, seen)
-        kept = [(other, _fitting(photos[other], rows, first)) for other, rows in seen]
+        inliers = [(peer, _fitting(photos[peer], rows, first)) for peer, rows in seen]
         counts = np.zeros(len(places), np.intp)
-        for _, rows in kept:
+        for _, rows in inliers:
             counts += rows >= 0
-        results.append((_solved(photos, number, kept), counts))
+        results.append((_solved(photos, number, inliers), counts))
     return results
 
 
@@ -203,31 +203,31 @@ def _neighbors(photos: Sequence[_SeenKeypoints], number: int, places: F64) -> li
     if not len(rows):
         return []
     sample = places[rows[:: max(1, len(rows) // _SAMPLES)]]
-    own = _directions(photos[number].posed, sample)
+    rays = _directions(photos[number].posed, sample)
     scores = np.zeros(len(photos))
-    for other, photo in enumerate(photos):
-        if other != number:
-            shown, camera = reprojected(photo.posed, sample), photo.posed.camera
-            inside = (shown >= 0).all(axis=1) & (shown < np.array([camera.width, camera.height])).all(axis=1)
-            angles = np.degrees(np.arccos(np.clip((own * _directions(photo.posed, sample)).sum(axis=1), -1, 1)))
-            scores[other] = (inside & (angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1])).sum()
+    for peer, photo in enumerate(photos):
+        if peer != number:
+            pixels, camera = reprojected(photo.posed, sample), photo.posed.camera
+            inside = (pixels >= 0).all(axis=1) & (pixels < np.array([camera.width, camera.height])).all(axis=1)
+            angles = np.degrees(np.arccos(np.clip((rays * _directions(photo.posed, sample)).sum(axis=1), -1, 1)))
+            scores[peer] = (inside & (angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1])).sum()
     order = np.argsort(-scores, kind="stable")[:_NEIGHBORS]
-    return [int(other) for other in order if scores[other] > 0]
+    return [int(peer) for peer in order if scores[peer] > 0]
 
 
 def _same(
-    own: NDArray[np.float32], others: NDArray[np.float32], tree: cKDTree, shown: F64, photo: _SeenKeypoints
+    units: NDArray[np.float32], other_units: NDArray[np.float32], tree: cKDTree, pixels: F64, photo: _SeenKeypoints
 ) -> NDArray[np.intp]:
     """Matches each keypoint to one of another photo, [K]; -1 for none."""
     camera = photo.posed.camera
     radius = _RADIUS_SHARE * max(camera.width, camera.height)
-    finite = np.asarray(np.isfinite(shown).all(axis=1))
-    _, near = tree.query(np.where(finite[:, None], shown, -1e9), k=_NEAREST, distance_upper_bound=radius)
-    there = np.asarray(near < len(others))
-    alike = np.einsum("kd,knd->kn", own, others[np.where(there, near, 0)])
+    finite = np.asarray(np.isfinite(pixels).all(axis=1))
+    _, near = tree.query(np.where(finite[:, None], pixels, -1e9), k=_NEAREST, distance_upper_bound=radius)
+    there = np.asarray(near < len(other_units))
+    alike = np.einsum("kd,knd->kn", units, other_units[np.where(there, near, 0)])
     alike = np.where(there, alike, -1.0)
     best = alike.argmax(axis=1)
-    every = np.arange(len(own))
+    every = np.arange(len(units))
     highest, winner = alike[every, best], near[every, best]
     alike[every, best] = -1.0
     # A place with two orientations has two keypoints: the second best must be another place.
@@ -244,14 +244,14 @@ def _solved(photos: Sequence[_SeenKeypoints], number: int, seen: Sequence[tuple[
     along = (1 / (_DEPTH_DEVIATION * depths) ** 2)[:, None, None] * directions[:, :, None] * directions[:, None, :]
     information += along
     vector += (along @ places[:, :, None])[:, :, 0]
-    for other, rows in seen:
+    for peer, rows in seen:
         keypoints = np.flatnonzero(rows >= 0)
         if len(keypoints):
-            points = photos[other].keypoints.points[rows[keypoints]]
-            pose = photos[other].posed.world_from_camera
-            rays = photos[other].posed.camera.rays(points[:, 0], points[:, 1]) @ pose[:3, :3].T
+            points = photos[peer].keypoints.points[rows[keypoints]]
+            pose = photos[peer].posed.world_from_camera
+            rays = photos[peer].posed.camera.rays(points[:, 0], points[:, 1]) @ pose[:3, :3].T
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            more, its = _ray_terms(photos[other], rays, places[keypoints])
+            more, its = _ray_terms(photos[peer], rays, places[keypoints])
             information[keypoints] += more
             vector[keypoints] += its
     return np.asarray(np.linalg.solve(information, vector[:, :, None])[:, :, 0])

@@ -37,7 +37,7 @@ class LaterView:
     @cached_property
     def missing(self) -> Bools:
         """Pixels whose color in the scene the photo has nowhere around, bool [H, W]."""
-        return _differs(self.comparison.shown, self.comparison.photo, self.comparison.sure)
+        return _differs(self.comparison.rendering, self.comparison.photo, self.comparison.sure)
 
     @cached_property
     def only_in_scene(self) -> Bools:
@@ -50,7 +50,7 @@ class LaterView:
 
         Depth need not be sure, as it never is on plain walls.
         """
-        return self._shaped(_differs(self.comparison.photo, self.comparison.shown, self.comparison.covered))
+        return self._shaped(_differs(self.comparison.photo, self.comparison.rendering, self.comparison.covered))
 
     @property
     def same(self) -> Bools:
@@ -67,10 +67,10 @@ class LaterView:
         return np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, _WIDE) > 0)
 
 
-def _differs(one: F32, other: F32, known: Bools) -> Bools:
-    """Known pixels whose color in `one` the other picture has nowhere around, bool [H, W]."""
+def _differs(image: F32, other_image: F32, known: Bools) -> Bools:
+    """Known pixels whose color in `image` the other picture has nowhere around, bool [H, W]."""
     around = np.ones((_SLACK_PX, _SLACK_PX), np.uint8)
-    soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (one, other))
+    soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (image, other_image))
     beyond = np.maximum(soft_one - cv2.dilate(soft_other, around), cv2.erode(soft_other, around) - soft_one)
     excess = np.maximum(beyond, 0.0).max(axis=2)
     if not known.any():
@@ -81,13 +81,15 @@ def _differs(one: F32, other: F32, known: Bools) -> Bools:
 
 def _burnt(comparison: Comparison) -> Bools:
     """Overexposed pixels of the photo where the scene is bright, too: their content is unknown."""
-    white = (comparison.photo > _BURNT) & (comparison.shown > _BRIGHT)
+    white = (comparison.photo > _BURNT) & (comparison.rendering > _BRIGHT)
     return cv2.dilate(np.asarray(white.any(axis=2), np.uint8), np.ones((3, 3), np.uint8)) > 0
 
 
 def _only_shaded(comparison: Comparison) -> Bools:
     """Pixels that differ in brightness only: a shadow came or went."""
-    photo, shown = (cv2.blur(picture, (_WINDOW_PX, _WINDOW_PX)) for picture in (comparison.photo, comparison.shown))
-    gain = photo.sum(axis=2) / np.maximum(shown.sum(axis=2), 1e-3)
-    rest = np.abs(photo - gain[..., None] * shown).max(axis=2)
+    photo, rendering = (
+        cv2.blur(picture, (_WINDOW_PX, _WINDOW_PX)) for picture in (comparison.photo, comparison.rendering)
+    )
+    gain = photo.sum(axis=2) / np.maximum(rendering.sum(axis=2), 1e-3)
+    rest = np.abs(photo - gain[..., None] * rendering).max(axis=2)
     return np.asarray((gain > _SHADED[0]) & (gain < _SHADED[1]) & (rest < _SAME_CHROMA))

@@ -32,49 +32,49 @@ def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matc
     nothing = np.zeros(0, np.int64)
     pairs = [(nothing, nothing)]
     if len(keypoints) > 1:
-        asked = unit_rows(keypoints.descriptors)
-        pairs += [_matched(landmarks, asked, view) for view in likest_views(landmarks, asked, views)]
-    return Matches(np.concatenate([one for one, _ in pairs]), np.concatenate([other for _, other in pairs]))
+        descriptors = unit_rows(keypoints.descriptors)
+        pairs += [_matched(landmarks, descriptors, view) for view in likest_views(landmarks, descriptors, views)]
+    return Matches(np.concatenate([rows for rows, _ in pairs]), np.concatenate([points for _, points in pairs]))
 
 
-def likest_views(landmarks: Landmarks, asked: NDArray[np.float32], count: int) -> list[int]:
+def likest_views(landmarks: Landmarks, descriptors: NDArray[np.float32], count: int) -> list[int]:
     """Ranks the scene's photos by similarity to a query photo.
 
     Each strong keypoint votes by how far its best similarity in a view exceeds the median over all views.
 
     Args:
-        asked: [K, 128], descriptors of length 1, the strongest first.
+        descriptors: [K, 128], of length 1, the strongest first.
     """
     sizes = np.diff(landmarks.starts)
     there = np.flatnonzero(sizes)
     if len(there) <= count:
         return [int(view) for view in there]
-    each = max(1, _HEARD // len(there))
-    rows = [np.arange(landmarks.starts[view], landmarks.starts[view] + min(each, sizes[view])) for view in there]
+    per_view = max(1, _HEARD // len(there))
+    rows = [np.arange(landmarks.starts[view], landmarks.starts[view] + min(per_view, sizes[view])) for view in there]
     starts = np.cumsum([0, *(len(part) for part in rows)])[:-1]
-    likeness = asked[:_VOTERS] @ unit_rows(landmarks.descriptors[np.concatenate(rows)]).T
+    likeness = descriptors[:_VOTERS] @ unit_rows(landmarks.descriptors[np.concatenate(rows)]).T
     best = np.maximum.reduceat(likeness, starts, axis=1)
     votes = np.maximum(best - np.median(best, axis=1, keepdims=True), 0.0).sum(axis=0)
     return [int(there[row]) for row in np.argsort(-votes, kind="stable")[:count]]
 
 
 def _matched(
-    landmarks: Landmarks, asked: NDArray[np.float32], view: int
+    landmarks: Landmarks, descriptors: NDArray[np.float32], view: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     start, end = int(landmarks.starts[view]), int(landmarks.starts[view + 1])
     if end - start < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    rows, others = mutual_matches(asked, unit_rows(landmarks.descriptors[start:end]))
-    return rows, start + others
+    rows, neighbors = mutual_matches(descriptors, unit_rows(landmarks.descriptors[start:end]))
+    return rows, start + neighbors
 
 
 def mutual_matches(
-    asked: NDArray[np.float32], others: NDArray[np.float32]
+    descriptors: NDArray[np.float32], candidates: NDArray[np.float32]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Mutual nearest neighbors that pass the ratio test; unit descriptors, at least two `others`."""
-    likeness = asked @ others.T
+    """Mutual nearest neighbors that pass the ratio test; unit descriptors, at least two `candidates`."""
+    likeness = descriptors @ candidates.T
     first = likeness.argmax(axis=1)
-    every = np.arange(len(asked))
+    every = np.arange(len(descriptors))
     nearest = likeness[every, first]
     back = likeness.argmax(axis=0)
     likeness[every, first] = -1.0

@@ -108,23 +108,23 @@ def place_photos(
     for photo in photos:
         check_cancelled()
         matched.append(_match(photo, landmarks))
-    alone = [solve_pose(one.pixels, one.points, one.matches, one.photo.size, one.focals) for one in matched]
+    alone = [solve_pose(match.pixels, match.points, match.matches, match.photo.size, match.focals) for match in matched]
     solved: Sequence[SolvedPose | None] = alone
     if rough:
-        cameras = [_camera_of(one, own) for one, own in zip(matched, alone, strict=True)]
+        cameras = [_camera_of(match, pose) for match, pose in zip(matched, alone, strict=True)]
         together = solve_jointly(
-            [one.pixels for one in matched],
-            [one.points for one in matched],
-            [one.matches for one in matched],
+            [match.pixels for match in matched],
+            [match.points for match in matched],
+            [match.matches for match in matched],
             cameras,
             rough,
         )
-        solved = [group or own for group, own in zip(together, alone, strict=True)]
-        inliers = sum(one.keypoints for one in together if one is not None)
+        solved = [group or pose for group, pose in zip(together, alone, strict=True)]
+        inliers = sum(pose.keypoints for pose in together if pose is not None)
     placed = []
-    for one, pose in zip(matched, solved, strict=True):
+    for match, pose in zip(matched, solved, strict=True):
         check_cancelled()
-        placed.append(_placed(one, pose, geometry, inliers if rough and pose is not None else None))
+        placed.append(_placed(match, pose, geometry, inliers if rough and pose is not None else None))
     return tuple(placed)
 
 
@@ -147,68 +147,71 @@ def _match(photo: Photo, landmarks: Landmarks) -> _Matched:
     )
 
 
-def _camera_of(one: _Matched, own: SolvedPose | None) -> tuple[FocalSource, Camera]:
-    if own is not None:
-        return own.focal_source, own.posed.camera
-    source, focal = one.focals[0]
-    return source, pinhole(one.photo.size, focal)
+def _camera_of(match: _Matched, pose: SolvedPose | None) -> tuple[FocalSource, Camera]:
+    if pose is not None:
+        return pose.focal_source, pose.posed.camera
+    source, focal = match.focals[0]
+    return source, pinhole(match.photo.size, focal)
 
 
-def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
+def _placed(match: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
     """Refines and judges a pose; `of_group`: inlier keypoints of all photos of its group."""
-    if one.keypoints < FEWEST_KEYPOINTS and of_group is None:
+    if match.keypoints < FEWEST_KEYPOINTS and of_group is None:
         return PlacedPhoto("no_keypoints", _NOTHING)
     if pose is None or pose.keypoints < _FEWEST_OF_GROUP:
         return PlacedPhoto("few_matches", _NOTHING)
-    matched = len(np.unique(one.matches.keypoints))
-    spread = spread_of(one.pixels[pose.inliers], one.photo.size)
+    matched = len(np.unique(match.matches.keypoints))
+    spread = spread_of(match.pixels[pose.inliers], match.photo.size)
     evidence = Evidence(pose.keypoints, pose.keypoints / max(matched, 1), spread, None)
     counted = evidence if of_group is None else replace(evidence, inliers=of_group, spread=1.0)
     if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
         return PlacedPhoto(refusal, evidence)
-    one, pose, radial = _straightened(one, pose)
-    covariance = _covariance(one, pose)
-    posed, comparison, refined = _refined(one, pose, covariance, geometry)
+    match, pose, radial = _straightened(match, pose)
+    covariance = _covariance(match, pose)
+    posed, comparison, refined = _refined(match, pose, covariance, geometry)
     agreement = agreement_of(comparison)
     evidence = replace(evidence, agreement=agreement)
     if (refusal := refusal_of(replace(counted, agreement=agreement))) is not None:
         return PlacedPhoto(refusal, evidence)
-    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial, one.photo)
+    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial, match.photo)
 
 
-def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
+def _straightened(match: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
     """Undistorts photo and matches, solves the pose again, and returns k₁; 0 if unchanged."""
-    radial = radial_distortion(one.pixels, one.points, pose, one.k1)
+    radial = radial_distortion(match.pixels, match.points, pose, match.k1)
     if not radial:
-        return one, pose, 0.0
+        return match, pose, 0.0
     camera = pose.posed.camera
-    pixels = undistorted(one.pixels, camera, radial)
-    straight = refine_pose(pixels, one.points, one.matches, pose)
+    pixels = undistorted(match.pixels, camera, radial)
+    straight = refine_pose(pixels, match.points, match.matches, pose)
     if straight is None:
-        return one, pose, 0.0
+        return match, pose, 0.0
     # OpenCV's pixel centers are whole numbers.
     matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1.0]])
-    lens, whole = np.array([radial, 0.0, 0.0, 0.0]), np.full(one.photo.picture.shape[:2], 255, np.uint8)
-    picture, valid = (np.asarray(cv2.undistort(part, matrix, lens), np.uint8) for part in (one.photo.picture, whole))
-    photo = replace(one.photo, picture=picture, valid=valid == 255)
-    return replace(one, photo=photo, pixels=pixels), straight, radial
+    lens, whole = np.array([radial, 0.0, 0.0, 0.0]), np.full(match.photo.picture.shape[:2], 255, np.uint8)
+    picture, valid = (np.asarray(cv2.undistort(part, matrix, lens), np.uint8) for part in (match.photo.picture, whole))
+    photo = replace(match.photo, picture=picture, valid=valid == 255)
+    return replace(match, photo=photo, pixels=pixels), straight, radial
 
 
-def _covariance(one: _Matched, pose: SolvedPose) -> F64:
+def _covariance(match: _Matched, pose: SolvedPose) -> F64:
     rows = pose.inliers
     estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
-    return pose_covariance(pose.posed, one.pixels[rows], one.points[rows], focal_estimated=estimated)
+    return pose_covariance(pose.posed, match.pixels[rows], match.points[rows], focal_estimated=estimated)
 
 
 def _refined(
-    one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
+    match: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
 ) -> tuple[PosedCamera, Comparison, bool]:
     """Refines a pose if photometric refinement is more certain; the flag: it improved."""
-    picture, valid, first = one.photo.picture, one.photo.valid, pose.posed
+    picture, valid, first = match.photo.picture, match.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
-    if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:
+    if (
+        shown_deviation(first, match.points[pose.inliers], covariance) * COMPARED_SIDE / longer
+        > COMPARISON_DEVIATION_PX
+    ):
         posed, comparison, refined = refine_photometrically(picture, first, geometry, valid)
-        off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
+        off = np.linalg.norm(reprojected(posed, match.points) - match.pixels, axis=1)
         # The most similar view may contradict the matches in a blurred or changed place.
         if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
             return posed, comparison, refined

@@ -41,7 +41,7 @@ class Comparison:
 
     posed: PosedCamera  # of the reduced size
     photo: F32  # [H, W, 3], 0..1
-    shown: F32  # [H, W, 3], 0..1, the scene with the photo's exposure and white balance
+    rendering: F32  # [H, W, 3], 0..1, the scene with the photo's exposure and white balance
     depth: F32  # [H, W], camera z, scene units; 0 where nothing is
     covered: NDArray[np.bool_]  # [H, W], where both show something
     sure: NDArray[np.bool_]  # [H, W], covered, with a sure depth
@@ -67,19 +67,19 @@ def compared(
     size = small.camera.width, small.camera.height
     target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)
-    shown, there, sure = np.asarray(seen.image, np.float32), seen.confidence > 0, seen.confidence > _SURE
+    rendering, there, sure = np.asarray(seen.image, np.float32), seen.confidence > 0, seen.confidence > _SURE
     if valid is not None:
         whole = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > _WHOLE
         there, sure = there & whole, sure & whole
-    image, light = torch.from_numpy(shown), torch.from_numpy(target)
+    image, light = torch.from_numpy(rendering), torch.from_numpy(target)
     fit = fitted_correction(image, light, torch.from_numpy(there.astype(np.float32)), None)
     if fit is not None:
-        shown = np.asarray(correct(image, fit).numpy(), np.float32)
+        rendering = np.asarray(correct(image, fit).numpy(), np.float32)
     covered, sure = (cv2.erode(part.astype(np.uint8), _RIM) > 0 for part in (there, sure))
     cost = float("inf")
     if covered.sum() >= _LEAST_PIXELS:
-        cost = _cost((_gray(target) - _gray(shown))[covered], scale)
-    return Comparison(small, target, shown, seen.median_depth, covered, sure, cost)
+        cost = _cost((_gray(target) - _gray(rendering))[covered], scale)
+    return Comparison(small, target, rendering, seen.median_depth, covered, sure, cost)
 
 
 def refine_photometrically(
@@ -100,8 +100,8 @@ def refine_photometrically(
     first = compared(photo, posed, geometry, valid=valid)
     if not np.isfinite(first.cost):
         return posed, first, False
-    scale = _scale((_gray(first.photo) - _gray(first.shown))[first.covered])
-    best = first = replace(first, cost=_cost((_gray(first.photo) - _gray(first.shown))[first.covered], scale))
+    scale = _scale((_gray(first.photo) - _gray(first.rendering))[first.covered])
+    best = first = replace(first, cost=_cost((_gray(first.photo) - _gray(first.rendering))[first.covered], scale))
     pose = posed
     for _ in range(_STEPS):
         step = _step(best, scale)
@@ -131,11 +131,11 @@ def small_camera(posed: PosedCamera, side: int = COMPARED_SIDE) -> PosedCamera:
 
 def _step(now: Comparison, scale: float) -> F64 | None:
     """Gauss-Newton step in the camera's own frame, float64 [6], position and rotation."""
-    photo, shown = _gray(now.photo), _gray(now.shown)
+    photo, rendering = _gray(now.photo), _gray(now.rendering)
     rows, columns = np.nonzero(now.sure & (now.depth > 0))
     if len(rows) < _LEAST_PIXELS:
         return None
-    across, down = (_slope(photo, axis) + _slope(shown, axis) for axis in (0, 1))
+    across, down = (_slope(photo, axis) + _slope(rendering, axis) for axis in (0, 1))
     gradient = 0.5 * np.stack([across[rows, columns], down[rows, columns]], axis=1).astype(np.float64)
     camera = now.posed.camera
     depth = now.depth[rows, columns].astype(np.float64)
@@ -146,7 +146,7 @@ def _step(now: Comparison, scale: float) -> F64 | None:
     by_motion = np.stack([along_x, along_y, along_z], axis=1) / depth[:, None]
     points = np.stack([x, y, np.ones_like(x)], axis=1) * depth[:, None]
     jacobian = np.concatenate([by_motion, np.cross(points, by_motion)], axis=1)
-    residuals = (photo - shown)[rows, columns].astype(np.float64)
+    residuals = (photo - rendering)[rows, columns].astype(np.float64)
     weights = np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(residuals), 1e-9))
     weighted = jacobian * weights[:, None]
     normal = weighted.T @ jacobian

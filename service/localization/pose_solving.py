@@ -76,12 +76,12 @@ def solve_pose(
     if tried[0][0] != "given":
         tried += [("estimated", share * max(size)) for share in _FOCALS]
     found = [_ransac(pixels, points, matches, pinhole(size, focal), source) for source, focal in tried]
-    solved = [one for one in found if one is not None]
+    solved = [pose for pose in found if pose is not None]
     if not solved:
         return None
-    most = max(one.keypoints for one in solved)
+    most = max(pose.keypoints for pose in solved)
     best = next(
-        one for one in solved if one.keypoints >= (1.0 if one.focal_source == "estimated" else _SAME_LENS) * most
+        pose for pose in solved if pose.keypoints >= (1.0 if pose.focal_source == "estimated" else _SAME_LENS) * most
     )
     return refine_pose(pixels, points, matches, best)
 
@@ -226,7 +226,7 @@ def solve_jointly(
         cameras: of each photo, with the source of the focal length.
         rough: [4, 4] each: rough_frame_from_camera, rigid, scene units.
     """
-    rows = np.concatenate([np.full(len(one), number) for number, one in enumerate(matches)])
+    rows = np.concatenate([np.full(len(photo_matches), number) for number, photo_matches in enumerate(matches)])
     if len(rows) < _FEWEST:
         return (None,) * len(matches)
     options = pycolmap.RANSACOptions()
@@ -254,10 +254,10 @@ def solve_jointly(
         off = np.linalg.norm(reprojected(posed, points[number]) - pixels[number], axis=1)
         near = np.flatnonzero(off < _ROUGH * error_px(camera)).astype(np.int64)
         start = SolvedPose(posed, near, len(np.unique(matches[number].keypoints[near])), source)
-        own = (
+        solution = (
             refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
         )
-        solved.append(own or start)
+        solved.append(solution or start)
     return tuple(solved)
 
 
@@ -278,8 +278,8 @@ def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estim
     if focal_estimated:
         by_focal = np.stack([x / z, y / z], axis=1)[:, :, None]
         jacobian = np.concatenate([jacobian, by_focal], axis=2)
-    shown = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
-    residuals = (pixels - shown).ravel()
+    projections = np.stack([camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy], axis=1)
+    residuals = (pixels - projections).ravel()
     deviation = max(_LEAST_PX, _MAD * float(np.median(np.abs(residuals))))
     rows = jacobian.reshape(-1, jacobian.shape[2])
     lengths = np.maximum(np.linalg.norm(rows, axis=0), 1e-12)

@@ -16,6 +16,6 @@ def reprojected(posed: PosedCamera, points: F64) -> F64:
     local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
     camera, z = posed.camera, local[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
-        shown = np.stack([camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy], axis=1)
-    shown[z <= 0] = np.inf
-    return np.asarray(shown)
+        pixels = np.stack([camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy], axis=1)
+    pixels[z <= 0] = np.inf
+    return np.asarray(pixels)

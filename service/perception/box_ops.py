@@ -24,7 +24,7 @@ def nms(boxes: Boxes, scores: NDArray[np.float32], iou: float) -> NDArray[np.int
     overlaps = box_iou(boxes, boxes)
     winners: list[int] = []
     for row in np.argsort(-scores, kind="stable"):
-        if all(overlaps[row, other] <= iou for other in winners):
+        if all(overlaps[row, winner] <= iou for winner in winners):
             winners.append(int(row))
     return np.asarray(winners, dtype=np.intp)
 

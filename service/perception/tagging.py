@@ -136,10 +136,10 @@ def pool_tags(
     views = len(probabilities)
     if not views:
         return []
-    shown = probabilities >= thresholds
+    hits = probabilities >= thresholds
     enough = max(min(min_views, views), math.ceil(min_share * views), 1)
-    counts = shown.sum(axis=0)
-    means = np.where(shown, probabilities, 0).sum(axis=0) / np.maximum(counts, 1)
+    counts = hits.sum(axis=0)
+    means = np.where(hits, probabilities, 0).sum(axis=0) / np.maximum(counts, 1)
     order = np.lexsort((np.arange(len(tags)), -means, -counts))
     pooled: dict[str, PooledTag] = {}
     for number in order[counts[order] >= enough].tolist():

@@ -97,21 +97,21 @@ class RankedScene:
 
         Names in `known` of this scene are ignored; those of others also weight the sources. The last result is cached
         by identity of `known`."""
-        seen, other = self._suggesting
+        seen, scene = self._suggesting
         if seen is not known:
-            others = [one for one in known if one.scene_id != scene_id]
+            known_objects = [obj for obj in known if obj.scene_id != scene_id]
             objects = self.names.present
-            elsewhere = {**names_by_looks(objects, others, self.sizes), **names_by_tags(objects, others)}
-            said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
+            elsewhere = {**names_by_looks(objects, known_objects, self.sizes), **names_by_tags(objects, known_objects)}
+            said = tuple(name for obj in known_objects for name in obj.said if name.source in self.names.sources)
             needed = bool(elsewhere or said)
-            if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):
+            if needed and (scene is None or (scene.elsewhere, scene.names.said_elsewhere) != (elsewhere, said)):
                 names = self.names.suggesting(elsewhere, said)
-                other = copy.copy(self)
-                other.ranker, other.names, other.words = self.ranker.suggesting(names), names, ObjectWords(names)
-                other.elsewhere = elsewhere
-            other = other if needed else None
-            self._suggesting = known, other
-        return other or self
+                scene = copy.copy(self)
+                scene.ranker, scene.names, scene.words = self.ranker.suggesting(names), names, ObjectWords(names)
+                scene.elsewhere = elsewhere
+            scene = scene if needed else None
+            self._suggesting = known, scene
+        return scene or self
 
 
 class RankedQuery:
@@ -124,17 +124,19 @@ class RankedQuery:
         pairs = zip(self._questions, query.texts, strict=True)
         # A question about moves alone names nothing: a negative is ranked in its place, and its matches are not
         # reported.
-        texts = tuple(text if asked is None else asked.about or query.negatives[0] for asked, text in pairs)
+        texts = tuple(text if question is None else question.about or query.negatives[0] for question, text in pairs)
         self._ranked, names = scene.ranker.rank(replace(query, texts=texts)), scene.ranker.names
         self._rank = cache(lambda texts: scene.ranker.rank(replace(query, texts=texts)))
         self._parsed = parsed_questions(texts, names, scene.ranker.is_name, scene.written)
         # A "black bear" that the lexicon knows and the scene lacks may be a bear that is black.
-        gone = [each.answer.text if each.verdict == "absent" else "" for each in self._ranked]
+        gone = [ranked.answer.text if ranked.verdict == "absent" else "" for ranked in self._ranked]
         self._parted = parsed_questions(gone, names, names.has, scene.written)
-        told = scene.looks or any(obj.surface or obj.reads for obj in scene.names.present)
+        has_details = scene.looks or any(obj.surface or obj.reads for obj in scene.names.present)
         toys = any(text and names.match(text).hyponyms for text in gone)
-        self._is_plain = not any(self._parsed) and not any(self._parted) and not toys and not told
-        self._is_of_pose = any(each is not None and each.is_of_pose for each in (*self._parsed, *self._parted))
+        self._is_plain = not any(self._parsed) and not any(self._parted) and not toys and not has_details
+        self._is_of_pose = any(
+            question is not None and question.is_of_pose for question in (*self._parsed, *self._parted)
+        )
         self._answers: tuple[Answer, ...] | None = None
 
     def is_of(self, scene: RankedScene, query: TextQuery) -> bool:
@@ -166,7 +168,7 @@ class RankedQuery:
         if question is not None or scene.history.looked_at_again:
             unit = "m" if scene.unit == "m" else "scene units"
             of_time = HistoryAnswers(scene.history, words.names, in_words, unit)
-            answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
+            answer = of_time.plain(answer) if question is None else of_time.answer_to(question, answer)
         return replace(words.names.counted(answer), provisional=scene.provisional)
 
     def decided(
@@ -179,8 +181,8 @@ class RankedQuery:
             color = objects().measures.color(object_id)
             return 0.0 if color is None else color.shares.get(name, 0.0)
 
-        def judged(each: Ranked) -> Ranked:
-            return with_absence_judged(each, scene.names, scene.vocabulary, color_share)
+        def judged(ranked: Ranked) -> Ranked:
+            return with_absence_judged(ranked, scene.names, scene.vocabulary, color_share)
 
         if self._is_plain:
             return tuple(map(judged, self._ranked))
@@ -218,7 +220,7 @@ class RankedQuery:
                 return answer_by_looks(None, answer_written(named, context), context)
             return answer_by_looks(phrase, answer_phrase(phrase, plain, context, asker), context)
 
-        return tuple(judged(answered(*each)) for each in zip(self._ranked, self._parsed, self._parted, strict=True))
+        return tuple(judged(answered(*args)) for args in zip(self._ranked, self._parsed, self._parted, strict=True))
 
 
 class SubscribedQuery:

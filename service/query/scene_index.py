@@ -202,14 +202,19 @@ class SceneIndex:
     def with_label(self, scene: SceneT, entry: DictionaryEntry, head: SemanticHead) -> SceneT:
         """Adds an embedded label and the head that knows it; may raise ModelUnavailableError."""
         dictionary = Dictionary((*scene.dictionary.entries, entry))
-        own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
-        if len(scene.dictionary) and scene.text_encoder == own:
+        encoder_key, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
+        if len(scene.dictionary) and scene.text_encoder == encoder_key:
             rows = np.concatenate([scene.label_embeddings, embed_names([entry.label], self._encoder, templates)])
         else:
             templates = self.settings.templates
             rows = embed_labels(dictionary, self._encoder, templates)
         return replace(
-            scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
+            scene,
+            dictionary=dictionary,
+            head=head,
+            label_embeddings=rows,
+            text_encoder=encoder_key,
+            label_templates=templates,
         )
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
@@ -219,13 +224,13 @@ class SceneIndex:
             return ()
         objects, meant = self.objects, self.ranked.names.picks(answer)
         named = [
-            each
-            for each in (*objects.listed, *objects.listed_parts)
-            if each.label_id in place and each.box is not None and (meant is None or each.id in meant)
+            obj
+            for obj in (*objects.listed, *objects.listed_parts)
+            if obj.label_id in place and obj.box is not None and (meant is None or obj.id in meant)
         ]
-        named.sort(key=lambda each: (place[each.label_id], -objects.extents[each.id].opacity))
-        views = objects.best_views([each.id for each in named])
-        return tuple(replace(each, best_views=views.get(each.id, ())) for each in named)
+        named.sort(key=lambda obj: (place[obj.label_id], -objects.extents[obj.id].opacity))
+        views = objects.best_views([obj.id for obj in named])
+        return tuple(replace(obj, best_views=views.get(obj.id, ())) for obj in named)
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Renders an answer's mask in one view; empty if the view shows nothing."""
@@ -301,7 +306,7 @@ class SceneIndex:
         known = (
             (match.label_id, entries[match.label_id - 1 : match.label_id], match.label) for match in answer.matches
         )
-        if any(number < 1 or (own and own[0].label != label) for number, own, label in known):
+        if any(number < 1 or (slot and slot[0].label != label) for number, slot, label in known):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",
                 field="answer",

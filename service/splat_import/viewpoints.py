@@ -113,18 +113,18 @@ def _candidates(gaussians: Gaussians, bulk: Bulk, up: F64) -> Iterator[F64]:
     """Yields poses on the rings, then those at free places."""
     side = np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0])
     side /= np.linalg.norm(side)
-    other = np.cross(up, side)
+    forward = np.cross(up, side)
     for ring, (elevation_deg, distance) in enumerate(_RINGS):
         elevation = np.radians(elevation_deg)
         for index in range(_RING_VIEWS):
             azimuth = 2 * np.pi * (index + ring / len(_RINGS)) / _RING_VIEWS
-            outward = np.cos(elevation) * (np.cos(azimuth) * side + np.sin(azimuth) * other) + np.sin(elevation) * up
+            outward = np.cos(elevation) * (np.cos(azimuth) * side + np.sin(azimuth) * forward) + np.sin(elevation) * up
             yield look_at(bulk.center + distance * bulk.radius * outward, bulk.center, up)
     pitch = np.radians(_INNER_PITCH_DEG)
-    for place in _free_places(gaussians, bulk, np.stack([side, other, up])):
+    for place in _free_places(gaussians, bulk, np.stack([side, forward, up])):
         for index in range(_INNER_VIEWS):
             yaw = 2 * np.pi * index / _INNER_VIEWS
-            toward = np.cos(pitch) * (np.cos(yaw) * side + np.sin(yaw) * other) + np.sin(pitch) * up
+            toward = np.cos(pitch) * (np.cos(yaw) * side + np.sin(yaw) * forward) + np.sin(pitch) * up
             yield look_at(place, place + toward, up)
 
 
@@ -141,7 +141,9 @@ def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
     places, distance = places[free := distance > _FREE * bulk.radius], distance[free]
     chosen: list[int] = []
     while len(places) and len(chosen) < _INNER_PLACES:
-        gap = np.min([np.linalg.norm(places - places[own], axis=1) for own in chosen], axis=0) if chosen else distance
+        gap = (
+            np.min([np.linalg.norm(places - places[index], axis=1) for index in chosen], axis=0) if chosen else distance
+        )
         if chosen and gap.max() < _FREE * bulk.radius:
             break
         chosen.append(int(gap.argmax()))
@@ -158,11 +160,11 @@ class _Look:
         self._bulk, self._drawn, self._camera, self._backend = bulk, drawn, camera, backend
         self._means = gaussians.means
         self._widest = np.exp(gaussians.log_scales.max(axis=1))
-        self._ones = torch.ones(camera.height, camera.width, 1, device=self._splats.means.device)
+        self._every_pixel = torch.ones(camera.height, camera.width, 1, device=self._splats.means.device)
 
     def at(self, pose: F64) -> _Trial:
-        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(self._ones.device)
-        sums = accumulate_weights(self._splats, viewmat, self._camera, self._ones, backend=self._backend)
+        viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32)).to(self._every_pixel.device)
+        sums = accumulate_weights(self._splats, viewmat, self._camera, self._every_pixel, backend=self._backend)
         weight = sums[:, 0].cpu().numpy()
         rows = np.flatnonzero(weight > 0)
         pixels = self._camera.width * self._camera.height
@@ -241,8 +243,8 @@ def _peaks(normals: F64, weights: F64) -> list[tuple[F64, float]]:
         top = int(votes.argmax())
         if votes[top] <= 0:
             break
-        own = np.abs(normals @ directions[top]) > _ALIGNED
-        spread = (normals[own] * weights[own, None]).T @ normals[own]
+        in_peak = np.abs(normals @ directions[top]) > _ALIGNED
+        spread = (normals[in_peak] * weights[in_peak, None]).T @ normals[in_peak]
         axis = np.linalg.eigh(spread)[1][:, 2]  # principal direction of the peak's normals
         peaks.append((axis, float(votes[top])))
         votes[np.abs(directions @ directions[top]) > np.cos(np.radians(30))] = 0

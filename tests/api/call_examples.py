@@ -180,7 +180,10 @@ EXAMPLES = (
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
-    *(_bad("UpdateScene", SceneUpdate("desk", told), "scene", "NOT_FOUND", "nothing") for told in (None, "made")),
+    *(
+        _bad("UpdateScene", SceneUpdate("desk", expected), "scene", "NOT_FOUND", "nothing")
+        for expected in (None, "made")
+    ),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),

@@ -42,7 +42,7 @@ class Refused(NamedTuple):
     details: Mapping[str, str]
 
 
-def asked(name: str, ids: Ids, request: Request) -> Any:
+def request_of(name: str, ids: Ids, request: Request) -> Any:
     """A call's request in full, about the scene or job of `ids`."""
     kind = CALLS[name].request
     if kind is NoneType:
@@ -54,7 +54,7 @@ def asked(name: str, ids: Ids, request: Request) -> Any:
 
 def in_process(service: SceneService, name: str, ids: Ids, request: Request) -> Any:
     """What the service answers, or how it refuses."""
-    sent = asked(name, ids, request)
+    sent = request_of(name, ids, request)
     token = current_principal.set(Principal("", "default", "operator"))
     try:
         return _WRITTEN[name](service, sent) if name in _WRITTEN else HANDLERS[name].ask(service, sent)
@@ -74,7 +74,7 @@ def over_rest(faces: Faces, name: str, ids: Ids, request: Request) -> Any:
     """The same over HTTP."""
     call = CALLS[name]
     method, template = call.route.split(" ")
-    fields = {} if call.request is NoneType else to_plain(asked(name, ids, request))
+    fields = {} if call.request is NoneType else to_plain(request_of(name, ids, request))
     path = re.sub(r"{(\w+)}", lambda named: fields.pop(named[1]), template)
     if method in ("POST", "PATCH"):
         response = faces.rest.request(method, path, json=fields)
@@ -96,7 +96,7 @@ def _read(call: Call[Any, Any], response: httpx.Response) -> Any:
 def over_grpc(faces: Faces, name: str, ids: Ids, request: Request) -> Any:
     """The same over gRPC."""
     call = CALLS[name]
-    message = empty_pb2.Empty() if call.request is NoneType else to_proto(asked(name, ids, request))
+    message = empty_pb2.Empty() if call.request is NoneType else to_proto(request_of(name, ids, request))
     try:
         answer = getattr(faces.rpc, name)(message, timeout=60)
         if call.response is bytes:

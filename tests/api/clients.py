@@ -31,22 +31,22 @@ def outcome(call: Any) -> Any:
         return type(error), error.message, error.details()
 
 
-def assert_same(one: Any, other: Any) -> None:
+def assert_same(actual: Any, expected: Any) -> None:
     """Equal in everything, numbers to 1e-6; masks and texts to the byte."""
-    if isinstance(one, float) or isinstance(other, float):
-        assert one == pytest.approx(other, abs=1e-6)
-    elif isinstance(one, ServerHealth):  # seconds of silence and of waiting, and free bytes are those of the moment
-        assert isinstance(other, ServerHealth) and one.disk.total_bytes == other.disk.total_bytes
-        assert (one.queue.waiting, one.queue.running) == (other.queue.waiting, other.queue.running)
-    elif dataclasses.is_dataclass(one) and not isinstance(one, type):
-        assert type(one) is type(other)
-        for field in dataclasses.fields(one):
-            assert_same(getattr(one, field.name), getattr(other, field.name))
-    elif isinstance(one, np.ndarray):
-        assert np.allclose(one, other, atol=1e-6)
-    elif isinstance(one, tuple):
-        assert isinstance(other, tuple) and len(one) == len(other), (one, other)
-        for mine, theirs in zip(one, other, strict=True):
+    if isinstance(actual, float) or isinstance(expected, float):
+        assert actual == pytest.approx(expected, abs=1e-6)
+    elif isinstance(actual, ServerHealth):  # seconds of silence and of waiting, and free bytes are those of the moment
+        assert isinstance(expected, ServerHealth) and actual.disk.total_bytes == expected.disk.total_bytes
+        assert (actual.queue.waiting, actual.queue.running) == (expected.queue.waiting, expected.queue.running)
+    elif dataclasses.is_dataclass(actual) and not isinstance(actual, type):
+        assert type(actual) is type(expected)
+        for field in dataclasses.fields(actual):
+            assert_same(getattr(actual, field.name), getattr(expected, field.name))
+    elif isinstance(actual, np.ndarray):
+        assert np.allclose(actual, expected, atol=1e-6)
+    elif isinstance(actual, tuple):
+        assert isinstance(expected, tuple) and len(actual) == len(expected), (actual, expected)
+        for mine, theirs in zip(actual, expected, strict=True):
             assert_same(mine, theirs)
     else:
-        assert one == other
+        assert actual == expected

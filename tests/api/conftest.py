@@ -83,11 +83,11 @@ def client(faces: Faces) -> Iterator[Client]:
 
 
 @pytest.fixture
-def own(service: SceneService, api_settings: Settings) -> Iterator[str]:
+def fresh_id(service: SceneService, api_settings: Settings) -> Iterator[str]:
     """A made scene that the test may change."""
-    made = add_scene(service, api_settings, "to change")
-    yield made
-    service.delete_scene(made)
+    scene_id = add_scene(service, api_settings, "to change")
+    yield scene_id
+    service.delete_scene(scene_id)
 
 
 @pytest.fixture(scope="session")

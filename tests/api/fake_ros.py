@@ -77,9 +77,9 @@ def install_fake_ros(monkeypatch: pytest.MonkeyPatch, parameters: dict[str, Any]
         return store.types[name]
 
     def module(name: str, **contents: Any) -> None:
-        made = ModuleType(name)
-        vars(made).update(contents)
-        monkeypatch.setitem(sys.modules, name, made)
+        fake_module = ModuleType(name)
+        vars(fake_module).update(contents)
+        monkeypatch.setitem(sys.modules, name, fake_module)
 
     module("rclpy")
     module("rclpy.executors", ExternalShutdownException=RuntimeError)

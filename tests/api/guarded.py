@@ -103,9 +103,9 @@ class Guarded:
             "upload_id": self.service.resumable.create("default", "a.zip", 3).id,
         }
 
-    def ids_for(self, call: str, *, own: bool) -> dict[str, str]:
+    def ids_for(self, call: str, *, fresh: bool) -> dict[str, str]:
         """Ids for a call or a route: shared ones or new ones; one about a job that trains gets such a job."""
-        ids = self.new_ids() if own else self.shared
+        ids = self.new_ids() if fresh else self.shared
         if call not in _OF_TRAINING:
             return ids
         return {**ids, "operation_id": add_training_job(self.service).operation.id}

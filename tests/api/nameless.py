@@ -39,7 +39,7 @@ def nameless_sample(models_dir: Path, folder: Path, captioner: CaptionerSettings
     with open_service(settings) as service, served(service, settings) as faces:
         scene_id = service.open_sample().id
         with client_of(faces) as client:
-            truth = {each.id: each.name for each in client.objects(scene_id) if each.name}
+            truth = {obj.id: obj.name for obj in client.objects(scene_id) if obj.name}
             client.edit_scene(scene_id, [Edit("unname", object_ids=tuple(truth))])
         yield Nameless(faces, scene_id, truth)
 

@@ -57,36 +57,36 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.7, 0.55, 0.4))
     room.place("mug", box((0.09, 0.09, 0.1)), (0.2, 0.1, 0.75), 0.2, (0.75, 0.1, 0.1))
     room.place("mug", box((0.09, 0.09, 0.1)), (1.5, 0, 0), 0.2, (0.1, 0.2, 0.75))
-    made = scene_of(room, 0, drawn_frame(np.random.default_rng(3)))
-    assert made.objects is not None
-    one_hot = np.eye(len(made.dictionary) + 1, dtype=np.float32)
-    label_ids = np.array([0, *(made.dictionary.id_of(obj.name) for obj in made.objects.table)])
-    owner = posterior(made.objects.membership, len(label_ids)).classes
-    made = replace(
-        made,
-        gaussians=replace(made.gaussians, codes=one_hot[label_ids[owner]]),
+    scene = scene_of(room, 0, drawn_frame(np.random.default_rng(3)))
+    assert scene.objects is not None
+    one_hot = np.eye(len(scene.dictionary) + 1, dtype=np.float32)
+    label_ids = np.array([0, *(scene.dictionary.id_of(obj.name) for obj in scene.objects.table)])
+    owner = posterior(scene.objects.membership, len(label_ids)).classes
+    scene = replace(
+        scene,
+        gaussians=replace(scene.gaussians, codes=one_hot[label_ids[owner]]),
         head=SemanticHead(8.0 * one_hot, np.zeros(len(one_hot), np.float32)),
-        label_embeddings=embed_labels(made.dictionary, encoder),
+        label_embeddings=embed_labels(scene.dictionary, encoder),
         text_encoder=(encoder.name, encoder.sha256),
         label_templates=QuerySettings().templates,
         facts=SceneFacts(searched_names=80, searched_for=("banana", "submarine")),
     )
-    assert made.objects is not None
-    first, *others = made.objects.table
+    assert scene.objects is not None
+    first, *rest = scene.objects.table
     unnamed = replace(
-        made.objects, table=(replace(first, suggestions=(Suggestion("piano", 0.6),), name="", source=None), *others)
+        scene.objects, table=(replace(first, suggestions=(Suggestion("piano", 0.6),), name="", source=None), *rest)
     )
-    count = len(made.gaussians)
+    count = len(scene.gaussians)
     (rows,) = np.nonzero(np.arange(count) % 50 == 7)
     inside = evidence_of(rows, np.full(len(rows), 9, np.int32), np.full(len(rows), 16 * UNIT, np.int64), count)
     parts = Parts((Object(9, "mug", "person", 0.8, parent=1),), inside)
     labelled = {"encoder": encoder, "templates": QuerySettings().templates}
     two = labelled_scene([[-0.5, 0, 2], [0.5, 0, 2]], [1, 2], LABELS, **labelled)
     return {
-        "objects": made,
+        "objects": scene,
         "codes": two,
-        "unnamed": replace(made, objects=unnamed),
-        "parts": replace(made, objects=replace(made.objects, parts=parts)),
+        "unnamed": replace(scene, objects=unnamed),
+        "parts": replace(scene, objects=replace(scene.objects, parts=parts)),
         "no labels": labelled_scene([[0, 0, 2]], [0], (), **labelled),
     }
 
@@ -113,7 +113,9 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def _alone(service: SceneService, stored: dict[str, str], request: QueryRequest) -> tuple[Answer, ...]:
     """The answers of each scene to a question to it alone, open."""
     return tuple(
-        answer for one in stored.values() for answer in service.answers.query(replace(request, scene_id=one)).answers
+        answer
+        for scene_id in stored.values()
+        for answer in service.answers.query(replace(request, scene_id=scene_id)).answers
     )
 
 
@@ -154,8 +156,8 @@ def test_a_plain_question_reads_no_file_of_a_scene_twice(
     request = QueryRequest("", PLAIN)
     expected = service.answers.query(request).answers
     assert opened == list(stored.values())
-    for one in stored.values():
-        artefact = service._store.blobs.version(one, "1") / "artefact"
+    for scene_id in stored.values():
+        artefact = service._store.blobs.version(scene_id, "1") / "artefact"
         artefact.rename(artefact.with_name("away"))
     _close(service)
     out = service.answers.query(request)
@@ -172,7 +174,7 @@ def test_what_needs_gaussians_opens_only_scenes_that_answer(
         opened.clear()
         service.answers.query(QueryRequest("", (text,), outputs=frozenset(outputs)))
         assert len(opened) == len(set(opened))
-        return {name for name, one in stored.items() if one in opened}
+        return {name for name, scene_id in stored.items() if scene_id in opened}
 
     assert opens("banana", "mask3d") == opens("banana", "objects") == {"codes"}
     assert opens("banana") == opens("a submarine", "mask3d", "objects") == set()
@@ -209,10 +211,10 @@ def test_what_is_kept_of_a_scene_does_not_grow_with_its_gaussians(
     ranked = [index.ranked for index in indices]
     assert ranked[0].nbytes == ranked[1].nbytes and len(ranked[1].blank) == 5_000
     assert all(not any(array.strides) for array in vars(ranked[1].blank).values())  # one number stands for all
-    gone = [weakref.ref(each) for each in (many.gaussians, indices[1])]
+    gone = [weakref.ref(obj) for obj in (many.gaussians, indices[1])]
     del many, indices
     gc.collect()
-    assert [each() for each in gone] == [None, None]
+    assert [ref() for ref in gone] == [None, None]
 
 
 def test_with_room_for_one_scene_all_are_answered(

@@ -22,11 +22,11 @@ def keys(store: Store) -> Keys:
 
 def test_a_key_opens_and_nothing_near_it_does(keys: Keys) -> None:
     record, key = keys.create("robot", "reader")
-    _, other = keys.create("other", "editor")
+    _, other_key = keys.create("other", "editor")
     ring = keys.valid()
     assert ring.find(key) == record and record.role == "reader" and record.id in ring
     stem, secret = key[:17], key.split("_", 2)[2]
-    swapped = f"fsk_{record.id}_{other.split('_', 2)[2]}"
+    swapped = f"fsk_{record.id}_{other_key.split('_', 2)[2]}"
     near = [key[:-1], key + "x", key[:-1] + ("A" if key[-1] != "A" else "B"), swapped, secret, stem, key.upper(), ""]
     near += [f" {key}", f"{key}\n", "fsk_" + "0" * 12 + "_" + secret, "ü" * 60, "\ud800"]
     assert [text for text in near if ring.find(text) is not None] == []
@@ -39,8 +39,8 @@ def test_only_hashes_are_kept(keys: Keys, store: Store) -> None:
 
 
 def test_keys_are_all_different(keys: Keys) -> None:
-    made = [keys.create("x", "reader")[1] for _ in range(20)]
-    assert len(set(made)) == len({key_id_of(key) for key in made}) == 20
+    new_keys = [keys.create("x", "reader")[1] for _ in range(20)]
+    assert len(set(new_keys)) == len({key_id_of(key) for key in new_keys}) == 20
 
 
 def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
@@ -53,7 +53,7 @@ def test_expired_and_revoked_keys_open_nothing(keys: Keys) -> None:
     time.sleep(0.3)
     assert ring.find(brief) is None  # a ring that was read before it expired
     assert keys.valid().find(brief) is None and keys.valid().find(key) is None
-    assert [each.revoked_at is not None for each in keys.all()] == [False, True]
+    assert [record.revoked_at is not None for record in keys.all()] == [False, True]
 
 
 def test_nonsense_is_refused(keys: Keys) -> None:

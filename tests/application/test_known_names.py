@@ -44,7 +44,7 @@ from fastsplat_contract.messages.scenes import Color, Edit, EditAction, InsertSo
 from tests.api.made_scene import ENCODER, write_words
 from tests.scenes import finish_job, labelled_scene, queued_job
 
-_EACH = 20
+_PER_OBJECT = 20
 _WORDS = ("", "elephant", "submarine", "carrot")
 
 
@@ -75,9 +75,9 @@ def service(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
 def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
     """Store a scene of three objects without names that look like the given places; returns its id."""
 
-    def made(*places: int, project: str = "default", tags: Sequence[str] = (), meters: float = 0.0) -> str:
+    def new_scene(*places: int, project: str = "default", tags: Sequence[str] = (), meters: float = 0.0) -> str:
         rng = np.random.default_rng(5)
-        owner = np.repeat(np.arange(len(places)), _EACH)
+        owner = np.repeat(np.arange(len(places)), _PER_OBJECT)
         wide = meters or 0.1
         means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + wide * rng.normal(size=(len(owner), 3))
         table = tuple(
@@ -104,7 +104,7 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
         finish_job(store, job.operation_id, scene)
         return job.scene_id
 
-    return made
+    return new_scene
 
 
 def _name(service: SceneService, scene_id: str, object_id: int, name: str) -> None:
@@ -113,7 +113,7 @@ def _name(service: SceneService, scene_id: str, object_id: int, name: str) -> No
     )
 
 
-def _asked(service: SceneService, scene_id: str, text: str) -> str:
+def _outcome(service: SceneService, scene_id: str, text: str) -> str:
     (answer,) = service.answers.query(QueryRequest(scene_id, (text,))).answers
     return answer.outcome
 
@@ -142,13 +142,13 @@ def test_a_name_is_suggested_for_what_looks_alike_in_other_scenes_old_and_new(
     _name(service, first, 2, "mug")
     newer = add(20, 21, 7)
     assert _known(service) == [(first, 2, "mug", bytes([7]))]
-    (told,) = _suggested(service, older)[1]
-    assert (told.name, told.scene_id) == ("mug", first) and 0.8 <= told.probability <= 0.95
-    assert _suggested(service, newer) == {1: (), 2: (), 3: (told,)}
+    (guess,) = _suggested(service, older)[1]
+    assert (guess.name, guess.scene_id) == ("mug", first) and 0.8 <= guess.probability <= 0.95
+    assert _suggested(service, newer) == {1: (), 2: (), 3: (guess,)}
     assert all(obj.name == "" for obj in service.answers.list_objects(newer).objects)
     picked = service.answers.pick(PickRequest(newer, point=Vector3(1.0, 0.0, 4.0)))
-    assert picked.object.suggestions == (told,)
-    assert not any(suggestion.scene_id for one in _suggested(service, first).values() for suggestion in one)
+    assert picked.object.suggestions == (guess,)
+    assert not any(suggestion.scene_id for guesses in _suggested(service, first).values() for suggestion in guesses)
 
 
 def test_of_two_names_for_the_same_looks_that_of_the_same_size_is_suggested(
@@ -156,32 +156,32 @@ def test_of_two_names_for_the_same_looks_that_of_the_same_size_is_suggested(
 ) -> None:
     for meters, name in ((0.01, "carrot"), (0.2, "elephant")):
         _name(service, add(7, 8, 9, meters=meters), 1, name)
-    told = {meters: _suggested(service, add(7, 8, 9, meters=meters)) for meters in (0.011, 0.19)}
-    assert [[one.name for one in told[meters][1]] for meters in (0.011, 0.19)] == [["carrot"], ["elephant"]]
-    assert min(told[meters][1][0].probability for meters in told) > 0.9
+    by_size = {meters: _suggested(service, add(7, 8, 9, meters=meters)) for meters in (0.011, 0.19)}
+    assert [[guess.name for guess in by_size[meters][1]] for meters in (0.011, 0.19)] == [["carrot"], ["elephant"]]
+    assert min(by_size[meters][1][0].probability for meters in by_size) > 0.9
     (unsized,) = _suggested(service, add(7, 8, 9))[1]  # whose unit nobody knows
-    assert unsized.probability < min(told[meters][1][0].probability for meters in told)
+    assert unsized.probability < min(by_size[meters][1][0].probability for meters in by_size)
 
 
 def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
     service: SceneService, add: Callable[..., str]
 ) -> None:
-    first, other = add(3, 7, 9), add(7, 3, 11)
+    first, second = add(3, 7, 9), add(7, 3, 11)
     _name(service, first, 2, "mug")
-    (told,) = _suggested(service, other)[1]
-    (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"}))).answers
-    assert (answer.outcome, answer.object_ids, answer.probability) == ("probably_here", (1,), told.probability)
-    assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _EACH
-    everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",))).answers}
-    assert everywhere == {first: "here", other: "probably_here"}
+    (guess,) = _suggested(service, second)[1]
+    (answer,) = service.answers.query(QueryRequest(second, ("the mug",), outputs=frozenset({"mask3d"}))).answers
+    assert (answer.outcome, answer.object_ids, answer.probability) == ("probably_here", (1,), guess.probability)
+    assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _PER_OBJECT
+    everywhere = {reply.scene_id: reply.outcome for reply in service.answers.query(QueryRequest("", ("mug",))).answers}
+    assert everywhere == {first: "here", second: "probably_here"}
     service.versions.undo(first)
-    assert _asked(service, other, "mug") == "cannot_say"
+    assert _outcome(service, second, "mug") == "cannot_say"
 
 
 def test_names_are_read_once_until_any_process_changes_them(
     service: SceneService, add: Callable[..., str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, other = add(3, 7, 9), add(7, 3, 11)
+    first, second = add(3, 7, 9), add(7, 3, 11)
     _name(service, first, 2, "mug")
     read: list[int] = []
     every = KnownNameRepository.all
@@ -192,8 +192,8 @@ def test_names_are_read_once_until_any_process_changes_them(
 
     monkeypatch.setattr(KnownNameRepository, "all", counted)
     for _ in range(2):
-        assert _asked(service, other, "mug") == "probably_here"
-        assert len(_suggested(service, other)[1]) == 1
+        assert _outcome(service, second, "mug") == "probably_here"
+        assert len(_suggested(service, second)[1]) == 1
     assert len(read) == 1
     script = (
         "import pickle, sys\n"
@@ -202,29 +202,29 @@ def test_names_are_read_once_until_any_process_changes_them(
         "with open_service(settings) as service: service.versions.undo(scene_id)"
     )
     subprocess.run([sys.executable, "-c", script], input=pickle.dumps((service._context.settings, first)), check=True)
-    assert _asked(service, other, "mug") == "cannot_say" and len(read) == 2
+    assert _outcome(service, second, "mug") == "cannot_say" and len(read) == 2
 
 
 def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneService, add: Callable[..., str]) -> None:
-    first, other = add(3, 7, 9), add(7, 3, 11)
+    first, second = add(3, 7, 9), add(7, 3, 11)
     _name(service, first, 2, "mug")
     _name(service, first, 1, "moon")
     assert [name for _, _, name, _ in _known(service)] == ["moon", "mug"]
     _name(service, first, 2, "cup")
-    assert _suggested(service, other)[1][0].name == "cup"
+    assert _suggested(service, second)[1][0].name == "cup"
     service.versions.undo(first)
-    assert _suggested(service, other)[1][0].name == "mug"
+    assert _suggested(service, second)[1][0].name == "mug"
     service.versions.edit(first, [Edit("unname", object_ids=(2,))], looked_at=_current(service, first))
-    assert [name for _, _, name, _ in _known(service)] == ["moon"] and _suggested(service, other)[1] == ()
+    assert [name for _, _, name, _ in _known(service)] == ["moon"] and _suggested(service, second)[1] == ()
     service.versions.undo(first)
     assert {name for _, _, name, _ in _known(service)} == {"moon", "mug"}
     service.delete_scene(first)
     assert _known(service) == [] and _rows(service) == 0
-    assert set(_suggested(service, other).values()) == {()}
+    assert set(_suggested(service, second).values()) == {()}
 
 
 def test_what_is_forgotten_stays_so_until_it_is_named_again(service: SceneService, add: Callable[..., str]) -> None:
-    first, other = add(3, 7, 9), add(7, 3, 11)
+    first, second = add(3, 7, 9), add(7, 3, 11)
     _name(service, first, 2, "mug")
     _name(service, first, 1, "moon")
     newest, oldest = service.known_names.list().names
@@ -237,7 +237,7 @@ def test_what_is_forgotten_stays_so_until_it_is_named_again(service: SceneServic
     assert {name for _, _, name, _ in _known(service)} == {"moon", "violin"}
     assert service.answers.list_objects(first).objects[1].name == "mug"
     _name(service, first, 2, "beaker")
-    assert _suggested(service, other)[1][0].name == "beaker"
+    assert _suggested(service, second)[1][0].name == "beaker"
     service.known_names.forget("all")
     assert _known(service) == [] and _rows(service) == 0
     assert [obj.name for obj in service.answers.list_objects(first).objects] == ["moon", "beaker", "violin"]
@@ -248,12 +248,12 @@ def test_projects_never_see_each_others_names(service: SceneService, add: Callab
     in_a, in_b, in_default = add(3, 7, 9, project="a"), add(3, 7, 9, project="b"), add(3, 7, 9)
     _name(mine, in_a, 2, "volcano")
     (known,) = mine.known_names.list().names
-    for other, scene_id in ((theirs, in_b), (service, in_default)):
-        assert other.known_names.list().names == ()
-        assert set(_suggested(other, scene_id).values()) == {()}
+    for project, scene_id in ((theirs, in_b), (service, in_default)):
+        assert project.known_names.list().names == ()
+        assert set(_suggested(project, scene_id).values()) == {()}
         with pytest.raises(NotFoundError):
-            other.known_names.forget(known.id)
-        other.known_names.forget("all")
+            project.known_names.forget(known.id)
+        project.known_names.forget("all")
     assert mine.known_names.list().names == (known,)
     assert _suggested(mine, add(1, 2, 7, project="a"))[3][0].name == "volcano"
 
@@ -279,8 +279,8 @@ def _suggest(service: SceneService, scene_id: str, obj: int, name: str, source: 
 def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_is_undone(
     service: SceneService, add: Callable[..., str]
 ) -> None:
-    first, other, stranger = add(3, 7, 9), add(20, 21, 22), add(20, 21, 22, project="a")
-    for scene_id in (first, other):
+    first, second, stranger = add(3, 7, 9), add(20, 21, 22), add(20, 21, 22, project="a")
+    for scene_id in (first, second):
         for obj in (1, 2, 3):
             _suggest(service, scene_id, obj, f"{_WORDS[obj]}", "eyes")
             _suggest(service, scene_id, obj, "mug", "ears")
@@ -288,14 +288,14 @@ def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_
     _suggest(elsewhere, stranger, 1, "carrot", "eyes")
 
     def says(source: str) -> float:
-        told = [one for name in _suggested(service, other)[1] for one in name.said_by if one.source == source]
-        return told[0].probability
+        claims = [claim for name in _suggested(service, second)[1] for claim in name.said_by if claim.source == source]
+        return claims[0].probability
 
     assert says("eyes") == says("ears") == pytest.approx(0.8)
     for obj in (1, 2, 3):
         _name(service, first, obj, _WORDS[obj])
     assert says("ears") == pytest.approx(0.8 * 4 / 6.4) and says("eyes") == pytest.approx(0.8 * 7 / 6.4)
-    (answer,) = service.answers.query(QueryRequest(other, ("mug",))).answers
+    (answer,) = service.answers.query(QueryRequest(second, ("mug",))).answers
     assert answer.probability == pytest.approx(says("ears"))
     (unmoved,) = _suggested(elsewhere, stranger)[1]
     assert unmoved.probability == 0.8  # another project
@@ -313,25 +313,25 @@ def test_a_tag_names_what_bears_it_in_other_captures_until_the_name_is_taken_bac
     service: SceneService, add: Callable[..., str]
 ) -> None:
     first, second = add(1, 2, 3, tags=("17", "", "")), add(4, 5, 6, tags=("", "40", "17"))
-    other = service.in_project("a")
+    project_a = service.in_project("a")
     stranger = add(4, 5, 6, project="a", tags=("17", "", ""))
     _name(service, first, 1, "carrot")
     suggested = _suggested(service, second)
     assert list(map(len, suggested.values())) == [0, 0, 1]
-    (told,) = suggested[3]
-    assert (told.name, told.scene_id) == ("carrot", first) and told.probability == pytest.approx(0.97 * 0.98**2)
-    assert [one.source for one in told.said_by] == ["tag"]
-    assert not any(obj.suggestions for obj in other.answers.list_objects(stranger).objects)
-    assert _asked(service, second, "carrot") == "probably_here"
+    (guess,) = suggested[3]
+    assert (guess.name, guess.scene_id) == ("carrot", first) and guess.probability == pytest.approx(0.97 * 0.98**2)
+    assert [claim.source for claim in guess.said_by] == ["tag"]
+    assert not any(obj.suggestions for obj in project_a.answers.list_objects(stranger).objects)
+    assert _outcome(service, second, "carrot") == "probably_here"
     assert not any(obj.name for obj in service.answers.list_objects(second).objects)
     assert [known.picture for known in service.known_names.list().names] == [b""]
     seen = SuggestedName(3, "carrot", 0.5, "assistant")
     service.versions.edit(second, [Edit("suggest", suggestions=(seen,))])
-    (told,) = _suggested(service, second)[3]
-    assert {one.source for one in told.said_by} == {"tag", "assistant"}
-    assert told.probability == pytest.approx(1 - (1 - 0.97 * 0.98**2) * 0.5)
+    (guess,) = _suggested(service, second)[3]
+    assert {claim.source for claim in guess.said_by} == {"tag", "assistant"}
+    assert guess.probability == pytest.approx(1 - (1 - 0.97 * 0.98**2) * 0.5)
     service.versions.undo(first)
-    assert [one.source for one in _suggested(service, second)[3][0].said_by] == ["assistant"]
+    assert [claim.source for claim in _suggested(service, second)[3][0].said_by] == ["assistant"]
     with pytest.raises(InvalidInputError, match="source"):
         service.versions.edit(second, [Edit("suggest", suggestions=(replace(seen, source="tag"),))])
 
@@ -351,9 +351,9 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, settings, stages, {}, version)
     scene = read_scene(upload / "artefact")
     assert scene.objects is not None
-    first, *others = scene.objects.table
+    first, *rest = scene.objects.table
     named = replace(first, name="moon", source="person", probability=1.0)
-    scene = replace(scene, objects=replace(scene.objects, table=(named, *others)))
+    scene = replace(scene, objects=replace(scene.objects, table=(named, *rest)))
     folder = start_stage(job, stages[-1])
     edits = [to_plain(Edit("name", object_ids=(1,), name="moon"))]
     write_renamed(job, scene, folder, {"result": {}, "edits": edits})

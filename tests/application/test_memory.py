@@ -101,8 +101,8 @@ def test_what_one_request_may_not_hold_is_refused_by_name(settings: Settings, mo
         assert (picture.value.field, masks.value.field) == ("camera", "cameras")
         assert service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg"))
         assert service._context.memory.reserved == 0
-        other = service.in_project("another")
-        assert other is service.in_project("another") and other._context.memory is service._context.memory
+        neighbor = service.in_project("another")
+        assert neighbor is service.in_project("another") and neighbor._context.memory is service._context.memory
 
 
 def test_limits_that_are_not_set_follow_from_the_machine(service: SceneService) -> None:
@@ -268,11 +268,11 @@ def test_estimates_are_above_the_real_peak_and_not_far_above(models_dir: Path, p
 def test_what_is_kept_between_calls_is_counted_and_leaves_before_anybody_waits() -> None:
     budget, dropped = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 1), []
     assert budget.keep(60, lambda: dropped.append("first")) and budget.keep(30, lambda: dropped.append("second"))
-    assert budget.kept == 90 and not budget.keep(11, lambda: dropped.append("never"))
+    assert budget.cached_bytes == 90 and not budget.keep(11, lambda: dropped.append("never"))
     with budget.reserve(10, "camera"):
-        assert dropped == [] and budget.kept == 90 and not budget.keep(1, lambda: dropped.append("never"))
+        assert dropped == [] and budget.cached_bytes == 90 and not budget.keep(1, lambda: dropped.append("never"))
         with budget.reserve(20, "camera"):
-            assert dropped == ["first", "second"] and budget.kept == 0 and budget.reserved == 30
+            assert dropped == ["first", "second"] and budget.cached_bytes == 0 and budget.reserved == 30
     assert budget.keep(100, lambda: dropped.append("third"))
     with budget.reserve(100, "camera"):
         assert dropped == ["first", "second", "third"]

@@ -11,7 +11,7 @@ _DAY = timedelta(days=1)
 
 
 def test_what_is_said_counts_before_metadata_and_these_before_the_time_of_coming() -> None:
-    taken = [(_NOW - each * _DAY).timestamp() for each in (3, 2)]
+    taken = [(_NOW - days * _DAY).timestamp() for days in (3, 2)]
     said = datetime(2026, 11, 20, 10, tzinfo=timezone(timedelta(hours=1)))
     assert _time_of(said, taken, _NOW) == (said, "given")
     assert _time_of(None, taken, _NOW) == (_NOW - 2 * _DAY, "metadata")

@@ -37,10 +37,10 @@ def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneSer
 
 
 def _post(service: SceneService, project: str, size: int = 10) -> str:
-    own = service.in_project(project)
-    with own.new_upload() as upload:
+    project_service = service.in_project(project)
+    with project_service.new_upload() as upload:
         upload.write("a.jpg", [b"x" * size])
-        return own.create_scene(upload, "", "", SceneOptions()).scene_id
+        return project_service.create_scene(upload, "", "", SceneOptions()).scene_id
 
 
 def _uploads(tmp_path: Path) -> int:

@@ -61,15 +61,15 @@ def _bytes_of(uploads: ResumableUploads, upload_id: str) -> bytes:
 def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: ResumableUploads) -> None:
     rng = random.Random(7)
     data = rng.randbytes(200_000)
-    made = uploads.create("k", "capture.zip", len(data))
+    upload = uploads.create("k", "capture.zip", len(data))
     cuts = sorted(rng.sample(range(len(data)), 100))
     for cut in cuts:
-        offset = uploads.get("k", made.id).offset
+        offset = uploads.get("k", upload.id).offset
         with pytest.raises(_CutError):
-            uploads.append("k", made.id, offset, _until(data[offset:], cut - offset, rng))
-        assert uploads.get("k", made.id).offset == cut  # nothing that came is sent twice
-    uploads.append("k", made.id, cuts[-1], [data[cuts[-1] :]])
-    assert _bytes_of(uploads, made.id) == data
+            uploads.append("k", upload.id, offset, _until(data[offset:], cut - offset, rng))
+        assert uploads.get("k", upload.id).offset == cut  # nothing that came is sent twice
+    uploads.append("k", upload.id, cuts[-1], [data[cuts[-1] :]])
+    assert _bytes_of(uploads, upload.id) == data
 
 
 _APPEND = """
@@ -90,11 +90,11 @@ uploads.append("k", sys.argv[2], offset, chunks())
 def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: ResumableUploads, tmp_path: Path) -> None:
     rng = random.Random(11)
     data = rng.randbytes(1_000_000)
-    made = uploads.create("k", "capture.zip", len(data))
+    upload = uploads.create("k", "capture.zip", len(data))
     for _ in range(2):
-        before = uploads.get("k", made.id).offset
+        before = uploads.get("k", upload.id).offset
         process = subprocess.Popen(
-            [sys.executable, "-c", _APPEND, str(tmp_path), made.id],
+            [sys.executable, "-c", _APPEND, str(tmp_path), upload.id],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             cwd=_ROOT,
@@ -106,55 +106,55 @@ def test_killed_in_mid_piece_and_resumed_the_bytes_are_the_same(uploads: Resumab
         while taken < 100_000:
             taken += int(process.stdout.readline())
         with pytest.raises(UploadLockedError):
-            uploads.append("k", made.id, before, [b"x"])
+            uploads.append("k", upload.id, before, [b"x"])
         process.send_signal(signal.SIGKILL)
         process.wait()
         process.stdin.close()
         process.stdout.close()
-        after = uploads.get("k", made.id).offset
+        after = uploads.get("k", upload.id).offset
         assert before < after <= before + 150_000  # something was durable already
-    uploads.append("k", made.id, after, [data[after:]])
-    assert _bytes_of(uploads, made.id) == data
+    uploads.append("k", upload.id, after, [data[after:]])
+    assert _bytes_of(uploads, upload.id) == data
 
 
 @pytest.mark.parametrize("algorithm", ["sha1", "sha256"])
 def test_a_checksum_that_does_not_fit_leaves_nothing_of_its_piece(uploads: ResumableUploads, algorithm: str) -> None:
-    made = uploads.create("k", "a.bin", 20)
+    upload = uploads.create("k", "a.bin", 20)
     right = hashlib.new(algorithm, b"0123456789").digest()
-    uploads.append("k", made.id, 0, [b"01234", b"56789"], (algorithm, right))
+    uploads.append("k", upload.id, 0, [b"01234", b"56789"], (algorithm, right))
     with pytest.raises(ChecksumMismatchError):
-        uploads.append("k", made.id, 10, [b"abcdefghiX"], (algorithm, right))
-    assert uploads.get("k", made.id).offset == 10
+        uploads.append("k", upload.id, 10, [b"abcdefghiX"], (algorithm, right))
+    assert uploads.get("k", upload.id).offset == 10
 
     def broken() -> Iterator[bytes]:
         yield b"abc"
         raise _CutError
 
     with pytest.raises(_CutError):  # nobody can tell whether these bytes are right
-        uploads.append("k", made.id, 10, broken(), (algorithm, right))
-    assert uploads.get("k", made.id).offset == 10
-    uploads.append("k", made.id, 10, [b"0123456789"], (algorithm, right))
-    assert _bytes_of(uploads, made.id) == b"01234567890123456789"
+        uploads.append("k", upload.id, 10, broken(), (algorithm, right))
+    assert uploads.get("k", upload.id).offset == 10
+    uploads.append("k", upload.id, 10, [b"0123456789"], (algorithm, right))
+    assert _bytes_of(uploads, upload.id) == b"01234567890123456789"
 
 
 def test_only_the_next_byte_may_follow(uploads: ResumableUploads) -> None:
-    made = uploads.create("k", "a.bin", 10)
-    uploads.append("k", made.id, 0, [b"01234"])
+    upload = uploads.create("k", "a.bin", 10)
+    uploads.append("k", upload.id, 0, [b"01234"])
     for offset in (0, 4, 6, 10):
         with pytest.raises(OffsetConflictError):
-            uploads.append("k", made.id, offset, [b"x"])
+            uploads.append("k", upload.id, offset, [b"x"])
     with pytest.raises(OffsetConflictError):
-        uploads.complete("k", made.id)
+        uploads.complete("k", upload.id)
     with pytest.raises(LimitExceededError):
-        uploads.append("k", made.id, 5, [b"56", b"789x"])
-    assert uploads.get("k", made.id).offset == 7
-    uploads.append("k", made.id, 7, [b"789"])
-    assert uploads.append("k", made.id, 10, []).offset == 10
-    assert _bytes_of(uploads, made.id) == b"0123456789"
+        uploads.append("k", upload.id, 5, [b"56", b"789x"])
+    assert uploads.get("k", upload.id).offset == 7
+    uploads.append("k", upload.id, 7, [b"789"])
+    assert uploads.append("k", upload.id, 10, []).offset == 10
+    assert _bytes_of(uploads, upload.id) == b"0123456789"
 
 
 def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
-    made = uploads.create("k", "a.bin", 4)
+    upload = uploads.create("k", "a.bin", 4)
     inside, go_on = threading.Event(), threading.Event()
 
     def slow() -> Iterator[bytes]:
@@ -163,38 +163,38 @@ def test_two_senders_at_once_never_mix(uploads: ResumableUploads) -> None:
         assert go_on.wait(30)
         yield b"cd"
 
-    first = threading.Thread(target=lambda: uploads.append("k", made.id, 0, slow()))
+    first = threading.Thread(target=lambda: uploads.append("k", upload.id, 0, slow()))
     first.start()
     assert inside.wait(30)
     with pytest.raises(UploadLockedError):
-        uploads.append("k", made.id, 0, [b"WXYZ"])
+        uploads.append("k", upload.id, 0, [b"WXYZ"])
     with pytest.raises(UploadLockedError):
-        uploads.delete("k", made.id)
+        uploads.delete("k", upload.id)
     go_on.set()
     first.join()
-    assert _bytes_of(uploads, made.id) == b"abcd"
+    assert _bytes_of(uploads, upload.id) == b"abcd"
 
 
 def test_uploads_of_another_key_are_not_there(uploads: ResumableUploads) -> None:
-    made = uploads.create("k", "a.bin", 4)
+    upload = uploads.create("k", "a.bin", 4)
     for ask in (uploads.get, uploads.delete, uploads.complete):
         with pytest.raises(NotFoundError):
-            ask("other", made.id)
+            ask("other", upload.id)
     with pytest.raises(NotFoundError):
-        uploads.append("other", made.id, 0, [b"x"])
-    assert replace(uploads.get("k", made.id), expires_at=0.0) == replace(made, expires_at=0.0)
+        uploads.append("other", upload.id, 0, [b"x"])
+    assert replace(uploads.get("k", upload.id), expires_at=0.0) == replace(upload, expires_at=0.0)
 
 
 def test_an_upload_expires_and_each_piece_gives_it_more_time(tmp_path: Path) -> None:
     uploads = ResumableUploads(Blobs(tmp_path), 100, 50.0)
-    made = uploads.create("k", "a.bin", 4)
-    offset = tmp_path / "uploads" / made.id / "offset"
+    upload = uploads.create("k", "a.bin", 4)
+    offset = tmp_path / "uploads" / upload.id / "offset"
     os.utime(offset, (0, offset.stat().st_mtime - 30))
-    earlier = uploads.get("k", made.id)
-    assert uploads.append("k", made.id, 0, [b"x"]).expires_at > earlier.expires_at
+    earlier = uploads.get("k", upload.id)
+    assert uploads.append("k", upload.id, 0, [b"x"]).expires_at > earlier.expires_at
     os.utime(offset, (0, offset.stat().st_mtime - 60))
     with pytest.raises(NotFoundError):
-        uploads.get("k", made.id)
+        uploads.get("k", upload.id)
 
 
 @pytest.mark.parametrize("jumps", [(_DAY,), (-_DAY,), (-_DAY, _DAY), (_DAY, -_DAY), (20_000 * _DAY,)])
@@ -205,11 +205,11 @@ def test_a_clock_that_is_set_expires_nothing(tmp_path: Path, jumps: tuple[float,
     for number, jump in enumerate(jumps):
         now[0] += jump
         new = uploads.create("k", f"{number}.bin", 4)
-        for made in (old, new):
-            offset = uploads.get("k", made.id).offset
-            told = uploads.append("k", made.id, offset, [b"x"])
-            assert told.offset == offset + 1
-            assert now[0] + 22 * 3600.0 < told.expires_at <= now[0] + 24 * 3600.0 + 1.0
+        for upload in (old, new):
+            offset = uploads.get("k", upload.id).offset
+            state = uploads.append("k", upload.id, offset, [b"x"])
+            assert state.offset == offset + 1
+            assert now[0] + 22 * 3600.0 < state.expires_at <= now[0] + 24 * 3600.0 + 1.0
     for _ in range(25):
         now[0] += 3600.0
         with suppress(NotFoundError):
@@ -232,15 +232,15 @@ def test_what_cannot_become_a_capture_is_refused_at_once(uploads: ResumableUploa
 
 
 def test_a_full_disk_is_told_and_what_came_stays(uploads: ResumableUploads) -> None:
-    made = uploads.create("k", "a.bin", 10)
+    upload = uploads.create("k", "a.bin", 10)
 
     def full() -> Iterator[bytes]:
         yield b"01234"
         raise OSError(28, "No space left on device")
 
     with pytest.raises(ResourceError, match="full"):
-        uploads.append("k", made.id, 0, full())
-    assert uploads.get("k", made.id).offset == 5
+        uploads.append("k", upload.id, 0, full())
+    assert uploads.get("k", upload.id).offset == 5
 
 
 def test_a_piece_ends_when_the_disk_becomes_almost_full_meanwhile(

@@ -52,15 +52,15 @@ def test_quotas_are_those_of_the_project_and_only_workers_that_live_count(tmp_pa
         assert [(quota.kind, quota.limit) for quota in status.quotas] == [("scenes", 5), ("bytes", None), ("jobs", 7)]
         assert {quota.kind: quota.used for quota in status.quotas}["jobs"] == 1
         service.admin.projects.create("elsewhere")
-        other = service.in_project("elsewhere").status("operator", "")
-        assert other.project == "elsewhere" and all(quota.used == 0 for quota in other.quotas)
+        project_status = service.in_project("elsewhere").status("operator", "")
+        assert project_status.project == "elsewhere" and all(quota.used == 0 for quota in project_status.quotas)
 
 
 def test_an_image_text_model_is_ready_and_not_calibrated(tmp_path: Path) -> None:
     write_looks_model(tmp_path / "models")
     perception = PerceptionSettings(image_text=MODEL)
     with open_service(Settings(data_dir=tmp_path, models=tmp_path / "models", perception=perception)) as service:
-        (model,) = [each for each in service.status("operator", "").models if each.role == "image_text"]
+        (model,) = [model for model in service.status("operator", "").models if model.role == "image_text"]
     assert (model.name, model.state, model.calibrated) == (MODEL, "ready", False)
 
 

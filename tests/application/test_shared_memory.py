@@ -54,10 +54,10 @@ def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encod
         answers = {}
         for project in ("a", "b"):
             service.admin.projects.create(project)
-            own, scene_id = service.in_project(project), _add(service, settings, project)
-            own.answers.query(QueryRequest(scene_id, ("cup",)))  # opens the scene
+            space, scene_id = service.in_project(project), _add(service, settings, project)
+            space.answers.query(QueryRequest(scene_id, ("cup",)))  # opens the scene
             encoded.clear()
-            answers[project] = [own.answers.query(QueryRequest(scene_id, ("elephant",))).answers[0] for _ in range(2)]
+            answers[project] = [space.answers.query(QueryRequest(scene_id, ("elephant",))).answers[0] for _ in range(2)]
             assert [text for text in encoded if "elephant" in text], project
             encoded.clear()
             again = service.in_project(project, scene_id).answers.query(QueryRequest(scene_id, ("elephant",))).answers

@@ -57,17 +57,17 @@ def test_a_scene_says_what_is_up_and_what_measured_it(service, post):
     assert aligned.vertical == SceneVertical("planes", 0.4, Vector3(0.0, -1.0, 0.0))
     assert up_of(aligned) == "(0.000, -1.000, 0.000), by planes, within 0.8 degrees"
     cameras = [camera_to_json(posed) for posed in orbit()]
-    told = scene_of(replace(record, cameras=cameras, alignment=alignment_to_json(lying))).vertical
-    assert told is not None and told.source == "horizon", "by the cameras, where nothing else is"
-    assert tuple(told.up) == pytest.approx((0, -1, 0), abs=1e-9)
+    vertical = scene_of(replace(record, cameras=cameras, alignment=alignment_to_json(lying))).vertical
+    assert vertical is not None and vertical.source == "horizon", "by the cameras, where nothing else is"
+    assert tuple(vertical.up) == pytest.approx((0, -1, 0), abs=1e-9)
 
 
 def test_a_metric_that_is_no_number_is_left_out(service, post):
     record = service._store.scenes.operation(post().operation_id)
     metrics = {"psnr": float("inf"), "loss": float("nan"), "step": 3.0}
     stage = {"stage": "training", "fraction": 0.5, "message": "", "seconds": 1.0, "metrics": metrics}
-    (shown,) = operation_of(type(record)(**{**vars(record), "stages": [stage]})).stages
-    assert shown.metrics == {"step": 3.0}
+    (stage_progress,) = operation_of(type(record)(**{**vars(record), "stages": [stage]})).stages
+    assert stage_progress.metrics == {"step": 3.0}
 
 
 def test_edits_are_read_as_they_were_written(service, post, finish):
@@ -75,5 +75,5 @@ def test_edits_are_read_as_they_were_written(service, post, finish):
     finish(info)
     service.versions.edit(info.id, [Edit("remove", label="mug")])
     assert service.versions.all(info.id)[-1].edits == (Edit("remove", label="mug"),)
-    made = service.versions.edit(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
-    assert made.edits == service.versions.all(info.id)[-1].edits
+    version = service.versions.edit(info.id, [Edit("recolor", "banana", color=Color(0.0, 0.5, 1.0))])
+    assert version.edits == service.versions.all(info.id)[-1].edits

@@ -30,28 +30,28 @@ def rendered(monkeypatch: pytest.MonkeyPatch) -> list[SceneIndex]:
 
 def test_points_mesh_and_cameras_share_one_rendering_and_are_what_they_are_alone(rendered: list[SceneIndex]) -> None:
     memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB), _GIB)
-    kept, index = SurfaceCache(memory), wall_index()
+    cache, index = SurfaceCache(memory), wall_index()
     for file in (points_file, mesh_file, cameras_file):
-        assert file(index, "wall", (), 0.05, lambda one: kept.views("wall", "1", one)) == file(index, "wall", (), 0.05)
-    assert len(rendered) == 1 and memory.kept > 0
-    other = wall_index()
-    kept.views("wall", "2", other)  # what an edit changed
-    kept.views("wall", "2", other)
-    assert rendered == [index, other]
-    kept.forget("wall")
-    kept.views("wall", "2", other)
+        assert file(index, "wall", (), 0.05, lambda idx: cache.views("wall", "1", idx)) == file(index, "wall", (), 0.05)
+    assert len(rendered) == 1 and memory.cached_bytes > 0
+    edited_index = wall_index()
+    cache.views("wall", "2", edited_index)  # what an edit changed
+    cache.views("wall", "2", edited_index)
+    assert rendered == [index, edited_index]
+    cache.forget("wall")
+    cache.views("wall", "2", edited_index)
     assert len(rendered) == 3
 
 
 def test_they_leave_for_a_call_that_needs_their_memory(rendered: list[SceneIndex]) -> None:
     memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB, request_memory_bytes=_GIB), _GIB)
-    kept, index = SurfaceCache(memory), wall_index()
-    first = kept.views("wall", "1", index)
+    cache, index = SurfaceCache(memory), wall_index()
+    first = cache.views("wall", "1", index)
     with memory.reserve(_GIB, "scene_id"):
-        assert memory.kept == 0
-        assert kept.views("wall", "1", index) is not first  # no room to keep these
-        kept.views("wall", "1", index)
+        assert memory.cached_bytes == 0
+        assert cache.views("wall", "1", index) is not first  # no room to keep these
+        cache.views("wall", "1", index)
     assert len(rendered) == 3
-    kept.views("wall", "1", index)
-    kept.views("wall", "1", index)
-    assert len(rendered) == 4 and memory.kept > 0
+    cache.views("wall", "1", index)
+    cache.views("wall", "1", index)
+    assert len(rendered) == 4 and memory.cached_bytes > 0

@@ -50,16 +50,16 @@ def test_how_long_photos_take_is_kept_with_their_job_once_the_machine_is_measure
     models = stand_in_models(tmp_path / "models", "minilm_l6_int8")
     with open_service(Settings(data_dir=tmp_path / "data", models=models)) as service:
 
-        def kept(budget_s: float | None = None) -> float | None:
+        def stored_time(budget_s: float | None = None) -> float | None:
             with service.new_upload() as upload:
                 for path in write_photos(tmp_path, 3):
                     upload.write(path.name, [path.read_bytes()])
-                made = service.create_scene(upload, "", "", SceneOptions(preset="draft", time_budget_s=budget_s))
-            return service._store.scenes.operation(made.id).options.get("predicted_s")
+                operation = service.create_scene(upload, "", "", SceneOptions(preset="draft", time_budget_s=budget_s))
+            return service._store.scenes.operation(operation.id).options.get("predicted_s")
 
-        assert kept() is None
-        asked = service.estimates.estimate(EstimateJobRequest(photos=3, width=64, height=64, preset="draft"))
-        assert kept() == asked.seconds and kept(20.0) == pytest.approx(asked.stages["capture"] + 20)
+        assert stored_time() is None
+        estimate = service.estimates.estimate(EstimateJobRequest(photos=3, width=64, height=64, preset="draft"))
+        assert stored_time() == estimate.seconds and stored_time(20.0) == pytest.approx(estimate.stages["capture"] + 20)
 
 
 def test_names_that_no_detector_can_know_are_refused_at_once(service, settings):

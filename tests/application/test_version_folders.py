@@ -41,7 +41,7 @@ def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[Scen
         yield service, scene_id
 
 
-def _kept(service: SceneService, scene_id: str) -> set[str]:
+def _versions(service: SceneService, scene_id: str) -> set[str]:
     """Names of the versions that have a folder."""
     return {version for scene, version in service._store.blobs.versions() if scene == scene_id} | {"1"}
 
@@ -60,9 +60,11 @@ def test_an_edit_whose_answer_the_database_lost_is_there(
         patch.setattr(VersionRepository, "publish", lose_answer)
         with pytest.raises(DatabaseError):
             service.versions.edit(scene_id, _EDITS, "once")
-    made = service.versions.all(scene_id)[-1]
-    assert made.current and {version.version for version in service.versions.all(scene_id)} == _kept(service, scene_id)
-    assert service.versions.edit(scene_id, _EDITS, "once") == made
+    head = service.versions.all(scene_id)[-1]
+    assert head.current and {version.version for version in service.versions.all(scene_id)} == _versions(
+        service, scene_id
+    )
+    assert service.versions.edit(scene_id, _EDITS, "once") == head
     assert service.answers.list_objects(scene_id).objects
 
 
@@ -80,34 +82,34 @@ def test_a_folder_that_got_no_row_goes_to_the_trash_after_a_day(
         patch.setattr(VersionRepository, "is_published", vanish)
         with pytest.raises(DatabaseError):
             service.versions.edit(scene_id, _EDITS)
-    (lost,) = _kept(service, scene_id) - rows
+    (lost,) = _versions(service, scene_id) - rows
     trash_lost_versions(store, time.time() + 0.9 * _DAY_S)
-    assert _kept(service, scene_id) == rows | {lost}
+    assert _versions(service, scene_id) == rows | {lost}
     trash_lost_versions(store, time.time() + 1.1 * _DAY_S)
-    assert _kept(service, scene_id) == rows
+    assert _versions(service, scene_id) == rows
     trashed = [path for path in store.blobs.root.parent.glob("*/trash/**/scene.ply") if lost in str(path)]
     assert len(trashed) == 1
     trash_lost_versions(store, time.time() + 30 * _DAY_S)
-    assert _kept(service, scene_id) == rows and service.versions.undo(scene_id).version == "1"
+    assert _versions(service, scene_id) == rows and service.versions.undo(scene_id).version == "1"
 
 
 def test_what_an_unfinished_job_or_an_older_database_explains_stays(place: tuple[SceneService, str]) -> None:
     service, scene_id = place
     store, rows = service._store, {version.version for version in service.versions.all(scene_id)}
-    made = max(rows)
+    head = max(rows)
 
     def add_folder(name: str) -> None:
         source = store.blobs.upload(name)
         source.mkdir(parents=True)
-        os.link(store.blobs.version(scene_id, made) / "scene.ply", source / "scene.ply")
+        os.link(store.blobs.version(scene_id, head) / "scene.ply", source / "scene.ply")
         store.blobs.publish(source, scene_id, name)
 
     store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {}, "look_again"))
     assert store.jobs.claim("running")
     add_folder("running")
     trash_lost_versions(store, time.time() + 30 * _DAY_S)
-    assert _kept(service, scene_id) == rows | {"running"}
+    assert _versions(service, scene_id) == rows | {"running"}
     for number in range(4):
         add_folder(f"later{number}")
     trash_lost_versions(store, time.time() + 30 * _DAY_S)
-    assert len(_kept(service, scene_id)) == len(rows) + 5
+    assert len(_versions(service, scene_id)) == len(rows) + 5

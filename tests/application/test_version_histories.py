@@ -21,7 +21,7 @@ def test_every_acknowledged_call_is_in_the_one_history_of_its_scene(tmp_path: Pa
     write_words(tmp_path / "models")
     encoder = open_text_encoder(ENCODER, tmp_path / "models")
     with ExitStack() as stack:
-        one, other = (
+        first, second = (
             stack.enter_context(
                 open_service(
                     Settings(
@@ -37,5 +37,5 @@ def test_every_acknowledged_call_is_in_the_one_history_of_its_scene(tmp_path: Pa
             for number in range(2)
         )
         published = objects if database_url else tmp_path / "data"
-        stores = one._store, other._store
-        run(Place((one.versions, other.versions), stores, published, encoder, bool(database_url)), scenes=4, steps=8)
+        stores = first._store, second._store
+        run(Place((first.versions, second.versions), stores, published, encoder, bool(database_url)), scenes=4, steps=8)

@@ -145,12 +145,12 @@ class VersionMachine(RuleBasedStateMachine):
             job = self._job(calls[number], number % 2)
             barrier.wait()
             try:
-                made = self._answer(calls[number], number % 2, job)
+                result = self._answer(calls[number], number % 2, job)
             except ConflictError:
                 return "conflict"
             except NotFoundError:
                 return "not found"
-            return made
+            return result
 
         return list(self.pool.map(answer, range(len(calls))))
 
@@ -158,11 +158,11 @@ class VersionMachine(RuleBasedStateMachine):
         server = self.place.servers[number]
         if isinstance(call, EditCall):
             color = Color(call.color / _COLORS, 0.0, 0.0)
-            made = server.edit(self.scene_id, [Edit("recolor", label=LABELS[call.label], color=color)], call.request_id)
+            info = server.edit(self.scene_id, [Edit("recolor", label=LABELS[call.label], color=color)], call.request_id)
         elif isinstance(call, RestoreCall):
-            made = server.restore(self.scene_id, call.version, call.expected)
+            info = server.restore(self.scene_id, call.version, call.expected)
         elif isinstance(call, StepCall):
-            made = (server.undo if call.action == "undo" else server.redo)(self.scene_id, call.expected)
+            info = (server.undo if call.action == "undo" else server.redo)(self.scene_id, call.expected)
         else:
             assert job is not None
             try:
@@ -171,8 +171,8 @@ class VersionMachine(RuleBasedStateMachine):
                 job.drop_result("naming")
                 raise
             return Acknowledged(job.run_id, call.parent)
-        assert made.current or isinstance(call, EditCall)  # one that was made before may have been edited since
-        return Acknowledged(made.version, made.parent)
+        assert info.current or isinstance(call, EditCall)  # one that was made before may have been edited since
+        return Acknowledged(info.version, info.parent)
 
     def _job(self, call: Call, number: int) -> ClaimedJob | None:
         """A job whose result is a copy of the version that it began with."""
@@ -198,8 +198,8 @@ class VersionMachine(RuleBasedStateMachine):
         """Keep the histories that explain the answers and what is stored."""
         listed = [server.all(self.scene_id) for server in self.place.servers]
         assert listed[0] == listed[1]
-        rows = [(each.version, each.parent) for each in listed[0]]
-        (current,) = [each.version for each in listed[0] if each.current]
+        rows = [(version.version, version.parent) for version in listed[0]]
+        (current,) = [version.version for version in listed[0] if version.current]
         explained = {}
         for history in self.histories:
             for order in itertools.permutations(zip(calls, answers, strict=True)):

@@ -106,11 +106,11 @@ class History:
         return names
 
     def _edited(self, call: EditCall, answer: Answer) -> History | None:
-        asked, made = self.requests.get(call.request_id, (call, ""))
-        if made in self.versions:  # the id is known as long as its version is there
-            if asked != call or made not in self.lineage():
+        earlier_call, version = self.requests.get(call.request_id, (call, ""))
+        if version in self.versions:  # the id is known as long as its version is there
+            if earlier_call != call or version not in self.lineage():
                 return self if answer == "conflict" else None
-            return self if answer == Acknowledged(made, self.versions[made].parent) else None
+            return self if answer == Acknowledged(version, self.versions[version].parent) else None
         if not isinstance(answer, Acknowledged):
             return None
         content = list(self.versions[self.current].content)
@@ -146,11 +146,11 @@ class History:
         order = [name for name in names if name not in in_force] + [name for name in names if name in in_force]
         candidates = [name for name in order if name not in (names[0], self.current, newest)]
         removed = candidates[: max(0, len(names) - self.limit)]
-        kept = {}
+        versions = {}
         for name, known in self.versions.items():
             parent = known.parent
             while parent in removed:
                 parent = self.versions[parent].parent
             if name not in removed:
-                kept[name] = replace(known, parent=parent)
-        return replace(self, versions=kept)
+                versions[name] = replace(known, parent=parent)
+        return replace(self, versions=versions)

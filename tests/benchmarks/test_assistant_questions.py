@@ -26,8 +26,8 @@ def test_there_are_200_and_none_stands_twice() -> None:
 
 def test_nothing_was_fitted_to_other_words_and_to_absences() -> None:
     fitted = calibrating_keys() | {label_key(case.question) for case in read_cases()}
-    asked = {label_key(each.text) for each in QUESTIONS if each.kind in ("names", "absent")}
-    assert not asked & fitted
+    keys = {label_key(question.text) for question in QUESTIONS if question.kind in ("names", "absent")}
+    assert not keys & fitted
     for question in QUESTIONS:
         names = {label_key(obj.name) for obj in ROOMS[question.room].room.objects}
         assert question.kind not in ("names", "absent") or label_key(question.text) not in names
@@ -37,8 +37,8 @@ def test_no_two_objects_are_in_one_place() -> None:
     for layout in ROOMS.values():
         rooms = range(1, len(layout.room.objects) + 1)
         centers = [layout.center(number) for number in rooms]
-        for one in rooms:
-            assert all(np.linalg.norm(centers[one - 1] - centers[other - 1]) > 0.1 for other in rooms if other != one)
+        for a in rooms:
+            assert all(np.linalg.norm(centers[a - 1] - centers[b - 1]) > 0.1 for b in rooms if b != a)
     kitchen = ROOMS["kitchen"]
     assert kitchen.distance(kitchen.ids["kettle"], kitchen.ids["sideboard"]) == pytest.approx(0, abs=1e-3)
     assert kitchen.distance(kitchen.ids["potato"], kitchen.ids["refrigerator"]) > 2

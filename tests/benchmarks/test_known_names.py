@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.known_names.__main__ import FoundRoom, examples, one_kind_each, summed, told
+from benchmarks.known_names.__main__ import FoundRoom, count_suggestions, examples, one_kind_each, summed
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 
@@ -27,14 +27,20 @@ def _room(name: str, *looks: tuple[int, str]) -> FoundRoom:
 
 def test_right_wrong_and_missed_names_are_told_apart() -> None:
     known = examples(_room("one", (0, "mug"), (1, "book"), (2, "lamp"), (9, "")))
-    assert [each.name for each in known] == ["mug", "book", "lamp"]
+    assert [example.name for example in known] == ["mug", "book", "lamp"]
     room = _room("two", (0, "mug"), (1, "box"), (5, "lamp"), (2, ""), (6, "vase"))
-    assert told(room, known) == {"nameable": 2, "suggested": 3, "right": 1, "suggested_80": 3, "right_80": 1}
-    undescribed = replace(room.objects, table=tuple(replace(each, appearance=b"") for each in room.objects.table))
-    assert set(told(room._replace(objects=undescribed), known).values()) == {0}
+    assert count_suggestions(room, known) == {
+        "nameable": 2,
+        "suggested": 3,
+        "right": 1,
+        "suggested_80": 3,
+        "right_80": 1,
+    }
+    undescribed = replace(room.objects, table=tuple(replace(obj, appearance=b"") for obj in room.objects.table))
+    assert set(count_suggestions(room._replace(objects=undescribed), known).values()) == {0}
 
 
 def test_one_kind_at_a_time_has_at_most_three_examples() -> None:
     known = examples(_room("one", *((n, "mug") for n in range(5)), (7, "book")))
-    assert [[each.name for each in by_kind] for by_kind in one_kind_each(known)] == [["book"], ["mug"] * 3]
+    assert [[example.name for example in by_kind] for by_kind in one_kind_each(known)] == [["book"], ["mug"] * 3]
     assert summed([{"right": 1, "nameable": 2}, {"right": 3, "nameable": 4}]) == {"right": 4, "nameable": 6}

@@ -17,12 +17,12 @@ def test_a_room_is_named_whole_with_one_confirmation_an_object(tmp_path: Path, m
     placed = zip(room.objects[2:], kinds, strict=False)  # all different, as one name for most would be refused
     room.objects[2:] = [replace(obj, label=kind) for obj, kind in placed]
     encoder = open_text_encoder("minilm_l6_int8", models_dir)
-    index = drawn_index(room, FlatStudio(room, 400).shown, 1, 4, tmp_path, encoder)
-    one, two = (named_room(index, room, tmp_path, 1, count) for count in (1, 2))
-    assert 8 <= one["objects"] <= 12 and one["stated"] == two["stated"] == one["refused"] == 0
-    assert one["named"] == two["named"] == one["objects"] and one["obeyed"] == 0
-    wrong = one["objects"] - one["first"]
-    assert 1 <= wrong <= 2 and one["reached"] == one["first"] and one["wrong_at_once"] == wrong
-    assert two["reached"] >= max(one["reached"], two["objects"] - 1)  # both may err about the same object
-    assert one["keystrokes"] > 1 + one["objects"]  # the wrong names are typed
-    assert one["seconds"] <= 90
+    index = drawn_index(room, FlatStudio(room, 400).draw, 1, 4, tmp_path, encoder)
+    single, two = (named_room(index, room, tmp_path, 1, count) for count in (1, 2))
+    assert 8 <= single["objects"] <= 12 and single["stated"] == two["stated"] == single["refused"] == 0
+    assert single["named"] == two["named"] == single["objects"] and single["obeyed"] == 0
+    wrong = single["objects"] - single["first"]
+    assert 1 <= wrong <= 2 and single["reached"] == single["first"] and single["wrong_at_once"] == wrong
+    assert two["reached"] >= max(single["reached"], two["objects"] - 1)  # both may err about the same object
+    assert single["keystrokes"] > 1 + single["objects"]  # the wrong names are typed
+    assert single["seconds"] <= 90

@@ -97,14 +97,14 @@ def test_a_file_of_results_holds_nothing_that_names_no_origin(
 ) -> None:
     about = dict.fromkeys(("command", "commit", "machine", "date", "load_before"), "")
     out, old, new = tmp_path / "out.json", {"psnr": 1.0}, {"psnr": 2.0, **about}
-    for document, kept in (
+    for document, result in (
         ({"a": old, "b": new}, {"b": new}),
         ({"note": "", "rows": [old, new]}, {"note": "", "rows": [new]}),
         ({"rows": {"a": old, "b": {"provenance": about}}}, {"rows": {"b": {"provenance": about}}}),
         ({**about, "rows": [old]}, {**about, "rows": [old]}),
     ):
         write_json(out, document)
-        assert json.loads(out.read_text()) == kept
+        assert json.loads(out.read_text()) == result
     assert capsys.readouterr().out.count("left out") == 3
     for document in ({"rows": [old]}, {"a": old}, {"value": 1}, {}):
         with pytest.raises(ValueError, match="names its command, commit"):

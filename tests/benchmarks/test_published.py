@@ -45,10 +45,10 @@ def test_cameras_of_llff_are_those_of_the_same_scene_in_colmap(tmp_path: Path) -
     np.save(folder / "poses_bounds.npy", rows)
     read = read_dataset(with_transforms(folder, tmp_path / "work"), CaptureSettings())
     assert read.kind == "3d_ovs" and len(read.train) == len(wanted.train)
-    for one, other in zip(read.test, wanted.test, strict=True):
-        assert one.name == f"images/{other.name}" and one.queries
-        assert one.posed is not None and other.posed is not None and one.posed.camera == other.posed.camera
-        np.testing.assert_allclose(one.posed.world_from_camera, other.posed.world_from_camera, atol=1e-12)
+    for view, target in zip(read.test, wanted.test, strict=True):
+        assert view.name == f"images/{target.name}" and view.queries
+        assert view.posed is not None and target.posed is not None and view.posed.camera == target.posed.camera
+        np.testing.assert_allclose(view.posed.world_from_camera, target.posed.world_from_camera, atol=1e-12)
 
 
 def test_the_documented_command_trains_measures_and_prints(
@@ -66,8 +66,8 @@ def test_the_documented_command_trains_measures_and_prints(
 
 def test_an_archive_is_unpacked_only_where_it_is_the_one_that_was_meant(tmp_path: Path) -> None:
     archive, folder = tmp_path / "set.zip", tmp_path / "set"
-    with zipfile.ZipFile(archive, "w") as made:
-        made.writestr("bed/images/0.png", b"")
+    with zipfile.ZipFile(archive, "w") as writer:
+        writer.writestr("bed/images/0.png", b"")
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
     for wrong, said in (("", "needs --sha256"), ("0" * 64, digest)):
         with pytest.raises(SystemExit, match=said):

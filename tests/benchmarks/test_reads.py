@@ -21,19 +21,19 @@ def test_ink_is_where_lines_are_and_covered_lines_have_no_height() -> None:
     studio, camera = FlatStudio(room, 800), camera_of(640)
     seen = 0
     for pose in room.poses[::6]:
-        shown = studio.shown(PosedCamera(camera, pose, "view"))
+        drawing = studio.draw(PosedCamera(camera, pose, "view"))
         for line in lines:
-            height = line.height_in(shown)
+            height = line.height_in(drawing)
             if height >= 8:
                 seen += 1
-                own = (line.corners - pose[:3, 3]) @ pose[:3, :3]
-                pixels = own[:, :2] / own[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy) - 0.5
+                corners = (line.corners - pose[:3, 3]) @ pose[:3, :3]
+                pixels = corners[:, :2] / corners[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy) - 0.5
                 inside = np.zeros((camera.height, camera.width), np.uint8)
                 cv2.fillConvexPoly(inside, np.round(pixels).astype(np.int32), 1)
-                light = shown.light.mean(axis=2)[inside > 0]
-                assert set(shown.objects[inside > 0]) == {line.object_id}
+                light = drawing.light.mean(axis=2)[inside > 0]
+                assert set(drawing.objects[inside > 0]) == {line.object_id}
                 assert np.percentile(light, 95) > 1.5 * np.percentile(light, 5)  # ink on its ground
-                assert line.height_in(studio.shown(PosedCamera(camera, pose @ np.diag([-1, 1, -1, 1]), "back"))) == 0
+                assert line.height_in(studio.draw(PosedCamera(camera, pose @ np.diag([-1, 1, -1, 1]), "back"))) == 0
     assert seen > 10
 
 
@@ -45,7 +45,7 @@ def test_figures_count_lines_of_the_right_object_letter_for_letter() -> None:
         2: (ObjectRead("text", "tiny", 0.7, 2),),
     }
     objects = Objects(
-        tuple(Object(each, reads=reads[each]) for each in (1, 2)), evidence_of(*(np.zeros(0, np.int64),) * 3, 0)
+        tuple(Object(number, reads=reads[number]) for number in (1, 2)), evidence_of(*(np.zeros(0, np.int64),) * 3, 0)
     )
     said, found = judged(objects, lines, (True, True, False))
     assert sorted(said) == [(0.7, True), (0.8, False), (0.9, True)] and found == [0.9, 0.0]

@@ -24,7 +24,7 @@ _LABELS = ("wall", "cup", "hammer", "book")
 _HALF = 0.1
 
 
-def _made() -> tuple[Truth, np.ndarray]:
+def _truth_and_map() -> tuple[Truth, np.ndarray]:
     """A wall at depth 2 with three squares before it at depth 1, and the object of each pixel."""
     middles = np.array([[0, 0, 2.0], [-0.4, 0, 1.0], [0, 0, 1.0], [0.4, 0, 1.0]])
     halves = np.array([[1.6, 1.2, 0.0], *[[_HALF, _HALF, 0.0]] * 3])
@@ -35,9 +35,9 @@ def _made() -> tuple[Truth, np.ndarray]:
             for (a, c, z), (b, d, _) in zip(middles, halves, strict=True)
         ]
     )
-    shown = np.ones((60, 80), np.int32)
+    object_map = np.ones((60, 80), np.int32)
     for number in (2, 3, 4):
-        shown[alone[number - 1]] = number
+        object_map[alone[number - 1]] = number
     rng = np.random.default_rng(0)
     points = np.concatenate(
         [middle + half * rng.uniform(-1, 1, (900, 3)) for middle, half in zip(middles, halves, strict=True)]
@@ -55,15 +55,15 @@ def _made() -> tuple[Truth, np.ndarray]:
         parts=(alone[2] & (y < 0))[None].astype(np.uint8),
         part_names=("head",),
     )
-    return truth, shown
+    return truth, object_map
 
 
 def _measured(
-    shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0, taken: int = 0
+    object_map: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0, taken: int = 0
 ) -> Measured:
     """The truth as flat Gaussians; of each object a share is moved away, and so many of the third are the second's."""
-    truth, true = _made()
-    shown = true if shown is None else shown
+    truth, true = _truth_and_map()
+    object_map = true if object_map is None else object_map
     count = len(truth.points)
     means = truth.points.copy()
     moved = np.tile(np.arange(900) < fog * 900, 4) & (truth.owners > 1)
@@ -77,11 +77,11 @@ def _measured(
         codes=np.zeros((count, 0), np.float32),
     )
     named = names or {}
-    ids = range(1, max(4, int(shown.max())) + 1)
+    ids = range(1, max(4, int(object_map.max())) + 1)
     sure = {"cup": 0.96, "knife": 0.9}  # one is stated, one a guess
     table = tuple(
         Object(number, name, "detected" if name else None, sure.get(name, 0.0))
-        for number, name in ((each, named.get(each, "")) for each in ids)
+        for number, name in ((object_id, named.get(object_id, "")) for object_id in ids)
     )
     owners = truth.owners.copy()
     owners[np.flatnonzero(owners == 3)[:taken]] = 2
@@ -98,8 +98,8 @@ def _measured(
     )
     view = TrueView("0.jpg", _CAMERA, instances=true)
     dataset = Dataset(Path("made"), "nerfstudio", dictionary_of(()), (), (view,), instances=_LABELS)
-    objects = {"0.jpg": shown}
-    return Measured(scene, dataset, truth, objects, {"0.jpg": 0 * shown}, count_objects(scene, dataset, objects))
+    objects = {"0.jpg": object_map}
+    return Measured(scene, dataset, truth, objects, {"0.jpg": 0 * object_map}, count_objects(scene, dataset, objects))
 
 
 def test_the_truth_is_perfect() -> None:
@@ -121,7 +121,7 @@ def test_what_is_taken_from_another_object_is_no_fog() -> None:
 
 
 def test_two_that_are_one_are_no_object_and_halves_are_joined_by_a_second_click() -> None:
-    _, true = _made()
+    _, true = _truth_and_map()
     merged = figures_of(_measured(np.where(true == 3, 2, true)))
     assert merged["recall_50"] < 1 and merged["clicks_miou"] < 1
     halves = true.copy()
@@ -131,7 +131,7 @@ def test_two_that_are_one_are_no_object_and_halves_are_joined_by_a_second_click(
 
 
 def test_a_part_under_the_click_may_be_what_is_meant() -> None:
-    _, true = _made()
+    _, true = _truth_and_map()
     measured = _measured(np.where(true == 3, 2, true))
     assert figures_of(measured)["parts_recall_50"] == 0
     with_parts = replace(measured, parts={"0.jpg": np.choose(true, (0, 0, 7, 8, 0)).astype(np.int32)})
@@ -139,7 +139,7 @@ def test_a_part_under_the_click_may_be_what_is_meant() -> None:
 
 
 def test_a_part_is_known_by_a_part_or_an_object_that_is_as_large() -> None:
-    truth, true = _made()
+    truth, true = _truth_and_map()
     with_head = _measured(np.where(truth.parts[0] == 1, 5, true))
     assert figures_of(with_head)["parts_recall_50"] == 1 and figures_of(with_head)["parts_true"] == 1
 

@@ -17,7 +17,7 @@ from benchmarks.rooms.drawing import KINDS, ROOMS, Studio, camera_of, room_of, w
 from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
 from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
 from benchmarks.rooms.shapes import Meshes
-from benchmarks.rooms.truth import Shown, read_truth
+from benchmarks.rooms.truth import RoomView, read_truth
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat_contract.geometry.camera import PosedCamera
 
@@ -38,8 +38,8 @@ def _studio() -> Studio:
 
 
 @cache
-def _shown() -> Shown:
-    return _studio().shown(PosedCamera(camera_of(_WIDTH), _room("tools-1").poses[2], "2.jpg"))
+def _view() -> RoomView:
+    return _studio().draw(PosedCamera(camera_of(_WIDTH), _room("tools-1").poses[2], "2.jpg"))
 
 
 def test_six_rooms_to_choose_by_and_six_held_out_are_of_eight_kinds() -> None:
@@ -57,34 +57,34 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_same_seed_gives_the_same_pixels_and_another_room_others(written: Path) -> None:
-    drawn = photo_of(_shown().light, EVEN, np.random.default_rng(0))
+    drawn = photo_of(_view().light, EVEN, np.random.default_rng(0))
     encoded = BytesIO()
     Image.fromarray(drawn).save(encoded, "JPEG", quality=92)
     assert (written / "images" / "002.jpg").read_bytes() == encoded.getvalue()
-    assert np.array_equal(np.asarray(Image.open(written / "instances" / "002.png")), _shown().objects)
-    one, other = (soup_of([mesh for obj in _room(name).objects for mesh in obj.meshes]) for name in _ALIKE)
-    assert not np.array_equal(one.points, other.points)
+    assert np.array_equal(np.asarray(Image.open(written / "instances" / "002.png")), _view().objects)
+    first, second = (soup_of([mesh for obj in _room(name).objects for mesh in obj.meshes]) for name in _ALIKE)
+    assert not np.array_equal(first.points, second.points)
 
 
 def test_ids_are_exact() -> None:
     """A pixel shows an object just where the object, drawn alone, is as near as anything is."""
-    studio, shown = _studio(), _shown()
-    projected, front, size = projected_into(studio.soup, shown.posed.camera, shown.posed.camera_from_world())
+    studio, drawing = _studio(), _view()
+    projected, front, size = projected_into(studio.soup, drawing.posed.camera, drawing.posed.camera_from_world())
     nearest = np.zeros(size)
     for number in range(1, len(_room("tools-1").objects) + 1):
         alone = rasterized(projected, studio.soup.triangles, front & (studio.object_of == number), size)
-        own = shown.objects == number
-        assert np.allclose(alone.nearness[own], shown.nearness[own], rtol=1e-6)
-        assert (alone.nearness[~own] <= shown.nearness[~own] + 1e-6).all()
+        mask = drawing.objects == number
+        assert np.allclose(alone.nearness[mask], drawing.nearness[mask], rtol=1e-6)
+        assert (alone.nearness[~mask] <= drawing.nearness[~mask] + 1e-6).all()
         nearest = np.maximum(nearest, alone.nearness)
-    assert np.allclose(nearest, shown.nearness, rtol=1e-6) and (shown.objects > 0).mean() > 0.9
+    assert np.allclose(nearest, drawing.nearness, rtol=1e-6) and (drawing.objects > 0).mean() > 0.9
 
 
 def test_a_part_lies_in_its_object() -> None:
-    studio, shown = _studio(), _shown()
+    studio, drawing = _studio(), _view()
     owners = np.array([0, *(obj for obj, _ in studio.parts)])
-    assert (shown.parts > 0).any()
-    assert np.array_equal(owners[shown.parts][shown.parts > 0], shown.objects[shown.parts > 0])
+    assert (drawing.parts > 0).any()
+    assert np.array_equal(owners[drawing.parts][drawing.parts > 0], drawing.objects[drawing.parts > 0])
     assert all(name and mesh.part in ("", name) for obj, name in studio.parts for mesh in _named(obj, name))
 
 
@@ -106,10 +106,10 @@ def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(written: Pat
         seen = view.instances > 0
         assert alone[view.instances[seen] - 1, *np.nonzero(seen)].all()
         matrix, camera = view.posed.camera_from_world(), view.posed.camera
-        own = truth.points @ matrix[:3, :3].T + matrix[:3, 3]
-        x = np.floor(camera.fx * own[:, 0] / own[:, 2] + camera.cx).astype(int)
-        y = np.floor(camera.fy * own[:, 1] / own[:, 2] + camera.cy).astype(int)
-        inside = (own[:, 2] > 0) & (x >= 1) & (x < camera.width - 1) & (y >= 1) & (y < camera.height - 1)
+        local_points = truth.points @ matrix[:3, :3].T + matrix[:3, 3]
+        x = np.floor(camera.fx * local_points[:, 0] / local_points[:, 2] + camera.cx).astype(int)
+        y = np.floor(camera.fy * local_points[:, 1] / local_points[:, 2] + camera.cy).astype(int)
+        inside = (local_points[:, 2] > 0) & (x >= 1) & (x < camera.width - 1) & (y >= 1) & (y < camera.height - 1)
         near = np.zeros(inside.sum(), bool)  # points on an edge may fall into the pixel beside their silhouette
         for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
             near |= alone[truth.owners[inside] - 1, y[inside] + dy, x[inside] + dx]
@@ -149,15 +149,15 @@ def test_hard_cases_are_what_they_are_called(name: str) -> None:
         assert min(boxes[obj - 1][1] - boxes[obj - 1][0]) < 0.075
 
 
-def _overlap(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+def _overlap(first: tuple[np.ndarray, np.ndarray], second: tuple[np.ndarray, np.ndarray]) -> bool:
     """From above."""
-    return bool((one[0][:2] < other[1][:2]).all() and (other[0][:2] < one[1][:2]).all())
+    return bool((first[0][:2] < second[1][:2]).all() and (second[0][:2] < first[1][:2]).all())
 
 
 def test_a_phones_photos_differ_in_light_within_bounds_and_even_ones_do_not() -> None:
     faults = [phone_faults(np.random.default_rng(seed)) for seed in range(200)]
-    assert all(abs(each.ev) <= 1.2 and max(abs(gain - 1) for gain in each.balance) <= 0.06 for each in faults)
-    assert np.ptp([each.ev for each in faults]) > 2 and np.ptp([each.balance[0] for each in faults]) > 0.1
+    assert all(abs(fault.ev) <= 1.2 and max(abs(gain - 1) for gain in fault.balance) <= 0.06 for fault in faults)
+    assert np.ptp([fault.ev for fault in faults]) > 2 and np.ptp([fault.balance[0] for fault in faults]) > 0.1
     gray = np.full((20, 30, 3), 0.2, np.float32)
     even = photo_of(gray, EVEN, np.random.default_rng(0))
     assert (even == even[0, 0]).all()

@@ -82,8 +82,10 @@ def test_templates_are_chosen_without_the_scenes_that_judge(monkeypatch: pytest.
     """Other judges change what a calibration is said to be worth, and nothing of what templates are chosen by."""
     encoder, scenes = made_data.WordEncoder(), read_scenes()
     parts = folds_of([scene.labels for scene in scenes], 4)
-    others = [replace(s, asked=s.asked[:-3]) if part == 3 else s for s, part in zip(scenes, parts, strict=True)]
+    other_scenes = [
+        replace(s, questions=s.questions[:-3]) if part == 3 else s for s, part in zip(scenes, parts, strict=True)
+    ]
     chosen, judged = (calibrate.measure(encoder, ("{}",), ("object",), choosing=choosing) for choosing in (True, False))
-    monkeypatch.setattr(calibrate, "read_scenes", lambda: others)
+    monkeypatch.setattr(calibrate, "read_scenes", lambda: other_scenes)
     assert calibrate.measure(encoder, ("{}",), ("object",), choosing=True) == chosen
     assert calibrate.measure(encoder, ("{}",), ("object",)) != judged

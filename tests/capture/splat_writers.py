@@ -49,8 +49,8 @@ def write_compressed(path: Path, gaussians: Gaussians, *, chunk_colors: bool = T
     colors = gaussians.sh[:, 0] * SH_C0 + 0.5
     bounds, shares = [], []
     for values in (gaussians.means, gaussians.log_scales, colors):
-        low = np.stack([values[chunk == own].min(axis=0) for own in range(chunk[-1] + 1)])
-        high = np.stack([values[chunk == own].max(axis=0) for own in range(chunk[-1] + 1)])
+        low = np.stack([values[chunk == number].min(axis=0) for number in range(chunk[-1] + 1)])
+        high = np.stack([values[chunk == number].max(axis=0) for number in range(chunk[-1] + 1)])
         bounds.append(np.concatenate([low, high], axis=1))
         shares.append((values - low[chunk]) / np.maximum(high - low, 1e-9)[chunk])
     if not chunk_colors:
@@ -160,8 +160,8 @@ def _packed_rotations(quats: np.ndarray) -> np.ndarray:
     words = np.empty(len(quats), np.uint32)
     for row, quat in enumerate(unit):
         largest = int(np.abs(quat).argmax())
-        others = np.delete(quat * np.sign(quat[largest]), largest) * np.sqrt(0.5) + 0.5
-        words[row] = np.uint32(largest << 30) | _packed(others[None], (10, 10, 10))[0]
+        rest = np.delete(quat * np.sign(quat[largest]), largest) * np.sqrt(0.5) + 0.5
+        words[row] = np.uint32(largest << 30) | _packed(rest[None], (10, 10, 10))[0]
     return words
 
 

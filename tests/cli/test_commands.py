@@ -144,12 +144,12 @@ def _commands() -> dict[tuple[str, ...], Any]:
         if inner is None:
             ends[words] = command
         else:
-            waiting += [((*words, name), each) for name, each in inner.items()]
+            waiting += [((*words, name), child) for name, child in inner.items()]
     return ends
 
 
 def test_every_command_about_what_is_stored_takes_a_server_a_folder_and_json() -> None:
-    commands = {words: each for words, each in _commands().items() if words[0] in (*_GROUPS, "ask", "status", "mcp")}
+    commands = {words: leaf for words, leaf in _commands().items() if words[0] in (*_GROUPS, "ask", "status", "mcp")}
     assert len(commands) > 40
     for words, command in commands.items():
         options = {name for parameter in command.params for name in parameter.opts}
@@ -173,23 +173,23 @@ def _without_free_space(printed: str) -> str:
     return re.sub(r"(?m)^(disk +).*? of ", r"\1", printed)
 
 
-def _close(one: Any, other: Any) -> bool:
+def _close(left: Any, right: Any) -> bool:
     """Equal, but for the last digits of numbers: whoever reads a rotation makes it one of length 1."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(_close(one[name], other[name]) for name in one)
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(_close, one, other))
-    return bool(one == pytest.approx(other, rel=1e-12, abs=1e-12) if isinstance(one, float) else one == other)
+    if isinstance(left, dict) and isinstance(right, dict):
+        return left.keys() == right.keys() and all(_close(left[name], right[name]) for name in left)
+    if isinstance(left, list) and isinstance(right, list):
+        return len(left) == len(right) and all(map(_close, left, right))
+    return bool(left == pytest.approx(right, rel=1e-12, abs=1e-12) if isinstance(left, float) else left == right)
 
 
 @pytest.mark.parametrize("words", BY_REST)
 def test_json_is_that_of_rest(words: str, home: Home) -> None:
     path = BY_REST[words].format(**home.ids)
     sent = httpx.get(home.url + path, headers={"Authorization": f"Bearer {home.key}"}, params={"page_size": 500})
-    told, by_rest = home.json(words, server=True), sent.json()
+    by_command, by_rest = home.json(words, server=True), sent.json()
     if words == "status":
-        del told["health"]["disk"]["free_bytes"], by_rest["health"]["disk"]["free_bytes"]
-    assert _close(told, by_rest)
+        del by_command["health"]["disk"]["free_bytes"], by_rest["health"]["disk"]["free_bytes"]
+    assert _close(by_command, by_rest)
 
 
 def test_files_are_the_same_of_a_folder_and_of_a_server(home: Home) -> None:
@@ -233,30 +233,30 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     none = home.run("objects sheet $upright", str(sheet))
     assert none.stderr == "no object is without a name\n" and not sheet.exists()
     home.run("objects unname $upright 1", server=True)
-    shown = home.json("objects sheet $upright", str(sheet))
-    assert [each["object_id"] for each in shown["objects"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
+    reply = home.json("objects sheet $upright", str(sheet))
+    assert [obj["object_id"] for obj in reply["objects"]] == [1] and sheet.read_bytes() == b64decode(reply["picture"])
     table = home.run("objects sheet $upright", str(sheet), server=True).stdout
     assert table.split()[:2] == ["no.", "id"] and "2 floor" in table
     home.run("objects undo $upright", server=True)
-    told = home.folder / "told.json"
+    file = home.folder / "told.json"
     names = [SuggestedName(1, "moon", 0.9, "eyes"), SuggestedName(2, "carrot", 0.3, "eyes")]
-    told.write_bytes(to_json(SuggestIn(tuple(names))))
-    assert "2 names suggested" in home.run("objects suggest $upright", str(told), server=True).stdout
+    file.write_bytes(to_json(SuggestIn(tuple(names))))
+    assert "2 names suggested" in home.run("objects suggest $upright", str(file), server=True).stdout
     listed = home.json("objects list $upright")["objects"]
-    assert {"moon", "carrot"} <= {told["name"] for each in listed for told in each["suggestions"]}
-    unnamed = [each["id"] for each in listed if not each["name"]]
+    assert {"moon", "carrot"} <= {suggestion["name"] for obj in listed for suggestion in obj["suggestions"]}
+    unnamed = [obj["id"] for obj in listed if not obj["name"]]
     confirmed = home.json("objects confirm $upright --least .2", server=True)["objects"]
-    assert [each["id"] for each in confirmed] == [each for each in unnamed if each in (1, 2)]
-    assert all(each["name"] for each in home.json("objects list $upright")["objects"] if each["id"] in (1, 2))
-    told.write_text("{}")
-    assert isinstance(home.run("objects suggest $upright", str(told), server=True).exception, InvalidInputError)
+    assert [obj["id"] for obj in confirmed] == [object_id for object_id in unnamed if object_id in (1, 2)]
+    assert all(obj["name"] for obj in home.json("objects list $upright")["objects"] if obj["id"] in (1, 2))
+    file.write_text("{}")
+    assert isinstance(home.run("objects suggest $upright", str(file), server=True).exception, InvalidInputError)
     assert home.json("jobs retry $cancelled --exclude", "another.jpg", server=True)["state"] == "QUEUED"
     assert home.json("jobs cancel $cancelled")["state"] == "CANCELLED"
-    made = home.json("keys create robot --role reader", server=True)
-    assert {key["id"]: key["state"] for key in home.json("keys list")["keys"]}[made["key"]["id"]] == "VALID"
-    assert home.json("keys revoke", made["key"]["id"][:6])["state"] == "REVOKED"
+    new_key = home.json("keys create robot --role reader", server=True)
+    assert {key["id"]: key["state"] for key in home.json("keys list")["keys"]}[new_key["key"]["id"]] == "VALID"
+    assert home.json("keys revoke", new_key["key"]["id"][:6])["state"] == "REVOKED"
     assert home.json("projects create kitchen", server=True)["name"] == "kitchen"
-    assert [each["name"] for each in home.json("projects list")["projects"]] == ["default", "kitchen"]
+    assert [project["name"] for project in home.json("projects list")["projects"]] == ["default", "kitchen"]
     sample = home.json("scenes sample", server=True)["id"]
     assert home.json("scenes sample")["id"] == sample  # once for both
     assert home.run("scenes delete", sample, "--yes").exit_code == 0

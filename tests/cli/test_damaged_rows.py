@@ -95,7 +95,7 @@ class Place:
     settings: Settings
     scene: str
     operation: str
-    other: str
+    intact: str
     saved: Path
 
     @property
@@ -111,8 +111,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         data_dir=folder / "data", models=folder / "models", perception=PerceptionSettings(text_encoder=ENCODER)
     )
     with open_service(settings) as service:
-        made = made_scene(open_text_encoder(ENCODER, settings.models))
-        ids = [store_scene(service._store, made, name) for name in ("other", "damaged")]
+        scene = made_scene(open_text_encoder(ENCODER, settings.models))
+        ids = [store_scene(service._store, scene, name) for name in ("other", "damaged")]
         for scene_id in ids:
             add_photos(service._store, scene_id, [Image.new("RGB", (24, 18))] * 3)
         service.versions.edit(ids[1], [_EDIT])
@@ -134,13 +134,13 @@ def damage(place: Place) -> Iterator[Callable[[str], None]]:
     before = set(folders.iterdir())
     yield do
     _copy(place.saved, place.database)
-    for made in set(folders.iterdir()) - before:
-        shutil.rmtree(made)
+    for folder in set(folders.iterdir()) - before:
+        shutil.rmtree(folder)
 
 
 def _copy(source: Path, target: Path) -> None:
-    with closing(sqlite3.connect(source)) as one, closing(sqlite3.connect(target)) as other:
-        one.backup(other)
+    with closing(sqlite3.connect(source)) as reader, closing(sqlite3.connect(target)) as writer:
+        reader.backup(writer)
 
 
 def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Callable[[], object]]:
@@ -188,12 +188,12 @@ def test_a_damaged_row_is_typed_or_left_out_and_the_doctor_finds_it(
             if refusal_of(error, "r").reason == "INTERNAL":
                 untyped[name] = error
     assert not untyped
-    assert place.other in {scene.id for scene in service.list_scenes().scenes}
-    assert service.get_scene(place.other).state == "READY"
+    assert place.intact in {scene.id for scene in service.list_scenes().scenes}
+    assert service.get_scene(place.intact).state == "READY"
     answers = service.answers.query(QueryRequest("", ("mug",))).answers
-    assert place.other in {answer.scene_id for answer in answers}
-    others = {operation.scene_id for operation in service.list_operations().operations}
-    assert place.other in others
+    assert place.intact in {answer.scene_id for answer in answers}
+    scene_ids = {operation.scene_id for operation in service.list_operations().operations}
+    assert place.intact in scene_ids
 
 
 def _problems(place: Place) -> list[str]:
@@ -210,7 +210,7 @@ def test_nothing_is_wrong_with_the_rows_of_an_edited_scene(place: Place) -> None
 def test_of_pages_of_one_none_ends_at_a_damaged_row(place: Place, damage: Callable[[str], None]) -> None:
     damage(DAMAGES["quality"])
     page = place.service.list_scenes(page_size=1)
-    assert [scene.id for scene in page.scenes] == [place.other]
+    assert [scene.id for scene in page.scenes] == [place.intact]
 
 
 def test_a_damaged_scene_can_be_deleted(place: Place, damage: Callable[[str], None]) -> None:
@@ -220,5 +220,5 @@ def test_a_damaged_scene_can_be_deleted(place: Place, damage: Callable[[str], No
     doomed = place.settings.data_dir / "scenes" / place.scene
     doomed.rename(doomed.with_name("kept"))  # for the tests after this one
     service.delete_scene(place.scene)
-    assert {scene.id for scene in service.list_scenes().scenes} == {place.other}
+    assert {scene.id for scene in service.list_scenes().scenes} == {place.intact}
     doomed.with_name("kept").rename(doomed)

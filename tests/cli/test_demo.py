@@ -43,8 +43,8 @@ def test_what_a_training_ends_with_can_be_pasted(
     monkeypatch.chdir(scripts.parent)
     said = seen_by(tmp_path / "my demo")
     assert said.startswith("fastsplat demo" if on_path else f"{scripts.name}/fastsplat demo")
-    shown = subprocess.run(["/bin/sh", "-c", f"{said} --help"], capture_output=True, text=True, check=True)
-    assert "--folder" in shown.stdout and "my demo" in said
+    result = subprocess.run(["/bin/sh", "-c", f"{said} --help"], capture_output=True, text=True, check=True)
+    assert "--folder" in result.stdout and "my demo" in said
     assert "--folder" not in seen_by(command.FOLDER)
 
 
@@ -84,9 +84,9 @@ def test_only_what_a_demonstration_made_is_emptied(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "mine.jpg").touch()
     (tmp_path / "file").touch()
-    for other in ("photos", "file"):
+    for name in ("photos", "file"):
         with pytest.raises(ConflictError, match="no demonstration made") as caught:
-            clear(tmp_path / other)
+            clear(tmp_path / name)
         assert caught.value.field == "folder"
     assert (tmp_path / "photos" / "mine.jpg").is_file() and (tmp_path / "file").is_file()
 

@@ -56,7 +56,7 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     printed = json.loads(invoke("objects", "detections", scene_id, "--json").stdout)
     truth = service.detections.all(scene_id)
     assert len(truth.detections) == 2 and printed["next_page_token"] == ""
-    assert [each["label"] for each in printed["detections"]] == [each.label for each in truth.detections]
+    assert [row["label"] for row in printed["detections"]] == [detection.label for detection in truth.detections]
 
 
 def test_a_file_of_no_format_is_refused(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:

@@ -54,8 +54,8 @@ def test_jobs_are_listed_with_where_they_stand(fastsplat: Run, failed: str, wait
     newest, before = _listed(fastsplat, "--limit", "2")
     assert (newest["id"], newest["state"], before["id"], before["state"]) == (waiting, "QUEUED", failed, "FAILED")
     assert _listed(fastsplat, "--state", "succeeded") == []
-    shown = fastsplat("jobs", "show", failed).stdout
-    assert "CRASHED" in shown and "it died [/b]" in shown
+    text = fastsplat("jobs", "show", failed).stdout
+    assert "CRASHED" in text and "it died [/b]" in text
     watched = fastsplat("jobs", "watch", failed)
     assert watched.exit_code == 1 and "it died [/b]" in watched.stderr and watched.stdout == ""
 

@@ -18,8 +18,8 @@ Run = Callable[..., Result]
 
 
 def test_a_key_is_made_listed_and_revoked(fastsplat: Run, service: SceneService) -> None:
-    made = fastsplat("keys", "create", "the robot", "--role", "reader", "--days", "2")
-    key = made.stdout.strip()
+    run = fastsplat("keys", "create", "the robot", "--role", "reader", "--days", "2")
+    key = run.stdout.strip()
     record = service.admin.keys.valid().find(key)
     assert record is not None and record.role == "reader" and record.name == "the robot"
     assert record.expires_at is not None and record.expires_at - record.created_at == 2 * 86_400
@@ -38,8 +38,8 @@ def test_a_key_of_a_project_needs_the_project(service: SceneService) -> None:
     assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
     assert here("projects", "create", "kitchen").exit_code == 0
     assert isinstance(here("projects", "create", "Kitchen!").exception, InvalidInputError)
-    made = here("keys", "create", "kitchen robot", "--project", "kitchen", "--role", "admin")
-    record = service.admin.keys.valid().find(made.stdout.strip())
+    run = here("keys", "create", "kitchen robot", "--project", "kitchen", "--role", "admin")
+    record = service.admin.keys.valid().find(run.stdout.strip())
     assert record is not None and (record.project, record.role) == ("kitchen", "admin")
     assert here("keys", "create", "x", "--role", "write").exit_code == 2
     listed = here("projects", "list").stdout
@@ -62,8 +62,8 @@ def test_a_link_to_a_scene_is_printed_and_its_key_shows_that_scene_alone(fastspl
     assert isinstance(refused.exception, NotFoundError) and refused.stdout == ""
     job = queued_job()
     service._store.scenes.create(job)
-    made = fastsplat("keys", "share", job.scene_id, "--name", "Ada", "--days", "2", "--page", "https://x.example/splat")
-    page, _, key = made.stdout.strip().partition("?share=")
+    run = fastsplat("keys", "share", job.scene_id, "--name", "Ada", "--days", "2", "--page", "https://x.example/splat")
+    page, _, key = run.stdout.strip().partition("?share=")
     assert page == f"https://x.example/splat/#/scenes/{job.scene_id}"
     record = service.admin.keys.valid().find(key)
     assert record is not None and (record.scene_id, record.role, record.name) == (job.scene_id, "reader", "Ada")

@@ -23,15 +23,15 @@ def test_a_scene_is_measured_and_scaled(objects: Callable[..., Result], scene_id
     by_size = objects("scale", scene_id, "1", "0.3", "--height")
     assert by_size.exit_code == 0 and "by 2 known lengths" in by_size.stdout
     lengths = (("0,0,0", "1,0,0", "0"), ("0,0,0", "1"), ("0,0,0", "1,0,0", "1", "--height"), ("1", "2", "1,0,0", "1"))
-    for words in (("measure", scene_id, "front.png:1"), *(("scale", scene_id, *each) for each in lengths)):
+    for words in (("measure", scene_id, "front.png:1"), *(("scale", scene_id, *length) for length in lengths)):
         assert isinstance(objects(*words).exception, InvalidInputError)
 
 
 def test_versions_are_listed_redone_and_restored(objects: Callable[..., Result], scene_id: str) -> None:
-    made = objects("name", scene_id, "violin", "1").stdout.split()[1]
+    version = objects("name", scene_id, "violin", "1").stdout.split()[1]
     assert "* " in objects("versions", scene_id).stdout
     assert objects("undo", scene_id).stdout == "version 1 is current\n"
-    assert objects("redo", scene_id).stdout == f"version {made} is current\n"
+    assert objects("redo", scene_id).stdout == f"version {version} is current\n"
     assert objects("restore", scene_id, "1").stdout == "version 1 is current\n"
     rows = json.loads(objects("versions", scene_id, "--json").stdout)["versions"]
-    assert [(row["version"], row["current"], row["author"]) for row in rows] == [("1", True, ""), (made, False, "")]
+    assert [(row["version"], row["current"], row["author"]) for row in rows] == [("1", True, ""), (version, False, "")]

@@ -52,10 +52,10 @@ def test_an_object_is_picked_named_and_listed(objects: Callable[..., Result], sc
 def test_an_object_of_another_scene_is_inserted_where_it_is_put(
     objects: Callable[..., Result], service: SceneService, scene_id: str
 ) -> None:
-    other = add_scene(service, load_settings())
+    source_id = add_scene(service, load_settings())
     before = _listed(objects, scene_id)
     half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
-    inserted = objects("insert", scene_id, other, "2", *half_turn)
+    inserted = objects("insert", scene_id, source_id, "2", *half_turn)
     assert inserted.exit_code == 0 and inserted.stdout.startswith("version e")
     after = _listed(objects, scene_id)
     assert after[:-1] == before and (after[-1]["id"], after[-1]["name"]) == (4, "ball")
@@ -64,9 +64,9 @@ def test_an_object_of_another_scene_is_inserted_where_it_is_put(
     assert tuple(there.values()) == pytest.approx(moved, abs=1e-4)
     assert objects("undo", scene_id).stdout == "version 1 is current\n"
     assert isinstance(objects("insert", scene_id, "0" * 32, "2").exception, NotFoundError)
-    assert isinstance(objects("insert", scene_id, other, "9").exception, NotFoundError)
-    assert isinstance(objects("insert", scene_id, other, "2", "--source-version", "e1").exception, NotFoundError)
-    long = objects("insert", scene_id, other, "2", "--orientation", "0", "0", "0", "2")
+    assert isinstance(objects("insert", scene_id, source_id, "9").exception, NotFoundError)
+    assert isinstance(objects("insert", scene_id, source_id, "2", "--source-version", "e1").exception, NotFoundError)
+    long = objects("insert", scene_id, source_id, "2", "--orientation", "0", "0", "0", "2")
     assert isinstance(long.exception, InvalidInputError)
     assert _listed(objects, scene_id) == before
 
@@ -82,8 +82,8 @@ def test_parts_are_listed_under_their_objects(
     some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
     parts = Parts((Object(2, parent=1),), some)
     groups = (ObjectGroup(4, (1, 3), 0.9),)
-    kept = Objects((Object(1), Object(3)), every, 0, parts, groups=groups)
-    parted = store_scene(service._store, replace(scene, objects=kept))
+    scene_objects = Objects((Object(1), Object(3)), every, 0, parts, groups=groups)
+    parted = store_scene(service._store, replace(scene, objects=scene_objects))
     lines = objects("list", parted, "--parts").stdout.splitlines()
     assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
     rows_of_parts = _listed(objects, parted, "--parts")
@@ -101,8 +101,8 @@ def test_what_people_named_is_shown_and_forgotten(
     objects: Callable[..., Result], service: SceneService, scene_id: str
 ) -> None:
     name_id = add_known_name(service, scene_id, "violin")
-    shown = objects("known")
-    assert name_id in shown.stdout and "violin" in shown.stdout
+    result = objects("known")
+    assert name_id in result.stdout and "violin" in result.stdout
     assert isinstance(objects("known", "--forget", "0" * 32).exception, NotFoundError)
     assert name_id not in objects("known", "--forget", name_id).stdout
     add_known_name(service, scene_id)
@@ -139,8 +139,8 @@ def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Resu
 
     said = ask("the object left of the ball", "--from", "front.png")
     assert said.exit_code == 0 and "mug" in said.stdout
-    told = ask("the object left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
-    (behind,) = json.loads(told.stdout)["answers"]
+    result = ask("the object left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
+    (behind,) = json.loads(result.stdout)["answers"]
     assert behind["object_ids"] == [3] and behind["phrase"]["witnesses"]
     assert "depends on where you stand" in ask("the object left of the ball").stdout
     assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)
@@ -148,10 +148,10 @@ def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Resu
 
 def test_a_scene_is_cropped_as_its_preview_says(fastsplat: Callable[..., Result], scene_id: str) -> None:
     box = ("--center", "0", "0", "4", "--size", "1.5", "9", "9", "--outside")
-    told = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--preview", "--json").stdout)
-    assert 0 < told["count"] < told["gaussians"]
-    made = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--json").stdout)
-    assert made["gaussians"] == told["gaussians"] - told["count"] and made["parent"] == told["version"]
+    preview = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--preview", "--json").stdout)
+    assert 0 < preview["count"] < preview["gaussians"]
+    version = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--json").stdout)
+    assert version["gaussians"] == preview["gaussians"] - preview["count"] and version["parent"] == preview["version"]
     assert fastsplat("objects", "undo", scene_id).exit_code == 0
     refused = fastsplat("scenes", "clean", scene_id, "--center", "0", "0", "4").exception
     assert isinstance(refused, InvalidInputError) and refused.field == "edits[0].filter.box.size"

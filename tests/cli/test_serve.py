@@ -60,16 +60,16 @@ class Serving:
 
 @pytest.fixture
 def serving(tmp_path: Path) -> Iterator[Callable[..., Serving]]:
-    made: list[Serving] = []
+    servers: list[Serving] = []
 
     def make(**scripts: str) -> Serving:
-        made.append(Serving(tmp_path, **scripts))
-        return made[-1]
+        servers.append(Serving(tmp_path, **scripts))
+        return servers[-1]
 
     yield make
-    for each in made:
-        each.process.kill()
-        each.process.wait()
+    for server in servers:
+        server.process.kill()
+        server.process.wait()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -143,4 +143,4 @@ def test_the_service_of_a_demonstration_that_is_killed_ends_with_it(tmp_path: Pa
 
 def _descendants(pid: int) -> list[int]:
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
-    return [each for child in map(int, children) for each in (child, *_descendants(child))]
+    return [descendant for child in map(int, children) for descendant in (child, *_descendants(child))]

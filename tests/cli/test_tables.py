@@ -46,7 +46,7 @@ def test_a_beginning_is_the_one_id_that_begins_so_or_is_refused(
     ids: set[str], length: int, data: some.DataObject
 ) -> None:
     text = data.draw(some.sampled_from(sorted(ids)))[:length]
-    fitting = {each for each in ids if each.startswith(text)}
+    fitting = {name for name in ids if name.startswith(text)}
     if text in ids or (len(fitting) == 1 and length >= LEAST):
         assert {whole_id("scene", text, sorted(ids))} == ({text} if text in ids else fitting)
         return

@@ -26,10 +26,10 @@ def _sheet(page: int, objects: int = 5, larger: float = 2.0, written: tuple[str,
     """A sheet whose objects have the ids 100·page + number, each so many times larger than the one before."""
     near = (NeighborObject(7, "table"),)
     sizes = [Vector3(*(side * larger ** (n - 1) for side in (0.1, 0.25, 0.3))) for n in range(1, objects + 1)]
-    shown = tuple(
+    entries = tuple(
         SheetObject(n, 100 * page + n, "front.png", True, size, "", near, ()) for n, size in enumerate(sizes, start=1)
     )
-    return ContactSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
+    return ContactSheet(b"\xff\xd8" + bytes([page]), entries, (), True, "", "v", written)
 
 
 _KINDS = {n: f"kind {n}" for n in range(1_000)}
@@ -39,11 +39,11 @@ def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_sch
     sheets = [_sheet(1), _sheet(2), ContactSheet(b"", (), (9,), True, "", "v")]
     with replayed(sheets, lambda sheet: named(sheet, _KINDS)) as server:
         said = ask_captioner(Captioner(f"{server.url}/", "eyes:7b", "secret"), sheets)
-    assert [(each.object_id, each.name) for each in said.names] == [
+    assert [(name.object_id, name.name) for name in said.names] == [
         (n, _KINDS[n]) for n in (*range(101, 106), *range(201, 206))
     ]
-    assert {(each.source, each.model, each.probability) for each in said.names} == {("eyes:7b", "eyes:7b", 0.9)}
-    assert (said.shown, said.refused, said.requests, said.problem) == (10, 0, 2, "") and len(server.got) == 2
+    assert {(name.source, name.model, name.probability) for name in said.names} == {("eyes:7b", "eyes:7b", 0.9)}
+    assert (said.objects, said.refused, said.requests, said.problem) == (10, 0, 2, "") and len(server.got) == 2
     path, headers, body = server.got[0]
     assert path == "/v1/chat/completions" and headers["authorization"] == "Bearer secret"
     assert body["model"] == "eyes:7b" and body["response_format"]["type"] == "json_schema"
@@ -54,18 +54,18 @@ def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_sch
 
 
 def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -> None:
-    told = [(1, "cup", 0.4), (1, "mug", 0.6), (0, "x", 1), (6, "x", 1), (101, "x", 1), (2, " \n ", 1), (3, "a\nb", 1)]
-    told += [(4, "x" * 201, 1), (5, " pan ", 0.5)]
+    rows = [(1, "cup", 0.4), (1, "mug", 0.6), (0, "x", 1), (6, "x", 1), (101, "x", 1), (2, " \n ", 1), (3, "a\nb", 1)]
+    rows += [(4, "x" * 201, 1), (5, " pan ", 0.5)]
     answer = {
         "names": [
             {"number": n, "name": name, "probability": p, "aliases": ["ok", "", "a\tb", *"abcdefg"]}
-            for n, name, p in told
+            for n, name, p in rows
         ]
     }
     with replayed([_sheet(1)], lambda _: answer) as server:
         said = ask_captioner(Captioner(server.url, "eyes"), [_sheet(1)])
-    assert sorted((each.object_id, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
-    assert said.refused == len(told) - 2 and {each.aliases for each in said.names} == {("ok", "a", "b", "c", "d")}
+    assert sorted((name.object_id, name.name) for name in said.names) == [(101, "mug"), (105, "pan")]
+    assert said.refused == len(rows) - 2 and {name.aliases for name in said.names} == {("ok", "a", "b", "c", "d")}
 
 
 @pytest.mark.parametrize(("same", "objects", "taken"), [(2, 4, 4), (3, 4, 0), (3, 3, 3), (10, 20, 20), (11, 20, 0)])
@@ -87,7 +87,7 @@ def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
 
 def _books(sheets: list[ContactSheet], name: str = "book") -> tuple[int, int]:
     """Counts names suggested and refused if a captioner gives all objects but the last of each sheet one name."""
-    names = {each.object_id: name for sheet in sheets for each in sheet.objects[:-1]}
+    names = {obj.object_id: name for sheet in sheets for obj in sheet.objects[:-1]}
     names |= {sheet.objects[-1].object_id: f"kind {sheet.objects[-1].object_id}" for sheet in sheets}
     with replayed(sheets, lambda sheet: named(sheet, names)) as server:
         said = ask_captioner(Captioner(server.url, "eyes"), sheets)
@@ -112,7 +112,7 @@ def test_a_name_that_one_sheet_refuses_is_refused_on_all() -> None:
 
 def test_objects_without_a_size_support_no_name() -> None:
     alike = _sheet(1, 10, 1.0)
-    assert _books([replace(alike, objects=tuple(replace(each, size=None) for each in alike.objects))]) == (0, 10)
+    assert _books([replace(alike, objects=tuple(replace(obj, size=None) for obj in alike.objects))]) == (0, 10)
 
 
 def _whole(message: str) -> tuple[int, dict[str, str], bytes]:
@@ -157,9 +157,9 @@ class _Clock:
 
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> _Clock:
-    made = _Clock()
-    monkeypatch.setattr("fastsplat_client.captioner.time", made)
-    return made
+    fake_clock = _Clock()
+    monkeypatch.setattr("fastsplat_client.captioner.time", fake_clock)
+    return fake_clock
 
 
 @pytest.mark.parametrize("bad", _BAD)
@@ -167,7 +167,7 @@ def test_what_may_get_better_is_asked_for_three_times(scripted_captioner: Script
     captioner = Captioner(scripted_captioner.url, "eyes")
     scripted_captioner.script = [_BAD[bad], _BAD[bad], _GOOD]
     said = ask_captioner(captioner, [_sheet(1)])
-    assert ([each.name for each in said.names], said.requests) == (["mug"], 3)
+    assert ([name.name for name in said.names], said.requests) == (["mug"], 3)
     scripted_captioner.script = [_BAD[bad]] * 3
     with pytest.raises(CaptionerError) as raised:
         ask_captioner(captioner, [_sheet(1)])
@@ -175,7 +175,7 @@ def test_what_may_get_better_is_asked_for_three_times(scripted_captioner: Script
     # What was said before stays, and what was not asked about is told.
     scripted_captioner.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
     said = ask_captioner(captioner, [_sheet(1), _sheet(2), _sheet(3)])
-    assert [each.object_id for each in said.names] == [101] and "does not answer" in said.problem
+    assert [name.object_id for name in said.names] == [101] and "does not answer" in said.problem
 
 
 def test_tries_are_further_and_further_apart_and_as_far_as_the_captioner_says(

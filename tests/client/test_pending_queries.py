@@ -26,19 +26,19 @@ def _sent(request: pb.StreamQueryRequest) -> str | int:
 def test_the_newest_question_and_the_newest_pose_without_an_answer_are_sent_again() -> None:
     pending = PendingQueries(_question("mug"), [_POSE, _question("ball"), _POSE, _POSE, _POSE])
     first = Connection()
-    assert [_sent(each) for each in islice(pending.requests(first), 5)] == ["mug", 1, "ball", 2, 3]
-    assert pending.answered(1) == 0 and first.asked == [1, 2]
+    assert [_sent(request) for request in islice(pending.requests(first), 5)] == ["mug", 1, "ball", 2, 3]
+    assert pending.answered(1) == 0 and first.questions == [1, 2]
     pending.close(first)
     second = Connection()
-    assert [_sent(each) for each in islice(pending.requests(second), 2)] == ["ball", 3]
+    assert [_sent(request) for request in islice(pending.requests(second), 2)] == ["ball", 3]
     assert pending.answered(3) == 1  # 2 went with the connection
     pending.close(second)
     third = Connection()
-    assert [_sent(each) for each in pending.requests(third)] == ["ball", 4]
-    assert third.asked == [2] and pending.ended and not pending.finished
+    assert [_sent(request) for request in pending.requests(third)] == ["ball", 4]
+    assert third.questions == [2] and pending.ended and not pending.finished
     pending.answered(4)
     assert pending.finished
-    assert [_sent(each) for each in pending.requests(Connection())] == ["ball"]
+    assert [_sent(request) for request in pending.requests(Connection())] == ["ball"]
 
 
 def test_a_pose_that_comes_after_its_connection_broke_goes_over_the_next_one() -> None:

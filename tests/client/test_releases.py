@@ -26,10 +26,10 @@ from fastsplat_contract.server.server_info import ServerInfo
     ],
 )
 def test_what_is_said_of_two_releases(client: str, server: str, said: str) -> None:
-    told = advice(client, server)
-    assert bool(told) == bool(said) and said in told
+    message = advice(client, server)
+    assert bool(message) == bool(said) and said in message
     if said:
-        assert client in told and server in told
+        assert client in message and server in message
 
 
 def test_a_server_that_does_not_fit_is_warned_of_and_answers_all_the_same() -> None:

@@ -114,8 +114,8 @@ def test_a_watch_is_taken_up_after_the_last_event(server: Scripted) -> None:
         data = json.dumps({**OPERATION, "state": state, "done": done})
         return f"id: {name}\nevent: operation\ndata: {data}\n\n".encode()
 
-    one, two = event("1", "QUEUED", False), event("2", "SUCCEEDED", True)
-    server.script = [(200, {"cut": len(one) + 20}, one + two), "hang up", (200, {}, two)]
+    first, two = event("1", "QUEUED", False), event("2", "SUCCEEDED", True)
+    server.script = [(200, {"cut": len(first) + 20}, first + two), "hang up", (200, {}, two)]
     with Client(server.url, retry=_QUICK) as client:
         assert [operation.state for operation in client.watch("o")] == ["QUEUED", "SUCCEEDED"]
     assert [headers.get("last-event-id") for _, headers, _ in server.seen] == [None, "1", "1"]

@@ -34,7 +34,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_environment(sys.executable, folder / "venv", build_wheel(folder))
 
 
-def _told(python: Path, code: str) -> str:
+def _output(python: Path, code: str) -> str:
     done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -48,16 +48,16 @@ def test_its_environment_is_small(python: Path) -> None:
 
 
 def test_importing_it_loads_nothing_of_the_service(python: Path) -> None:
-    loaded = json.loads(_told(python, _IMPORT))
+    loaded = json.loads(_output(python, _IMPORT))
     assert "fastsplat_contract.messages.queries" in loaded
     assert [name for name in loaded for top in _FORBIDDEN if f"{name}.".startswith(f"{top}.")] == []
 
 
 def test_a_png_mask_says_what_it_needs(python: Path) -> None:
-    told = _told(python, _PNG)
-    assert told.startswith("MISSING_PACKAGE") and "fastsplat-client[png]" in told
+    message = _output(python, _PNG)
+    assert message.startswith("MISSING_PACKAGE") and "fastsplat-client[png]" in message
 
 
 def test_everything_that_is_public_is_there(python: Path) -> None:
     code = "import fastsplat_client as c; print(all(hasattr(c, name) for name in c.__all__))"
-    assert _told(python, code).strip() == "True"
+    assert _output(python, code).strip() == "True"

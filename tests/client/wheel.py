@@ -19,13 +19,13 @@ def build_wheel(folder: Path) -> Path:
 def make_environment(python: str | Path, folder: Path, *requirements: str | Path, pip: bool = True) -> Path:
     """Makes a virtual environment with these installed; without `pip`, this one's pip installs them uncompiled."""
     _run([python, "-m", "venv", folder] if pip else [python, "-m", "venv", "--without-pip", folder])
-    made = folder / "bin" / "python"
+    executable = folder / "bin" / "python"
     options = ["--quiet", "--disable-pip-version-check"]
     if requirements and pip:
-        _run([made, "-m", "pip", "install", *options, *requirements])
+        _run([executable, "-m", "pip", "install", *options, *requirements])
     elif requirements:
-        _run([sys.executable, "-m", "pip", "--python", made, "install", *options, "--no-compile", *requirements])
-    return made
+        _run([sys.executable, "-m", "pip", "--python", executable, "install", *options, "--no-compile", *requirements])
+    return executable
 
 
 def interpreter(version: str) -> Path | None:
@@ -34,8 +34,8 @@ def interpreter(version: str) -> Path | None:
     choices = [Path(named)] if named else []
     choices += sorted((Path.home() / ".pyenv" / "versions").glob(f"{version}.*/bin/python{version}"))
     for python in choices:
-        told = subprocess.run([python, "-c", "import sys; print(*sys.version_info[:2], sep='.')"], capture_output=True)
-        if told.stdout.decode().strip() == version:
+        reply = subprocess.run([python, "-c", "import sys; print(*sys.version_info[:2], sep='.')"], capture_output=True)
+        if reply.stdout.decode().strip() == version:
             return python
     return None
 

@@ -15,10 +15,10 @@ from fastsplat_contract.geometry.camera import Camera
 
 
 def test_only_the_call_that_was_cancelled_stops() -> None:
-    mine, other = Cancellation(), Cancellation()
+    mine, theirs = Cancellation(), Cancellation()
     mine.cancel()
     check_cancelled()
-    with cancellable(other):
+    with cancellable(theirs):
         check_cancelled()
         with cancellable(mine), pytest.raises(CancelledError):
             check_cancelled()

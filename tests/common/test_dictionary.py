@@ -22,7 +22,7 @@ IRREGULAR_PLURALS = {"die": "dies", "thermos": "thermoses", "cactus": "cacti"}
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("first", "second"),
     [
         ("Coffee-Machines", "coffee machine"),
         ("COFFEE_MACHINE", "coffee  machine "),
@@ -45,12 +45,12 @@ IRREGULAR_PLURALS = {"die": "dies", "thermos": "thermoses", "cactus": "cacti"}
         ("Straße", "STRASSE"),
     ],
 )
-def test_variants_share_a_key(one: str, other: str) -> None:
-    assert label_key(one) == label_key(other)
+def test_variants_share_a_key(first: str, second: str) -> None:
+    assert label_key(first) == label_key(second)
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("first", "second"),
     [
         ("bus", "bu"),
         ("glass", "glas"),
@@ -64,8 +64,8 @@ def test_variants_share_a_key(one: str, other: str) -> None:
         ("😀", "😁"),
     ],
 )
-def test_different_objects_keep_different_keys(one: str, other: str) -> None:
-    assert label_key(one) != label_key(other)
+def test_different_objects_keep_different_keys(first: str, second: str) -> None:
+    assert label_key(first) != label_key(second)
 
 
 @given(st.text(min_size=1))

@@ -67,11 +67,11 @@ print(os.getpriority(os.PRIO_PROCESS, 0), int(group.read_text().split()[-1]) if 
 
 @pytest.mark.parametrize("niceness", [0, 7])
 def test_a_process_that_leads_a_session_makes_that_as_nice_as_itself(niceness: int) -> None:
-    own = os.getpriority(os.PRIO_PROCESS, 0)
+    priority = os.getpriority(os.PRIO_PROCESS, 0)
     command = [sys.executable, "-c", _NICE, str(niceness)]
     result = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, start_new_session=True)
     process, session = result.stdout.split()
-    assert int(process) == min(19, own + niceness) and session in ("none", str(niceness))
+    assert int(process) == min(19, priority + niceness) and session in ("none", str(niceness))
 
 
 def test_modules_load_without_a_collector_which_runs_again_afterwards() -> None:

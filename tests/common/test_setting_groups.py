@@ -135,8 +135,8 @@ def test_a_misspelt_variable_is_refused_and_the_nearest_name_offered(
         assert near == variable or _likeness(misspelt, near) >= _likeness(misspelt, variable)
 
 
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, other.removeprefix(ENV_PREFIX), one.removeprefix(ENV_PREFIX)).ratio()
+def _likeness(first: str, second: str) -> float:
+    return SequenceMatcher(None, second.removeprefix(ENV_PREFIX), first.removeprefix(ENV_PREFIX)).ratio()
 
 
 @pytest.mark.parametrize("group", _GROUPS)
@@ -204,7 +204,7 @@ def test_a_subclass_must_name_its_section() -> None:
 
 def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
     """A renamed setting must not live on in an error's text, a document or a compose file."""
-    variables = {name.upper() for name in _names()} | {each.removeprefix(ENV_PREFIX) for each in OTHER_VARIABLES}
+    variables = {name.upper() for name in _names()} | {name.removeprefix(ENV_PREFIX) for name in OTHER_VARIABLES}
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     texts = [
         path for path in map(ROOT.joinpath, listed)
@@ -216,6 +216,6 @@ def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
             continue
         for name in re.findall(rf"\b{ENV_PREFIX}([A-Z0-9_]+)", path.read_text()):
             name = name.removesuffix("_FILE")  # a file that holds the value
-            if name not in variables and not (name.endswith("_") and any(each.startswith(name) for each in variables)):
+            if name not in variables and not (name.endswith("_") and any(var.startswith(name) for var in variables)):
                 unknown.setdefault(f"{ENV_PREFIX}{name}", []).append(str(path.relative_to(ROOT)))
     assert not unknown

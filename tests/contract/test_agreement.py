@@ -49,28 +49,28 @@ def test_json_has_the_same_fields(name: str) -> None:
 def _json_type(said: Mapping[str, Any]) -> tuple[Any, bool]:
     """Type and whether null is allowed."""
     choices = said.get("anyOf", [said])
-    (one,) = (choice for choice in choices if choice.get("type") != "null")
-    return _json_kind(one), len(choices) > 1
+    (schema,) = (choice for choice in choices if choice.get("type") != "null")
+    return _json_kind(schema), len(choices) > 1
 
 
-def _json_kind(one: Mapping[str, Any]) -> Any:
-    if "$ref" in one:
-        return one["$ref"].rpartition("/")[2]
-    if "enum" in one:
-        return tuple(one["enum"])
-    if one["type"] == "array":
-        return [_json_kind(one["items"])]
-    return "date-time" if one.get("format") == "date-time" else one["type"]
+def _json_kind(schema: Mapping[str, Any]) -> Any:
+    if "$ref" in schema:
+        return schema["$ref"].rpartition("/")[2]
+    if "enum" in schema:
+        return tuple(schema["enum"])
+    if schema["type"] == "array":
+        return [_json_kind(schema["items"])]
+    return "date-time" if schema.get("format") == "date-time" else schema["type"]
 
 
 def _expected_json(member: Member) -> tuple[Any, bool]:
     kind = member.kind
     if get_origin(kind) is Literal:
-        one: Any = get_args(kind)
+        json_kind: Any = get_args(kind)
     elif kind is datetime:
-        one = "date-time"
+        json_kind = "date-time"
     elif get_origin(kind) is not None:
-        one = "object"
+        json_kind = "object"
     else:
-        one = _SCALARS[kind] if kind in _SCALARS else getattr(kind, "wire", kind).__name__
-    return ([one] if member.many else one), member.optional
+        json_kind = _SCALARS[kind] if kind in _SCALARS else getattr(kind, "wire", kind).__name__
+    return ([json_kind] if member.many else json_kind), member.optional

@@ -31,16 +31,16 @@ _RANDOM = settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck
 _REQUESTS = [kind for kind in TYPES.values() if issubclass(kind, Request)]
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(left: Any, right: Any) -> bool:
     """Equal; poses, which travel as quaternions and are held as matrices, to rounding."""
-    if isinstance(one, PosedCamera):
-        assert type(other) is PosedCamera and (one.camera, one.name) == (other.camera, other.name)
-        return bool(abs(one.world_from_camera - other.world_from_camera).max() <= 1e-12 * (1 + _size(one)))
-    if is_dataclass(one) and not isinstance(one, type):
-        return type(one) is type(other) and all(_same(value, vars(other)[name]) for name, value in vars(one).items())
-    if isinstance(one, tuple):
-        return type(one) is type(other) and len(one) == len(other) and all(map(_same, one, other))
-    return bool(one == other)
+    if isinstance(left, PosedCamera):
+        assert type(right) is PosedCamera and (left.camera, left.name) == (right.camera, right.name)
+        return bool(abs(left.world_from_camera - right.world_from_camera).max() <= 1e-12 * (1 + _size(left)))
+    if is_dataclass(left) and not isinstance(left, type):
+        return type(left) is type(right) and all(_same(value, vars(right)[name]) for name, value in vars(left).items())
+    if isinstance(left, tuple):
+        return type(left) is type(right) and len(left) == len(right) and all(map(_same, left, right))
+    return bool(left == right)
 
 
 def _size(posed: PosedCamera) -> float:

@@ -17,8 +17,8 @@ def _drawn(root: type[FastSplatError], before: str = "") -> Iterator[str]:
     for kind in children:
         last = kind is children[-1]
         name = f"{before}{'└' if last else '├'}── {kind.__name__}"
-        own = kind.kind.value if kind.kind is not root.kind or root is FastSplatError else ""
-        yield f"{name:<40}{own:<22}{kind.reason}"
+        kind_value = kind.kind.value if kind.kind is not root.kind or root is FastSplatError else ""
+        yield f"{name:<40}{kind_value:<22}{kind.reason}"
         yield from _drawn(kind, before + ("    " if last else "│   "))
 
 

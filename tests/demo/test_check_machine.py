@@ -66,8 +66,8 @@ def test_make_knows_the_pythons_that_run_where_a_later_one_is_missing(machine: P
     for name in ("python3.11", "python3.12"):
         _program(machine, name, "exit 0")
     _program(machine, "python3.14", "exit 127")  # as a shim of pyenv does for a version that is not there
-    told = subprocess.run(
+    result = subprocess.run(
         [shutil.which("make") or "make", "--print-data-base", "--dry-run", "help"],
         env={"PATH": str(machine)}, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
-    assert "\nPYTHONS := python3.11 python3.12\n" in told.stdout
+    assert "\nPYTHONS := python3.11 python3.12\n" in result.stdout

@@ -63,8 +63,8 @@ def _targets() -> Iterator[tuple[str, str]]:
     """Each expression with the label that its legend shows, or "" for none."""
     for panel in json.loads(_DASHBOARD.read_text())["panels"]:
         for target in panel["targets"]:
-            shown = re.findall(r"\{\{(\w+)\}\}", target.get("legendFormat", ""))
-            yield target["expr"], shown[0] if shown else ""
+            labels = re.findall(r"\{\{(\w+)\}\}", target.get("legendFormat", ""))
+            yield target["expr"], labels[0] if labels else ""
 
 
 def _series(scrape: str) -> list[dict[str, str]]:
@@ -81,21 +81,21 @@ def _series(scrape: str) -> list[dict[str, str]]:
 
 def _complaints(promtool: str, folder: Path, series: list[dict[str, str]], targets: list[tuple[str, str]]) -> str:
     """promtool's complaints unless all give numbers and their label. (`group`: 1 for any result; `>= 0` drops NaN.)"""
-    asked = []
+    cases = []
     for expression, label in targets:
-        told = (
+        query = (
             f'label_replace(({expression}) >= 0, "told", "yes", "{label}", ".+")' if label else f"({expression}) >= 0"
         )
         labels = '{told="yes"}' if label else "{}"
-        asked.append(
+        cases.append(
             {
-                "expr": f"group by (told) ({told})",
+                "expr": f"group by (told) ({query})",
                 "eval_time": f"{_MINUTES}m",
                 "exp_samples": [{"labels": labels, "value": 1}],
             }
         )
     file = folder / "dashboard.yaml"
-    tests = [{"interval": "1m", "input_series": series, "promql_expr_test": asked}]
+    tests = [{"interval": "1m", "input_series": series, "promql_expr_test": cases}]
     file.write_text(yaml.safe_dump({"evaluation_interval": "1m", "tests": tests}, width=1000))
     done = subprocess.run([promtool, "test", "rules", file], capture_output=True, text=True)
     said = done.stdout + done.stderr

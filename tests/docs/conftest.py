@@ -115,8 +115,8 @@ def new_reader(home: Home, photos: Path, programs: Path, tmp_path: Path) -> Iter
     def make(name: str) -> PageReader:
         folder = tmp_path / name
         folder.mkdir()
-        for each in ("client", "demo", "docs", "Makefile"):
-            (folder / each).symlink_to(ROOT / each)
+        for entry in ("client", "demo", "docs", "Makefile"):
+            (folder / entry).symlink_to(ROOT / entry)
         (folder / ".venv").mkdir()
         (folder / ".venv" / "bin").symlink_to(_BIN)
         (folder / "fastsplat-data").symlink_to(home.data_dir)

@@ -107,8 +107,8 @@ def _serve(address: str) -> None:
         if order["arguments"] is not None:
             connection.send(bytes([code if code >= 0 else 128 - code]))
         os._exit(0)
-    for own, theirs in zip(_STREAMS, streams, strict=True):
-        os.dup2(theirs, own)
+    for ours, theirs in zip(_STREAMS, streams, strict=True):
+        os.dup2(theirs, ours)
     os.chdir(order["folder"])
     os.environ.clear()
     os.environ.update(order["environment"])
@@ -125,13 +125,13 @@ def _converse(stream: Any) -> None:
     for line in stream:
         order = json.loads(line)
         os.environ.update(order["environment"])
-        told = ""
+        failure = ""
         try:
             exec(compile(order["code"], order["where"], "exec"), names)
         except BaseException:
-            told = traceback.format_exc()
+            failure = traceback.format_exc()
         sys.stdout.flush()
-        stream.write(json.dumps(told).encode() + b"\n")
+        stream.write(json.dumps(failure).encode() + b"\n")
         stream.flush()
 
 

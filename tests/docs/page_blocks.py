@@ -11,7 +11,7 @@ from markdown_it import MarkdownIt
 ROOT = Path(__file__).parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 EXECUTED = ("sh", "python")
-SHOWN = ("csv", "json", "nginx", "text")  # languages of blocks that nobody is to run
+DISPLAY_ONLY = ("csv", "json", "nginx", "text")  # languages of blocks that nobody is to run
 
 _MARK = re.compile(r"<!-- not executed: (.+?) -->\s*", re.DOTALL)
 
@@ -50,8 +50,8 @@ def blocks_of(page: Path) -> list[Block]:
         elif token.type == "fence":
             assert token.map is not None
             language = token.info.partition(" ")[0]
-            if language not in (*EXECUTED, *SHOWN):
-                known = ", ".join((*EXECUTED, *SHOWN))
+            if language not in (*EXECUTED, *DISPLAY_ONLY):
+                known = ", ".join((*EXECUTED, *DISPLAY_ONLY))
                 raise ValueError(f"{name}:{token.map[0] + 1}: a block in {language!r}, which is none of {known}")
             found.append(Block(name, token.map[0] + 2, language, token.content, mark))
             mark = ""

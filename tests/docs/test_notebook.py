@@ -42,7 +42,7 @@ def test_answers_are_said(executed: nbformat.NotebookNode) -> None:
 
 
 def test_cells_show_pictures_and_the_viewer(executed: nbformat.NotebookNode) -> None:
-    shown = [output.data for cell in executed.cells for output in cell.get("outputs", ()) if "data" in output]
-    assert sum("image/png" in data for data in shown) == 2
-    (page,) = (data["text/html"] for data in shown if "text/html" in data)
+    outputs = [output.data for cell in executed.cells for output in cell.get("outputs", ()) if "data" in output]
+    assert sum("image/png" in data for data in outputs) == 2
+    (page,) = (data["text/html"] for data in outputs if "text/html" in data)
     assert page.startswith("<iframe srcdoc=") and "my lunch" in page

@@ -16,7 +16,7 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
-from tests.instances.made import gaussians_at, grid
+from tests.instances.known_objects import gaussians_at, grid
 
 CAMERA = Camera(96, 72, 80.0, 80.0, 48.0, 36.0)
 COLORS = np.array([[0.5, 0.5, 0.5], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
@@ -98,18 +98,18 @@ def make_room(folder: Path, views: int = 8) -> Room:
     sh = ((COLORS[owner] - 0.5) / SH_C0).astype(np.float32)[:, None]
     gaussians = Gaussians(bare.means, bare.quats, bare.log_scales, bare.logit_opacities, sh, bare.codes)
     splats = splats_of(gaussians, torch.from_numpy(COLORS[owner].astype(np.float32)))
-    made, maps = [], []
+    room_views, maps = [], []
     for number in range(views):
         posed = PosedCamera(CAMERA, _pose(2 * np.pi * number / views), f"{number:03d}.png")
         viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
         drawn = rasterize(splats, viewmat, CAMERA)
         image = (drawn.image.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
         cv2.imwrite(str(folder / posed.name), np.ascontiguousarray(image[:, :, ::-1]))
-        made.append(View(posed, folder / posed.name))
+        room_views.append(View(posed, folder / posed.name))
         maps.append(np.where(drawn.alpha.numpy() > 0.5, _nearest_color(image), 0).astype(np.uint16))
     nothing = np.zeros((0, 3))
     report = CaptureReport("images", views)
-    capture = Capture(tuple(made), nothing.astype(np.float32), nothing.astype(np.uint8), "METRIC", report)
+    capture = Capture(tuple(room_views), nothing.astype(np.float32), nothing.astype(np.uint8), "METRIC", report)
     return Room(gaussians, owner, capture, tuple(maps))
 
 

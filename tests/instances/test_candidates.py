@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.instances.discovery.candidates import Candidate, common_weights, find_candidates, view_support
 from fastsplat.service.splatting.labels.region_groups import LiftedRegions, overlaps_of
-from tests.instances.made import candidate, lifted
+from tests.instances.known_objects import candidate, lifted
 
 CUP, HANDLE, PLATE = range(0, 40), range(30, 40), range(40, 100)
 
@@ -23,7 +23,7 @@ def _found(views: Sequence[LiftedRegions]) -> list[Candidate]:
 
 
 def _sets(candidates: Sequence[Candidate]) -> set[frozenset[int]]:
-    return {frozenset(one.rows.tolist()) for one in candidates}
+    return {frozenset(piece.rows.tolist()) for piece in candidates}
 
 
 def test_what_every_view_proposes_alike_has_all_support() -> None:
@@ -31,9 +31,9 @@ def test_what_every_view_proposes_alike_has_all_support() -> None:
     views = [lifted(120, [CUP, HANDLE, PLATE]), lifted(120, [PLATE, CUP, HANDLE]), lifted(120, [HANDLE, PLATE, CUP])]
     candidates = _found(views)
     assert _sets(candidates) == {frozenset(CUP), frozenset(HANDLE), frozenset(PLATE)}
-    assert all(one.support == pytest.approx(1) and one.consensus == 1 for one in candidates)
-    assert all(one.proposed_in == (0, 1, 2) and (one.shares == 1).all() for one in candidates)
-    assert {one.weight for one in candidates} == {40.0, 10.0, 60.0}
+    assert all(piece.support == pytest.approx(1) and piece.consensus == 1 for piece in candidates)
+    assert all(piece.proposed_in == (0, 1, 2) and (piece.shares == 1).all() for piece in candidates)
+    assert {piece.weight for piece in candidates} == {40.0, 10.0, 60.0}
 
 
 def test_support_is_the_mean_of_the_best_fits_of_the_views_that_see_it() -> None:
@@ -42,7 +42,7 @@ def test_support_is_the_mean_of_the_best_fits_of_the_views_that_see_it() -> None
     away[50:] = True
     exact = [lifted(100, [CUP, range(5)]) for _ in range(3)]
     views = [*exact, lifted(100, [range(20)]), lifted(100, []), lifted(100, [range(60, 80)], away)]
-    whole = next(one for one in _found(views) if set(one.rows.tolist()) == set(CUP))
+    whole = next(piece for piece in _found(views) if set(piece.rows.tolist()) == set(CUP))
     assert whole.support == pytest.approx((3 + 0.5 + 0) / 5)
     assert whole.proposed_in == (0, 1, 2, 3) and whole.missed_in == (4,)
     assert whole.consensus == pytest.approx(4 / 5)
@@ -89,23 +89,23 @@ Span = tuple[int, int]
 )
 def test_supports_are_shares_and_no_two_candidates_are_the_same(views: list[list[Span]], random) -> None:
     """And neither depends on the order in which a set's fits are asked for."""
-    regions = [[range(start, start + length) for start, length in own] for own in views]
-    overlaps = overlaps_of([lifted(80, own) for own in regions])
+    regions = [[range(start, start + length) for start, length in spans] for spans in views]
+    overlaps = overlaps_of([lifted(80, masks) for masks in regions])
     candidates = find_candidates(overlaps, np.ones(len(overlaps.owner), np.float32), min_overlap=0.5, min_views=2)
     common = common_weights(candidates, overlaps.size)
-    own = np.diag(common)
-    same = common / np.maximum(own[:, None] + own - common, 1e-12)
-    assert (same[~np.eye(len(own), dtype=bool)] < 0.5).all()
-    assert all(0 < one.support <= 1 + 1e-6 for one in candidates)
-    assert [one.support for one in candidates] == sorted((one.support for one in candidates), reverse=True)
-    shuffled = [random.sample(own, len(own)) for own in regions]
+    weights = np.diag(common)
+    same = common / np.maximum(weights[:, None] + weights - common, 1e-12)
+    assert (same[~np.eye(len(weights), dtype=bool)] < 0.5).all()
+    assert all(0 < piece.support <= 1 + 1e-6 for piece in candidates)
+    assert [piece.support for piece in candidates] == sorted((piece.support for piece in candidates), reverse=True)
+    shuffled = [random.sample(masks, len(masks)) for masks in regions]
     order = random.sample(range(len(views)), len(views))
     again = overlaps_of([lifted(80, shuffled[view]) for view in order])
-    fits, sees = view_support(again, [one.rows for one in candidates])
+    fits, sees = view_support(again, [piece.rows for piece in candidates])
     assert sees.all()
-    for number, one in enumerate(candidates):
-        assert fits[number].mean() == pytest.approx(one.support)
-        assert {order[view] for view in np.flatnonzero(fits[number] >= 0.5)} == set(one.proposed_in)
+    for number, piece in enumerate(candidates):
+        assert fits[number].mean() == pytest.approx(piece.support)
+        assert {order[view] for view in np.flatnonzero(fits[number] >= 0.5)} == set(piece.proposed_in)
 
 
 @settings(max_examples=40, derandomize=True)
@@ -117,15 +117,15 @@ def test_the_order_of_views_and_of_masks_does_not_matter(views: int, seed: int, 
     for _ in range(views):
         objects = [set(range(30 * obj, 30 * obj + 30)) for obj in range(4) if rng.random() < 0.8]
         regions.append([sorted(obj ^ set(rng.integers(0, 120, 3).tolist())) for obj in objects])
-    quality = [np.asarray(rng.uniform(0.8, 1.0, len(own)), np.float32) for own in regions]
-    orders = [random.sample(range(len(own)), len(own)) for own in regions]
+    quality = [np.asarray(rng.uniform(0.8, 1.0, len(masks)), np.float32) for masks in regions]
+    orders = [random.sample(range(len(masks)), len(masks)) for masks in regions]
     order = random.sample(range(views), views)
     results = []
-    for numbers, within in ((range(views), [range(len(own)) for own in regions]), (order, orders)):
-        made = [lifted(120, [np.array(regions[view][mask]) for mask in within[view]]) for view in numbers]
+    for numbers, within in ((range(views), [range(len(masks)) for masks in regions]), (order, orders)):
+        lifted_views = [lifted(120, [np.array(regions[view][mask]) for mask in within[view]]) for view in numbers]
         used = np.concatenate([quality[view][list(within[view])] for view in numbers])
-        candidates = find_candidates(overlaps_of(made), used, min_overlap=0.5, min_views=2)
-        results.append({frozenset(one.rows.tolist()): round(one.support, 6) for one in candidates})
+        candidates = find_candidates(overlaps_of(lifted_views), used, min_overlap=0.5, min_views=2)
+        results.append({frozenset(piece.rows.tolist()): round(piece.support, 6) for piece in candidates})
     assert results[0] == results[1]
 
 
@@ -147,11 +147,11 @@ def _large_capture(views: int, gaussians: int, objects: int) -> Iterator[LiftedR
 def test_memory_grows_with_what_is_inside_and_not_with_pairs_of_proposals() -> None:
     """60 views × 70 proposals: a matrix of pairs alone would take 141 MB, one of proposals × Gaussians 672 MB."""
     views, gaussians = 60, 40_000
-    made = list(_large_capture(views, gaussians, 120))
-    count, entries = sum(len(view) for view in made), sum(len(view.rows) for view in made)
+    lifted_views = list(_large_capture(views, gaussians, 120))
+    count, entries = sum(len(view) for view in lifted_views), sum(len(view.rows) for view in lifted_views)
     assert count == views * 70
     tracemalloc.start()
-    candidates = _found(made)
+    candidates = _found(lifted_views)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(candidates) > 119

@@ -27,7 +27,7 @@ _PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 def scene(room: Room) -> Scene:
     """The room with objects that were found in every second view."""
     masks = propose_view_masks(room.capture.views, NoDetector(), ColorSegmenter(), _PERCEPTION)
-    seen = tuple(own if number % 2 else None for number, own in enumerate(masks))
+    seen = tuple(view_masks if number % 2 else None for number, view_masks in enumerate(masks))
     settings = DiscoverySettings(min_weight_px=5)
     objects, gaussians = find_scene_objects(room.gaussians, room.capture, Labelling(Dictionary(()), ()), seen, settings)
     code = gaussians.codes.shape[1]
@@ -52,8 +52,8 @@ def _ious(maps: np.ndarray, room: Room) -> list[float]:
     truth = np.stack(room.maps)
     return [
         max(
-            ((truth == true) & (maps == own)).sum() / ((truth == true) | (maps == own)).sum()
-            for own in np.unique(maps[maps > 0])
+            ((truth == true) & (maps == object_id)).sum() / ((truth == true) | (maps == object_id)).sum()
+            for object_id in np.unique(maps[maps > 0])
         )
         for true in range(1, 5)
     ]
@@ -92,8 +92,8 @@ def test_an_object_cut_out_of_another_is_drawn_where_its_gaussians_are(scene: Sc
         for obj in (whole, new):
             overlap = ((after == obj) & (bare == obj)).sum() / ((after == obj) | (bare == obj)).sum()
             assert overlap > 0.85
-        others = (before != whole) & (before != 0)
-        assert (after[others] == before[others]).mean() > 0.98
+        rest = (before != whole) & (before != 0)
+        assert (after[rest] == before[rest]).mean() > 0.98
 
 
 def test_rows_without_a_code_take_no_class_from_others() -> None:

@@ -81,10 +81,10 @@ def test_views_that_nobody_looked_at_have_no_say(room: Room) -> None:
     few = propose_view_masks(
         room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION.model_copy(update={"proposal_views": 5})
     )
-    assert sum(own is not None for own in few) == 5 and few[0] is not None and few[-1] is not None
+    assert sum(masks is not None for masks in few) == 5 and few[0] is not None and few[-1] is not None
     all_views = discover_objects(room.gaussians, room.capture.views, few, UP, SETTINGS)
-    used = [(view, own) for view, own in zip(room.capture.views, few, strict=True) if own is not None]
-    alone = discover_objects(room.gaussians, [view for view, _ in used], [own for _, own in used], UP, SETTINGS)
+    used = [(view, masks) for view, masks in zip(room.capture.views, few, strict=True) if masks is not None]
+    alone = discover_objects(room.gaussians, [view for view, _ in used], [masks for _, masks in used], UP, SETTINGS)
     assert all_views.views == 5 and (object_rows(all_views.objects) == object_rows(alone.objects)).all()
 
 
@@ -171,7 +171,7 @@ def test_an_image_text_model_looks_at_the_photos_that_show_an_object_best(
     looked = with_appearances(objects, gaussians, room.capture.views, None, SETTINGS.max_side, looks=model)
     assert not any(obj.appearance or obj.picture for obj in looked.table)
     looks = {obj.id: obj.looks for obj in looked.table if obj.looks is not None}
-    assert {each.sha256 for each in looks.values()} == {model.sha256}
+    assert {look.sha256 for look in looks.values()} == {model.sha256}
     best, words = _overlaps(objects, room.owner), model.encode(["red", "green", "blue"])
     rows = np.stack([np.frombuffer(looks[best[number][0]].embedding, np.float16) for number in (1, 2, 3)])
     assert np.linalg.norm(rows.astype(np.float64), axis=1) == pytest.approx(1, abs=0.01)
@@ -191,7 +191,7 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
     by_id = {obj.id: obj for obj in objects.table}
     best = _overlaps(objects, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
-    assert red.name == "" and {each.name for each in red.suggestions} == {"ball", "apple"}
+    assert red.name == "" and {guess.name for guess in red.suggestions} == {"ball", "apple"}
     assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
     assert green.name == "" and green.suggestions == ()
 
@@ -214,8 +214,8 @@ def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], 
     if obj.name:
         assert obj.probability == pytest.approx(probability.max())
         assert obj.guessed == (obj.probability < STATED_FROM)
-    shares = [each.probability for each in obj.suggestions]
-    assert shares == sorted(shares, reverse=True) and obj.name not in {each.name for each in obj.suggestions}
+    shares = [guess.probability for guess in obj.suggestions]
+    assert shares == sorted(shares, reverse=True) and obj.name not in {guess.name for guess in obj.suggestions}
 
 
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:

@@ -11,7 +11,7 @@ from fastsplat.service.instances.discovery.lifting import image_pieces, lift_mas
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.geometry.camera import Camera
-from tests.instances.made import gaussians_at
+from tests.instances.known_objects import gaussians_at
 
 CAMERA = Camera(40, 30, 40.0, 40.0, 20.0, 15.0)
 VIEWMAT = torch.eye(4)
@@ -45,11 +45,11 @@ def test_a_gaussian_is_inside_masks_that_have_more_than_half_of_it(count: int, s
     assert np.allclose(lifted.pixels, weights[:, -1], atol=1e-3)
     assert len(lifted) == count
     for number in range(count):
-        own = lifted.rows[lifted.starts[number] : lifted.starts[number + 1]]
+        rows = lifted.rows[lifted.starts[number] : lifted.starts[number + 1]]
         share = weights[:, number] / np.maximum(weights[:, -1], 1e-9)
         clear = (np.abs(share - 0.5) > 1e-3) & (np.abs(weights[:, -1] - 0.05) > 1e-3)
         expected = (share > 0.5) & (weights[:, -1] > 0.05)
-        assert set(own[clear[own]]) == set(np.flatnonzero(expected & clear))
+        assert set(rows[clear[rows]]) == set(np.flatnonzero(expected & clear))
 
 
 def test_a_view_without_masks_still_says_what_it_sees() -> None:

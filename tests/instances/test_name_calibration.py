@@ -27,9 +27,9 @@ def test_the_file_says_what_it_was_measured_on() -> None:
     for category in model.categories.values():
         assert 0 <= category.right <= category.objects
     # Of two names that were seen as often the one that was right more often needs less evidence.
-    seen = sorted(model.categories.values(), key=lambda each: each.objects)
-    best = max(seen[-4:], key=lambda each: each.right / each.objects)
-    worst = min(seen[-4:], key=lambda each: each.right / each.objects)
+    seen = sorted(model.categories.values(), key=lambda category: category.objects)
+    best = max(seen[-4:], key=lambda category: category.right / category.objects)
+    worst = min(seen[-4:], key=lambda category: category.right / category.objects)
     assert best.offset > worst.offset
 
 
@@ -44,10 +44,10 @@ def test_probabilities_are_such_and_nothing_is_likely_that_no_view_says(scores: 
 @settings(max_examples=60)
 @given(st.floats(0, 1), st.floats(0, 1), _NAMES)
 def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(
-    score: float, other: float, name: str
+    score: float, rival_score: float, name: str
 ) -> None:
     alone = name_probability(np.array([[0.0, score]]), [name])[0, 1]
-    beside = name_probability(np.array([[0.0, score, other]]), [name, "another"])[0, 1]
+    beside = name_probability(np.array([[0.0, score, rival_score]]), [name, "another"])[0, 1]
     assert beside <= alone + 1e-12
     assert name_probability(np.array([[0.0, score / 2]]), [name])[0, 1] <= alone + 1e-12
 

@@ -7,7 +7,7 @@ import numpy as np
 from fastsplat.service.instances.discovery.discovery import find_groups, select_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import ObjectGroup
-from tests.instances.made import candidate, gaussians_at, grid
+from tests.instances.known_objects import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 

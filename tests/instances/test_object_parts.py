@@ -8,7 +8,7 @@ from fastsplat.service.instances.discovery.discovery import find_parts, select_o
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.scene.artefact.scene import Objects, Parts
 from fastsplat.service.scene.objects.objects import part_rows
-from tests.instances.made import candidate, gaussians_at, grid
+from tests.instances.known_objects import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 

@@ -23,7 +23,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.messages.object_reads import ObjectRead
-from tests.instances.made import gaussians_at, grid
+from tests.instances.known_objects import gaussians_at, grid
 
 _CAMERA = Camera(640, 480, 500.0, 500.0, 320.0, 240.0)
 _BOARDS = (3, 7)
@@ -66,11 +66,11 @@ def test_each_object_has_what_is_written_on_it_and_nobody_what_is_between_them(
 ) -> None:
     gaussians, objects = _world()
     words = [[((84 + x, 150), "oat milk"), ((410 + x, 150), "Woolf"), ((270, 20), "between")] for x in (0, 5, 10)]
-    views = [_view(tmp_path, number, each, "https://example.org/a") for number, each in enumerate(words)]
+    views = [_view(tmp_path, number, lines, "https://example.org/a") for number, lines in enumerate(words)]
     heard: list[tuple[int, int]] = []
     read = with_reads(objects, gaussians, views, reader, 160, lambda *step: heard.append(step))
     assert _reads(read) == {3: {("text", "oat milk")}, 7: {("text", "Woolf"), ("qr", "https://example.org/a")}}
-    assert all(one.views >= 2 and one.probability > 0.6 for obj in read.table for one in obj.reads)
+    assert all(reading.views >= 2 and reading.probability > 0.6 for obj in read.table for reading in obj.reads)
     assert heard == [(1, 3), (2, 3), (3, 3)]
     assert replace(read, table=objects.table) == objects  # nothing else is touched
 
@@ -104,9 +104,9 @@ def test_views_outvote_one_that_misreads_and_a_part_of_a_line_is_none() -> None:
 
 
 def test_one_view_alone_is_not_believed_where_many_read_something_else() -> None:
-    others = [(view, _text("oat milk")) for view in range(1, 3)]
-    assert len(voted_reads([(0, _text("Woolf")), *others])) == 2
-    assert len(voted_reads([(0, _text("Woolf")), *others, (3, _text("oat milk"))])) == 1
+    rivals = [(view, _text("oat milk")) for view in range(1, 3)]
+    assert len(voted_reads([(0, _text("Woolf")), *rivals])) == 2
+    assert len(voted_reads([(0, _text("Woolf")), *rivals, (3, _text("oat milk"))])) == 1
 
 
 @given(st.integers(1, 12), st.floats(0.65, 1.0))
@@ -122,24 +122,24 @@ def test_what_is_hardly_seen_is_not_kept_and_codes_are_never_mixed() -> None:
     assert voted_reads([(0, _text("oat milk", 0.4)), (1, _text("Q", 1.0)), (2, _text("- .", 1.0))]) == ()
     codes = [Writing("barcode", digits, 1.0, _CORNERS) for digits in ("4006381333931", "4006381333932")]
     read = voted_reads([(0, codes[0]), (1, codes[0]), (1, codes[1])])
-    assert [(one.text, one.views) for one in read] == [("4006381333931", 2), ("4006381333932", 1)]
-    assert all(isinstance(one, ObjectRead) for one in read)
+    assert [(reading.text, reading.views) for reading in read] == [("4006381333931", 2), ("4006381333932", 1)]
+    assert all(isinstance(reading, ObjectRead) for reading in read)
 
 
 _WORD: st.SearchStrategy[str] = st.text("abcd", max_size=8)
 
 
 @given(_WORD, _WORD, _WORD)
-def test_the_difference_of_texts_is_a_distance(one: str, other: str, third: str) -> None:
+def test_the_difference_of_texts_is_a_distance(left: str, right: str, third: str) -> None:
     def steps(first: str, second: str) -> float:
         return text_difference(first, second) * max(len(first), len(second))
 
-    assert (text_difference(one, other) == 0) == (one == other)
-    assert text_difference(one, other) == text_difference(other, one) <= 1
-    assert steps(one, third) <= steps(one, other) + steps(other, third) + 1e-9
+    assert (text_difference(left, right) == 0) == (left == right)
+    assert text_difference(left, right) == text_difference(right, left) <= 1
+    assert steps(left, third) <= steps(left, right) + steps(right, third) + 1e-9
 
 
 @given(_WORD, _WORD, st.floats(0, 1))
-def test_a_bound_of_differences_changes_none_that_keeps_it(one: str, other: str, most: float) -> None:
-    whole, bounded = text_difference(one, other), text_difference(one, other, most)
+def test_a_bound_of_differences_changes_none_that_keeps_it(left: str, right: str, most: float) -> None:
+    whole, bounded = text_difference(left, right), text_difference(left, right, most)
     assert bounded == whole if whole <= most else bounded > most

@@ -18,7 +18,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from tests.instances.made import gaussians_at, grid
+from tests.instances.known_objects import gaussians_at, grid
 from tests.query.box_scenes import look
 
 _SIDE = 64
@@ -40,8 +40,8 @@ def _click(x: float, y: float, *background: tuple[float, float]) -> PicturePromp
 
 
 def test_of_a_part_an_object_and_a_group_the_object_is_meant() -> None:
-    part, obj, other = _disk(20, 30, 5), _disk(20, 30, 9), _disk(42, 30, 9)
-    group = obj | other
+    part, obj, neighbor = _disk(20, 30, 5), _disk(20, 30, 9), _disk(42, 30, 9)
+    group = obj | neighbor
     ids = np.where(group, 7, 0)
     answer = _answer(part, obj, group, quality=(0.95, 0.9, 0.9))
     chosen = prompted_mask(answer, _click(20, 30), ids, ids == 7)
@@ -61,12 +61,12 @@ def test_an_answer_that_leaves_the_object_is_not_its_piece() -> None:
 
 
 def test_a_missing_object_is_not_made_of_whole_other_objects() -> None:
-    obj, other = _disk(20, 30, 9), _disk(42, 30, 9)
-    answer = _answer(obj, obj | other)
-    np.testing.assert_array_equal(prompted_mask(answer, _click(20, 30), np.where(other, 3, 0), None), obj)
+    obj, neighbor = _disk(20, 30, 9), _disk(42, 30, 9)
+    answer = _answer(obj, obj | neighbor)
+    np.testing.assert_array_equal(prompted_mask(answer, _click(20, 30), np.where(neighbor, 3, 0), None), obj)
     # Where nothing is known of the other, the larger answer is as good.
     chosen = prompted_mask(answer, _click(20, 30), np.zeros((_SIDE, _SIDE), int), None)
-    np.testing.assert_array_equal(chosen, obj | other)
+    np.testing.assert_array_equal(chosen, obj | neighbor)
 
 
 def test_specks_are_no_answer() -> None:
@@ -104,7 +104,7 @@ def _ball(center: Sequence[float], count: int, radius: float, seed: int) -> np.n
     return np.asarray(center) + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _shown(gaussians: Gaussians, parts: Sequence[np.ndarray], posed: PosedCamera) -> np.ndarray:
+def _rendering(gaussians: Gaussians, parts: Sequence[np.ndarray], posed: PosedCamera) -> np.ndarray:
     """bool [K, H, W]: where each part is what one sees most of."""
     import torch
 
@@ -122,16 +122,16 @@ def test_what_a_mask_spills_onto_in_one_view_is_cut_off_by_the_others() -> None:
     wall = grid(1.0, 1.0, 0.03)[:, [2, 0, 1]] + np.array([0.13, 0.0, 0.1])
     gaussians = gaussians_at(np.concatenate([_ball((0.25, 0, 0.15), 300, 0.12, 0), wall]))
     ball, behind = np.arange(300), np.arange(300, len(gaussians))
-    first, *others = _cameras()
-    masks = {posed.name: _shown(gaussians, [ball, behind], posed)[:1] for posed in others}
-    true, rest = _shown(gaussians, [ball, behind], first)
+    first, *other_cameras = _cameras()
+    masks = {posed.name: _rendering(gaussians, [ball, behind], posed)[:1] for posed in other_cameras}
+    true, rest = _rendering(gaussians, [ball, behind], first)
     masks[first.name] = (true | ((cv2.dilate(true.astype(np.uint8), np.ones((5, 5))) > 0) & rest))[None]
     ids = np.where(masks[first.name][0], 7, 0)
     row, column = np.argwhere(true)[100]
     click = _click(column + 0.5, row + 0.5)
     known: Any = _Known()
     spilled, views = [], []
-    for further in ([], others):
+    for further in ([], other_cameras):
         scene = PromptedScene(gaussians, None, known, lambda posed: masks[posed.name], lambda found, to=further: to)
         piece = find_piece(scene, first, click, ids)
         assert np.isin(ball, piece.rows).all() and piece.views[0] is first

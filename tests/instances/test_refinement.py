@@ -15,7 +15,7 @@ from fastsplat.service.instances.discovery.refinement import UNKNOWN, MaskedView
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
 from fastsplat.service.perception.results import ViewMasks
 from fastsplat.service.scene.objects.label_evidence import posterior
-from tests.instances.made import gaussians_at, grid
+from tests.instances.known_objects import gaussians_at, grid
 from tests.instances.made_room import Room
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
@@ -31,16 +31,16 @@ def _square(top: int, left: int, side: int) -> np.ndarray:
 def test_edges_come_from_the_masks() -> None:
     """A cup on a table, drawn a little to the side of its mask; the table's mask may go on below the cup."""
     cup, table = _square(12, 12, 10), _square(4, 4, 30)
-    shown = np.where(_square(13, 12, 10), 2, np.where(_square(5, 5, 28), 1, 0))
+    id_map = np.where(_square(13, 12, 10), 2, np.where(_square(5, 5, 28), 1, 0))
     for table_mask in (table, table & ~cup):
-        result = repainted(shown, np.stack([table_mask, cup]), min_overlap=0.5)
+        result = repainted(id_map, np.stack([table_mask, cup]), min_overlap=0.5)
         assert (result[cup] == 2).all() and (result[~table] == 0).all()
         assert (result[table_mask & ~cup] == 1).all()
 
 
 def test_what_its_mask_leaves_out_is_unknown() -> None:
-    shown = _square(10, 10, 12).astype(int)
-    result = repainted(shown, _square(10, 10, 11)[None], min_overlap=0.5)
+    id_map = _square(10, 10, 12).astype(int)
+    result = repainted(id_map, _square(10, 10, 11)[None], min_overlap=0.5)
     assert set(np.unique(result)) == {UNKNOWN, 0, 1}
     assert ((result == UNKNOWN) == (_square(10, 10, 12) & ~_square(10, 10, 11))).all()
 
@@ -48,19 +48,19 @@ def test_what_its_mask_leaves_out_is_unknown() -> None:
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_without_masks_that_match_all_stays_as_drawn(seed: int, objects: int) -> None:
     rng = np.random.default_rng(seed)
-    shown = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
+    id_map = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
     none = np.zeros((0, SIDE, SIDE), np.bool_)
     strangers = np.stack([_square(0, 0, 3), _square(20, 20, 2)])
-    assert (repainted(shown, none, min_overlap=0.5) == shown).all()
-    assert (repainted(shown, strangers, min_overlap=0.9) == shown).all()
+    assert (repainted(id_map, none, min_overlap=0.5) == id_map).all()
+    assert (repainted(id_map, strangers, min_overlap=0.9) == id_map).all()
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6))
 def test_exact_masks_change_nothing(seed: int, objects: int) -> None:
     rng = np.random.default_rng(seed)
-    shown = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
-    masks = np.stack([shown == obj for obj in range(1, objects + 1)])
-    assert (repainted(shown, masks, min_overlap=0.5) == shown).all()
+    id_map = np.kron(rng.integers(0, objects + 1, (5, 5)), np.ones((8, 8), int))
+    masks = np.stack([id_map == obj for obj in range(1, objects + 1)])
+    assert (repainted(id_map, masks, min_overlap=0.5) == id_map).all()
 
 
 def _views(room: Room) -> list[MaskedView]:

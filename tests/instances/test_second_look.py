@@ -50,8 +50,8 @@ def test_views_are_chosen_once_best_first_and_until_nothing_is_seen(
 
 
 def test_what_was_not_seen_yet_and_what_has_no_name_goes_before() -> None:
-    both, other, same = [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [1.0, 1.0, 0.0, 0.0]
-    assert choose_views(np.array([both, other, same]), [False] * 3, 2) == [0, 1]
+    both, rest, same = [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.2], [1.0, 1.0, 0.0, 0.0]
+    assert choose_views(np.array([both, rest, same]), [False] * 3, 2) == [0, 1]
     assert choose_views(np.array([[0.9, 0.0, 0.0], [0.0, 0.8, 0.0]]), [True, False], 1) == [1]
 
 
@@ -88,7 +88,7 @@ def test_a_clear_text_becomes_the_name() -> None:
 @pytest.mark.parametrize("texts", [{"mug": 0.39}, {"mug": 0.6, "cup": 0.31}])
 def test_an_unsure_text_is_suggested(texts: dict[str, float]) -> None:
     obj, added = _added(Object(3, suggestions=(Suggestion("bottle", 0.35),)), texts)
-    assert obj.name == "" and {each.name: each.probability for each in obj.suggestions} == {"bottle": 0.35, **texts}
+    assert obj.name == "" and {guess.name: guess.probability for guess in obj.suggestions} == {"bottle": 0.35, **texts}
     assert added.named == () and added.suggested == (3,)
 
 
@@ -123,8 +123,8 @@ def test_what_was_suggested_with_more_is_not_overruled() -> None:
 def test_every_object_has_one_name_or_suggestions_and_none_twice(
     texts: dict[str, float], name: tuple[str, str | None], suggestions: list[tuple[str, float]]
 ) -> None:
-    others = tuple(Suggestion(*pair) for pair in suggestions if pair[0] != name[0])
-    before = Object(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)
+    guesses = tuple(Suggestion(*pair) for pair in suggestions if pair[0] != name[0])
+    before = Object(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=guesses)
     obj, added = _added(before, texts)
     keys = [label_key(pair[0]) for pair in obj.suggestions] + ([label_key(obj.name)] if obj.name else [])
     assert len(keys) == len(set(keys))
@@ -168,10 +168,10 @@ def test_views_of_an_object_are_those_that_show_most_of_it() -> None:
     maps = np.zeros((3, 40, 40), np.int32)
     maps[0, :10, :10], maps[1, :20, :20], maps[2, :15, :15] = 4, 4, 4
     maps[1, 30:, 30:], maps[2, 39, 39] = 9, 9
-    shown = [objects_in_map(object_map) for object_map in maps]
-    assert [[obj.object_id for obj in view] for view in shown] == [[4], [4, 9], [4]]  # a speck is nothing
-    assert best_positions(shown, 2) == {4: (1, 2), 9: (1,)}
-    assert shown[0][0].box == pytest.approx([0, 0, 10, 10], abs=0.5) and shown[0][0].pixels == 100
+    objects_seen = [objects_in_map(object_map) for object_map in maps]
+    assert [[obj.object_id for obj in view] for view in objects_seen] == [[4], [4, 9], [4]]  # a speck is nothing
+    assert best_positions(objects_seen, 2) == {4: (1, 2), 9: (1,)}
+    assert objects_seen[0][0].box == pytest.approx([0, 0, 10, 10], abs=0.5) and objects_seen[0][0].pixels == 100
 
 
 def test_boxes_vote_for_the_object_that_they_fit() -> None:

@@ -11,7 +11,7 @@ from fastsplat.service.instances.discovery.discovery import find_hierarchy, sele
 from fastsplat.service.instances.discovery.ownership import NOBODY, assign_owners, with_neighbors, without_strays
 from fastsplat.service.instances.discovery.surfaces import Plane, fit_plane, join_surfaces, lies_in, surface_kinds
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from tests.instances.made import candidate, gaussians_at, grid
+from tests.instances.known_objects import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 UP = np.array([0.0, 0.0, 1.0])
@@ -87,9 +87,9 @@ def test_every_candidate_is_one_of_object_part_and_group(spans: list[tuple[int, 
     hierarchy = find_hierarchy(candidates, size, SETTINGS)
     kinds = [*hierarchy.objects, *hierarchy.part_of, *hierarchy.groups]
     assert len(kinds) == len(set(kinds))
-    for number, one in enumerate(candidates):
-        better = any(other.support > one.support for other in candidates)
-        assert number in kinds or one.weight < 5 or one.support < 0.36 or better
+    for number, piece in enumerate(candidates):
+        better = any(rival.support > piece.support for rival in candidates)
+        assert number in kinds or piece.weight < 5 or piece.support < 0.36 or better
     assert set(hierarchy.part_of.values()) <= set(hierarchy.objects)
     assert all(len(members) >= 2 for members in hierarchy.groups.values())
     weights = [candidates[obj].weight for obj in hierarchy.objects]
@@ -213,11 +213,11 @@ def test_what_lies_off_the_plane_of_a_surface_is_no_part_of_it(height: float, is
     table = grid(2, 2, 0.04)
     table[:, 2] = np.random.default_rng(2).normal(0, 0.004, len(table))
     points = np.concatenate([table, grid(1, 1, 0.04, height=height, center=(1.5, 0))])
-    other = np.arange(len(table), len(points))
-    candidates = [candidate(range(len(points)), support=0.9), candidate(other, support=0.6)]
+    patch = np.arange(len(table), len(points))
+    candidates = [candidate(range(len(points)), support=0.9), candidate(patch, support=0.6)]
     selection = select_objects(candidates, gaussians_at(points), np.ones(len(points), np.float32), SETTINGS)
     assert len(selection.objects) == (2 if is_object else 1) and len(selection.parts) == (not is_object)
-    assert (selection.owners[: len(table)] == 0).all() and (selection.owners[other] == int(is_object)).all()
+    assert (selection.owners[: len(table)] == 0).all() and (selection.owners[patch] == int(is_object)).all()
 
 
 def test_a_plate_on_a_table_does_not_spread_over_the_table() -> None:

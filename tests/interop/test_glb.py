@@ -55,7 +55,7 @@ def test_cameras_look_where_they_looked(about: GlbScene) -> None:
     pose[:3, :3] = turned
     about = replace(about, cameras=(replace(posed, world_from_camera=pose),))
     document, _ = glb_parts(finished(GlbBuilder("x"), [], about))
-    (node,) = (one for one in document["nodes"] if "camera" in one)
+    (node,) = (node for node in document["nodes"] if "camera" in node)
     assert node["name"] == "photos/<ü>.jpg" and node["translation"] == [1, 2, 3]
     axes = Rotation.from_quat(node["rotation"]).as_matrix()
     np.testing.assert_allclose(axes @ [0, 0, -1], turned @ [0, 0, 1], atol=1e-12)  # OpenGL's forward is OpenCV's

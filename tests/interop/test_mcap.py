@@ -106,8 +106,8 @@ def test_the_cloud_is_that_of_the_points_file(objects: tuple[int, ...]) -> None:
     )
     vertices = PlyData.read(io.BytesIO(points_file(index, "wall", objects, 0.05)))["vertex"]
     assert len(rows) == vertices.count > 100
-    for one in vertices.properties:
-        np.testing.assert_array_equal(rows[one.name], vertices[one.name])
+    for prop in vertices.properties:
+        np.testing.assert_array_equal(rows[prop.name], vertices[prop.name])
     assert (rows["alpha"] == 255).all() and {"label", "object"} <= set(fields)
     assert set(rows["object"].tolist()) == set(objects or (1, 2))
 
@@ -167,14 +167,14 @@ def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
     moved = index.after(aligned)
     content = _written(moved)
     read = _messages(content)
-    transform = next(one for _, one in read["/tf"] if one.child_frame_id == "hall 3/trained")
+    transform = next(transform for _, transform in read["/tf"] if transform.child_frame_id == "hall 3/trained")
     assert transform.parent_frame_id == "hall 3"
     up = np.pad(0.5 * trained.gaussians.means, ((0, 0), (0, 1)), constant_values=1)  # units of this version
     there = (up @ _matrix(transform.translation, transform.rotation).T)[:, :3]
     np.testing.assert_allclose(there, aligned.gaussians.means, atol=1e-5)
     np.testing.assert_allclose(there, frame_of(aligned).points(trained.gaussians.means), atol=1e-6)
-    names = {one.frame_id for one in read["/objects"][0][1].entities} | {read["/points"][0][1].frame_id}
-    assert names == {"hall 3"} == {one.parent_frame_id for _, one in read["/tf"]}
+    names = {entity.frame_id for entity in read["/objects"][0][1].entities} | {read["/points"][0][1].frame_id}
+    assert names == {"hall 3"} == {transform.parent_frame_id for _, transform in read["/tf"]}
     about = _metadata(content)["scene"]
     low, high = json.loads(about["meters_per_unit_95"])
     assert low < float(about["meters_per_unit"]) == 0.5 < high and about["unit"] == "metre" and "warning" not in about
@@ -196,8 +196,8 @@ def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters() -> No
 def _renamed(index: SceneIndex, name: str) -> Scene:
     """The scene with its first label, and so its first object, called otherwise."""
     scene = index.scene
-    first, *others = scene.dictionary.entries
-    entries = (dataclasses.replace(first, label=name), *others)
+    first, *rest = scene.dictionary.entries
+    entries = (dataclasses.replace(first, label=name), *rest)
     return dataclasses.replace(scene, dictionary=dataclasses.replace(scene.dictionary, entries=entries))
 
 

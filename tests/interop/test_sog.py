@@ -148,9 +148,9 @@ def test_a_splat_of_nothing_is_a_file_and_one_of_too_much_is_refused() -> None:
         meta = json.loads(archive.read("meta.json"))
         assert meta["count"] == 0 and "shN" not in meta
         assert Image.open(io.BytesIO(archive.read("means_l.webp"))).size == (4, 4)
-    one = gaussians(0, 1)
+    gaussian = gaussians(0, 1)
     count = MOST_GAUSSIANS + 1
-    huge = {name: np.broadcast_to(array, (count, *array.shape[1:])) for name, array in vars(one).items()}
+    huge = {name: np.broadcast_to(array, (count, *array.shape[1:])) for name, array in vars(gaussian).items()}
     with pytest.raises(LimitExceededError) as caught:
         sog_bytes(Gaussians(**huge))
     assert caught.value.field == "format" and str(MOST_GAUSSIANS) in str(caught.value.limit)

@@ -34,8 +34,8 @@ def test_objects_are_found_on_few_points_and_neither_described_nor_read(
     masks = propose_view_masks(
         views, NoDetector(), ColorSegmenter(), PerceptionSettings(min_pixels=8, closer_look=False)
     )
-    blank = tuple(np.zeros_like(own, dtype=np.uint16) for own in room.maps)
-    regions = tuple(Regions(each, ()) for each in blank)
+    blank = tuple(np.zeros_like(id_map, dtype=np.uint16) for id_map in room.maps)
+    regions = tuple(Regions(id_map, ()) for id_map in blank)
     labelling = Labelling(Dictionary(()), blank, regions=regions, masks=masks)
 
     def fail(*_: object) -> None:
@@ -49,8 +49,8 @@ def test_objects_are_found_on_few_points_and_neither_described_nor_read(
     assert scene.objects is not None
     owners = []
     for ball in (2, 3, 4):
-        shown = [object_map(scene, view.posed)[own == ball] for view, own in zip(views, room.maps, strict=True)]
-        counted = np.bincount(np.concatenate(shown))
+        ids = [object_map(scene, view.posed)[id_map == ball] for view, id_map in zip(views, room.maps, strict=True)]
+        counted = np.bincount(np.concatenate(ids))
         owners.append(int(counted.argmax()))
         assert owners[-1] and counted.max() > 0.5 * counted.sum()
     assert len(set(owners)) == 3

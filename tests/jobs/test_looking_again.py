@@ -116,14 +116,14 @@ def test_a_persons_names_stay(settings: Settings, table: Table, looked: Looked) 
     given = {"name": "grandmother's", "source": "person", "probability": 1.0}
     table = tuple(replace(obj, **given) if obj.id == first else obj for obj in objects.table)
     scene = replace(index.scene, objects=replace(objects, table=table))
-    other = next(number for number in looked[0].found if number != first)
-    scene = discard_object(scene, other)
+    second = next(number for number in looked[0].found if number != first)
+    scene = discard_object(scene, second)
     after, result = name_sightings(index.after(scene), looked[0], settings)
     assert after.objects is not None
-    kept = next(obj for obj in after.objects.table if obj.id == first)
-    assert (kept.name, kept.source, kept.suggestions) == ("grandmother's", "person", ())
+    named_object = next(obj for obj in after.objects.table if obj.id == first)
+    assert (named_object.name, named_object.source, named_object.suggestions) == ("grandmother's", "person", ())
     changed = {name.object_id for name in (*result.named, *result.suggested)}
-    assert changed and not changed & {first, other}
+    assert changed and not changed & {first, second}
 
 
 def test_a_look_ends_when_its_job_is_cancelled(settings: Settings, table: Table, tmp_path: Path) -> None:
@@ -140,6 +140,6 @@ def test_a_look_ends_when_its_job_is_cancelled(settings: Settings, table: Table,
 def test_a_look_without_its_models_fails_before_anything_is_rendered(
     settings: Settings, table: Table, tmp_path: Path, update: dict[str, str]
 ) -> None:
-    other = settings.model_copy(update={"perception": settings.perception.model_copy(update=update)})
+    bad_settings = settings.model_copy(update={"perception": settings.perception.model_copy(update=update)})
     with pytest.raises(ModelUnavailableError):
-        look_for(table[0], ["banana"], other, tmp_path, lambda event: pytest.fail("it has begun"))
+        look_for(table[0], ["banana"], bad_settings, tmp_path, lambda event: pytest.fail("it has begun"))

@@ -38,12 +38,12 @@ def _workers(folder: Path) -> list[str]:
 def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
     capture: Path, test_data: Path, models_dir: Path, tmp_path: Path
 ) -> None:
-    made = trained_tabletop(test_data, models_dir)
-    shown = [from_json(Operation, line) for line in (made / "progress.jsonl").read_bytes().splitlines()]
-    assert [stage.stage for stage in shown[-1].stages] == ["capture", "perception", "training", "export"]
-    assert shown[-1].state == "SUCCEEDED" and len(shown) > 4
+    folder = trained_tabletop(test_data, models_dir)
+    operations = [from_json(Operation, line) for line in (folder / "progress.jsonl").read_bytes().splitlines()]
+    assert [stage.stage for stage in operations[-1].stages] == ["capture", "perception", "training", "export"]
+    assert operations[-1].state == "SUCCEEDED" and len(operations) > 4
     out = tmp_path / "out"
-    shutil.copytree(made / "scene", out)
+    shutil.copytree(folder / "scene", out)
     with fastsplat.open_scene(out) as scene:
         assert scene.info.name == "table top" and 0 < scene.info.gaussians <= 6000
         mug = scene.ask("mug")
@@ -52,8 +52,8 @@ def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
         assert again.id == scene.id and again.ask("mug") == mug
     with pytest.raises(ConflictError, match="has a trained scene"):
         fastsplat.train(capture, out)
-    with fastsplat.open_scene(out) as kept:
-        assert kept.id == scene.id
+    with fastsplat.open_scene(out) as same_scene:
+        assert same_scene.id == scene.id
 
 
 def test_what_is_interrupted_is_over_and_its_folder_is_used_again(capture: Path, tmp_path: Path) -> None:

@@ -89,13 +89,13 @@ def test_a_name_is_there_for_whoever_opens_the_folder_next(scene: LocalScene, fo
 
 
 def test_a_picture_shows_the_answer_and_says_it(scene: LocalScene, tmp_path: Path) -> None:
-    shown = scene.show("mug")
-    assert shown.sentence == scene.ask("mug").sentence
-    assert shown._repr_png_() == shown.png and shown.array().shape[2] == 3
-    shown.save(tmp_path / "mug.png")
-    assert (tmp_path / "mug.png").read_bytes() == shown.png
+    picture = scene.show("mug")
+    assert picture.sentence == scene.ask("mug").sentence
+    assert picture._repr_png_() == picture.png and picture.array().shape[2] == 3
+    picture.save(tmp_path / "mug.png")
+    assert (tmp_path / "mug.png").read_bytes() == picture.png
     absent = scene.show("elephant")
-    assert absent.sentence == scene.ask("elephant").sentence and absent.png != shown.png
+    assert absent.sentence == scene.ask("elephant").sentence and absent.png != picture.png
     assert scene.show().array().std() > 1
 
 
@@ -125,8 +125,8 @@ def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, t
     assert said.exit_code == 0, said.output
     assert all(scene.ask(text).sentence in said.stdout for text in texts)
     assert "object 1, mug, at (" in said.stdout and "m\n" in said.stdout
-    shown = invoke("scenes", "show", str(folder), "--json")
-    assert json.loads(shown.stdout)["id"] == scene.id
+    result = invoke("scenes", "show", str(folder), "--json")
+    assert json.loads(result.stdout)["id"] == scene.id
 
 
 def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from fastsplat.service.settings import load_settings
 from fastsplat_contract.messages.queries import Answer, QueryRequest
 from tests.query.decisions import alike
 
-_TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]
+_TEXTS = [question.text for scene in read_scenes() if scene.name == "sample" for question in scene.questions]
 
 
 @pytest.fixture(scope="module", params=["lexicon", "encoder alone"])
@@ -50,7 +50,7 @@ def test_a_phrasing_is_answered_as_its_bare_noun(scene: LocalScene) -> None:
 def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
     objects = scene.objects()
     names = {obj.name for obj in objects if obj.name}
-    suggested = {each.name for obj in objects if not obj.name for each in obj.suggestions}
+    suggested = {suggestion.name for obj in objects if not obj.name for suggestion in obj.suggestions}
     for answer in _ask(scene, *sorted(names | suggested)):
         assert answer.outcome in ("here", "probably_here") and answer.object_ids, answer.text
 

@@ -156,13 +156,13 @@ def test_what_was_taken_away_and_was_no_object_is_gone_not_new(empty: Renderer, 
 def test_views_that_are_mostly_unsure_of_an_object_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:
     views, boxes = _later(with_block, empty, _photos(empty)), {_BLOCK: _box(_AT)}
     lost, seen = lost_objects(views, boxes, frozenset())
-    assert [each.object_id for each in lost] == seen == [_BLOCK]
+    assert [loss.object_id for loss in lost] == seen == [_BLOCK]
     for share, known in ((0.4, []), (0.7, [_BLOCK])):
         some = []
         for view in views:
-            own = np.flatnonzero((view.objects == _BLOCK) & view.comparison.sure)
+            pixels = np.flatnonzero((view.objects == _BLOCK) & view.comparison.sure)
             sure = view.comparison.sure.copy()
-            sure.ravel()[own[int(share * (view.objects == _BLOCK).sum()) :]] = False
+            sure.ravel()[pixels[int(share * (view.objects == _BLOCK).sum()) :]] = False
             some.append(LaterView(replace(view.comparison, sure=sure), view.objects))
         assert lost_objects(some, boxes, frozenset())[1] == known
 
@@ -216,7 +216,7 @@ def test_what_stands_where_no_photo_of_the_scene_looked_is_not_new(looked: bool,
     room, box = textured_room(), _box(_AT)
     if not looked:
         back = np.diag([-1.0, 1.0, -1.0, 1.0])
-        away = [replace(each, world_from_camera=each.world_from_camera @ back) for each in room.cameras]
+        away = [replace(posed, world_from_camera=posed.world_from_camera @ back) for posed in room.cameras]
         room = replace(room, cameras=(*away, room.cameras[0]))
     events = [Change("new", 0, (0, 1), 0.9, None, box, ()), Change("gone", _BLOCK, (0, 1), 0.9, box, None, ())]
     assert [event.kind for event in _where_looked(room, events)] == kinds
@@ -226,9 +226,9 @@ def test_a_piece_that_touches_what_is_lost_is_a_part_of_it() -> None:
     pixels = np.zeros((3, 40, 40), np.bool_)
     pixels[0, 5:15, 5:15], pixels[1, 5:15, 18:25], pixels[2, 30:35, 30:35] = True, True, True
     obj, beside, elsewhere = (
-        Lost(number, _box(_AT), (0, 1), (own, own), 0.9, 0.5)
-        for number, own in zip((_BLOCK, 0, 0), pixels, strict=True)
+        Lost(number, _box(_AT), (0, 1), (mask, mask), 0.9, 0.5)
+        for number, mask in zip((_BLOCK, 0, 0), pixels, strict=True)
     )
     assert whole([obj, beside, elsewhere]) == [obj, elsewhere]
-    other = replace(beside, object_id=_BLOCK + 1)
-    assert whole([obj, other, elsewhere]) == [obj, other, elsewhere]
+    neighbor = replace(beside, object_id=_BLOCK + 1)
+    assert whole([obj, neighbor, elsewhere]) == [obj, neighbor, elsewhere]

@@ -93,9 +93,9 @@ def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits
 
     straight = _place(picture, known, drawn)
     assert abs(straight.radial) < 0.02
-    other = _place(through_lens(picture, 0.2), landmarks, drawn)
-    assert other.radial == pytest.approx(0.2, abs=0.05)
-    for found in (straight, other):
+    placement = _place(through_lens(picture, 0.2), landmarks, drawn)
+    assert placement.radial == pytest.approx(0.2, abs=0.05)
+    for found in (straight, placement):
         percent, degrees = _errors(found, _BETWEEN, landmarks.size)
         assert percent < 1 and degrees < 0.3
 

@@ -63,7 +63,7 @@ def test_four_times_as_many_matches_halve_the_deviations() -> None:
 def test_an_unknown_focal_length_makes_a_pose_less_sure() -> None:
     points = _points(200, 3)
     pixels = reprojected(_posed(), points) + np.random.default_rng(4).normal(scale=_NOISE_PX, size=(200, 2))
-    known, unknown = (pose_covariance(_posed(), pixels, points, focal_estimated=each) for each in (False, True))
+    known, unknown = (pose_covariance(_posed(), pixels, points, focal_estimated=flag) for flag in (False, True))
     assert (np.linalg.eigvalsh(unknown - known) >= -1e-12).all() and np.trace(unknown) > 1.5 * np.trace(known)
 
 

@@ -24,7 +24,7 @@ _LENGTH = 2.0
 
 
 def textured_room(
-    seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
+    seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **options: Any
 ) -> Scene:
     """Three walls of two units that meet in the origin, patterned by `seed`; `block`: a cube (fourth label, if any)."""
     rng = np.random.default_rng(seed)
@@ -51,7 +51,7 @@ def textured_room(
         sh=((rgb - 0.5) / SH_C0)[:, None, :],
         logit_opacities=8.0,
         cameras=[looking(angle, name=f"{number}.png") for number, angle in enumerate(np.linspace(-0.4, 0.4, cameras))],
-        **others,
+        **options,
     )
 
 

@@ -52,8 +52,8 @@ def test_objects_are_most_like_themselves_from_elsewhere(encoder: AppearanceEnco
     low, high = _seen(encoder, (1, 5, 9)), _seen(encoder, (13, 17, 22))
     likeness = low @ high.T
     assert likeness.argmax(axis=1).tolist() == likeness.argmax(axis=0).tolist() == list(range(len(_OBJECTS)))
-    others = likeness[~np.eye(len(_OBJECTS), dtype=bool)]
-    assert np.diag(likeness).min() > others.max()
+    off_diagonal = likeness[~np.eye(len(_OBJECTS), dtype=bool)]
+    assert np.diag(likeness).min() > off_diagonal.max()
     assert np.allclose(np.linalg.norm(low, axis=1), 1, atol=1e-2) and low.shape[1] == SIZE
 
 
@@ -69,9 +69,9 @@ def test_any_mask_has_a_finite_descriptor_and_a_picture(encoder: AppearanceEncod
 
 
 def test_a_detector_of_another_kind_has_no_descriptors(models_dir: Path) -> None:
-    other = PerceptionSettings(closed_set_detector="picodet:nowhere")
+    settings = PerceptionSettings(closed_set_detector="picodet:nowhere")
     with pytest.raises(ModelUnavailableError):
-        open_appearance_encoder(other, models_dir)
+        open_appearance_encoder(settings, models_dir)
 
 
 def test_values_inside_a_network_become_outputs_by_their_names(tmp_path: Path) -> None:

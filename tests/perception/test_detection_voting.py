@@ -119,11 +119,11 @@ def test_names_are_as_many_as_keys(names: list[str]) -> None:
 
 @given(_views.map(lambda views: views[0]), st.floats(0.1, 0.9))
 def test_suppression_keeps_the_best_and_covers_the_rest(view: Detections, iou: float) -> None:
-    kept = nms(view.boxes, view.scores, iou)
+    winners = nms(view.boxes, view.scores, iou)
     overlap = box_iou(view.boxes, view.boxes)
-    for row in set(range(len(view))) - set(kept.tolist()):
-        assert any(overlap[row, k] > iou and view.scores[k] >= view.scores[row] for k in kept)
-    assert list(view.scores[kept]) == sorted(view.scores[kept], reverse=True)
+    for row in set(range(len(view))) - set(winners.tolist()):
+        assert any(overlap[row, k] > iou and view.scores[k] >= view.scores[row] for k in winners)
+    assert list(view.scores[winners]) == sorted(view.scores[winners], reverse=True)
 
 
 def test_what_an_object_was_also_called_in_its_place_is_a_vote() -> None:

@@ -151,7 +151,7 @@ def test_the_manifest_says_which_adapter_drives_a_detector(
 
 
 def test_another_closed_set_adapter_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Other:
+    class Adapter:
         labels = ("cup",)
 
         def __init__(self, model: Path, *, name: str, threads: int = 0) -> None:
@@ -159,9 +159,9 @@ def test_another_closed_set_adapter_is_used(tmp_path: Path, monkeypatch: pytest.
 
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "model.onnx").touch()
-    monkeypatch.setattr(open_detectors, "CLOSED_SET_DETECTORS", {"picodet": Other})
+    monkeypatch.setattr(open_detectors, "CLOSED_SET_DETECTORS", {"picodet": Adapter})
     opened = open_closed_set_detector(PerceptionSettings(closed_set_detector="picodet:mine"), tmp_path)
-    assert isinstance(opened, Other) and opened.model == tmp_path / "mine" / "model.onnx"
+    assert isinstance(opened, Adapter) and opened.model == tmp_path / "mine" / "model.onnx"
 
 
 def test_a_manifest_cannot_give_a_model_an_adapter_of_another_role(tmp_path: Path) -> None:

@@ -32,13 +32,13 @@ def model(models: Path) -> ClipImageText:
 def test_what_a_mask_covers_is_nearest_to_the_text_that_says_it(model: ClipImageText) -> None:
     picture = np.full((60, 80, 3), (122, 116, 104), np.uint8)
     picture[10:30, 10:30], picture[10:30, 50:70] = (220, 20, 20), (20, 20, 220)
-    mask, other = np.zeros((2, *picture.shape[:2]), np.bool_)
-    mask[10:30, 10:30] = other[10:30, 50:70] = True
+    mask, other_mask = np.zeros((2, *picture.shape[:2]), np.bool_)
+    mask[10:30, 10:30] = other_mask[10:30, 50:70] = True
     looks = model.embed(picture, mask)
     red, blue = model.encode(["the red shiny one", "something blue"])
     assert looks.shape == (3,) and np.linalg.norm(looks) == pytest.approx(1, abs=1e-5)
     assert looks @ red > 0.9 > looks @ blue
-    assert model.embed(picture, other) @ blue > 0.9
+    assert model.embed(picture, other_mask) @ blue > 0.9
 
 
 def test_none_is_opened_where_the_settings_name_none_and_a_wrong_name_is_said(models: Path) -> None:
@@ -68,9 +68,9 @@ def test_another_contract_is_refused_at_the_first_picture(models: Path) -> None:
 
 def test_either_network_makes_another_model(models: Path, model: ClipImageText) -> None:
     content = (models / "looks" / "image.onnx").read_bytes()
-    other = models / "other"
-    shutil.copytree(models / "looks", other)
-    (other / "image.onnx").write_bytes(content + b"\x00")
+    folder = models / "other"
+    shutil.copytree(models / "looks", folder)
+    (folder / "image.onnx").write_bytes(content + b"\x00")
     assert open_image_text(PerceptionSettings(image_text="clip:other"), models).sha256 != model.sha256
 
 

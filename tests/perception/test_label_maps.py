@@ -122,8 +122,8 @@ def test_views_that_agree_make_a_name_sure_and_rivals_make_it_doubtful() -> None
 
 
 def test_votes_elsewhere_do_not_count_against_a_name_that_has_regions_of_its_own() -> None:
-    own, other = _region(1, (1, 0.9)), _region(2, (2, 0.9), (1, 0.3))
-    sure = _confidence(*[own] * 5, *[other] * 5)
+    first, second = _region(1, (1, 0.9)), _region(2, (2, 0.9), (1, 0.3))
+    sure = _confidence(*[first] * 5, *[second] * 5)
     assert sure[0] == pytest.approx(1.0, abs=1e-4) and sure[1] == pytest.approx(0.75, abs=1e-4)
 
 
@@ -210,13 +210,13 @@ def test_what_is_saved_is_loaded(
 
 def test_masks_without_names_come_back_and_damage_is_refused(tmp_path: Path) -> None:
     bits = np.packbits(np.arange(60).reshape(2, 30) % 7 < 3, axis=1)
-    own = ViewMasks(bits, np.array([0.5, 0.75], np.float32), 6, 5, 17)
+    view_masks = ViewMasks(bits, np.array([0.5, 0.75], np.float32), 6, 5, 17)
     maps = (np.zeros((5, 6), np.uint16),) * 3
     folder = tmp_path / "labels"
-    save_labelling(Labelling(Dictionary(()), maps, masks=(None, own, None)), folder)
+    save_labelling(Labelling(Dictionary(()), maps, masks=(None, view_masks, None)), folder)
     before, loaded, after = load_labelling(folder).masks
     assert before is None and after is None and loaded is not None
-    assert (loaded.bits == bits).all() and (loaded.quality == own.quality).all()
+    assert (loaded.bits == bits).all() and (loaded.quality == view_masks.quality).all()
     assert (loaded.width, loaded.height, loaded.prompts) == (6, 5, 17)
     path = folder / "masks-000001.npz"
     whole = path.read_bytes()
@@ -225,7 +225,7 @@ def test_masks_without_names_come_back_and_damage_is_refused(tmp_path: Path) -> 
         with pytest.raises(InvalidInputError, match="labelling"):
             load_labelling(folder)
     for shape in ([7, 9, 1], [0, 5, 1], [6, 5, -1], [6, 5]):
-        np.savez_compressed(path, bits=bits, quality=own.quality, shape=np.array(shape, np.int64))
+        np.savez_compressed(path, bits=bits, quality=view_masks.quality, shape=np.array(shape, np.int64))
         with pytest.raises(InvalidInputError, match="labelling"):
             load_labelling(folder)
     path.unlink()

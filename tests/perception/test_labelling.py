@@ -89,13 +89,13 @@ def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, m
     labelling = label_capture(capture, settings, models_dir, ["banana", "orange"], silent, masks=True)
     assert plain.masks == () and len(labelling.masks) == 2
     assert [entry.label for entry in labelling.dictionary.entries] == [e.label for e in plain.dictionary.entries]
-    (before, _), (after, other) = plain.label_maps, labelling.label_maps
+    (before, _), (after, second_map) = plain.label_maps, labelling.label_maps
     assert (before == after).mean() > 0.998  # edges are interpolated between other steps
-    assert not other.any()  # the first view shows both
-    own, none = labelling.masks
-    assert own is not None and none is None and len(own) > len(labelling.regions[0].votes)
+    assert not second_map.any()  # the first view shows both
+    view_masks, none = labelling.masks
+    assert view_masks is not None and none is None and len(view_masks) > len(labelling.regions[0].votes)
     height, width = labelling.label_maps[0].shape
-    masks, ids = own.resized(width, height), labelling.regions[0].ids
+    masks, ids = view_masks.resized(width, height), labelling.regions[0].ids
     for number in range(1, len(labelling.regions[0].votes) + 1):
         region = ids == number
         overlaps = (masks & region).sum(axis=(1, 2)) / (masks | region).sum(axis=(1, 2))
@@ -132,19 +132,19 @@ def test_the_first_views_are_shown_before_the_others_are_looked_at(
         assert looks == ["detected"] * 4 + ["segmented"] * 2  # names are known of all views before any mask is
         seen.append((labelling, views))
 
-    shown = label_capture(capture, settings, models_dir, [], silent, masks=True, early=early)
+    result = label_capture(capture, settings, models_dir, [], silent, masks=True, early=early)
     ((first, views),) = seen
     assert len(views) == 2 and [number in views for number in range(4)] == [mask is not None for mask in first.masks]
     assert {number for number in range(4) if first.label_maps[number].any()} <= set(views)
     assert "cup" in {entry.label for entry in first.dictionary.entries}
-    assert looks.count("detected") == 4 and looks.count("segmented") == sum(each is not None for each in shown.masks)
+    assert looks.count("detected") == 4 and looks.count("segmented") == sum(mask is not None for mask in result.masks)
     unseen = label_capture(capture, settings, models_dir, [], silent, masks=True)
-    assert unseen.dictionary == shown.dictionary
-    for number, (before, after) in enumerate(zip(unseen.label_maps, shown.label_maps, strict=True)):
+    assert unseen.dictionary == result.dictionary
+    for number, (before, after) in enumerate(zip(unseen.label_maps, result.label_maps, strict=True)):
         np.testing.assert_array_equal(before, after)
-        assert (unseen.masks[number] is None) == (shown.masks[number] is None)
+        assert (unseen.masks[number] is None) == (result.masks[number] is None)
     for number in views:
-        mask, final = first.masks[number], shown.masks[number]
+        mask, final = first.masks[number], result.masks[number]
         assert mask is not None and final is not None
         np.testing.assert_array_equal(mask.bits, final.bits)
 
@@ -218,7 +218,7 @@ def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
 def test_given_labels_are_seen_at_once(given_capture: Any, tmp_path: Path) -> None:
     seen: list[tuple[Labelling, Sequence[int]]] = []
     labelling = label_capture(
-        given_capture, _SETTINGS, tmp_path / "no models", [], silent, early=lambda *shown: seen.append(shown)
+        given_capture, _SETTINGS, tmp_path / "no models", [], silent, early=lambda *arguments: seen.append(arguments)
     )
     assert seen == [(labelling, [0, 1])]
 

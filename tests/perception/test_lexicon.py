@@ -31,10 +31,10 @@ def _write(folder: Path) -> Path:
     def line(key: str, place: dict[str, int]) -> str:
         _, lexfile, words, wider, parts, gloss = next(row for row in _SYNSETS if row[0] == key)
         pointers = [("@", name) for name in wider] + [("%p", name) for name in parts]
-        shown = "".join(f" {symbol} {place.get(name, 0):08d} n 0000" for symbol, name in pointers)
+        links = "".join(f" {symbol} {place.get(name, 0):08d} n 0000" for symbol, name in pointers)
         spelled = "".join(f" {word} 0" for word in words)
         start = f"{place.get(key, 0):08d} {lexfile:02d} n {len(words):02x}"
-        return f"{start}{spelled} {len(pointers):03d}{shown} | {gloss}  \n"
+        return f"{start}{spelled} {len(pointers):03d}{links} | {gloss}  \n"
 
     place, end = dict[str, int](), len(_NOTICE)
     for key, *_ in _SYNSETS:

@@ -40,14 +40,14 @@ def _proposals(layers: list[np.ndarray], quality: list[float]) -> MaskProposals:
 
 def test_boxes_of_objects_come_first_and_rivals_are_left_out() -> None:
     objects = Detections(np.array([[0, 0, 10, 10], [0, 0, 10, 9]], np.float32), np.full(2, 0.4, np.float32), ("a", "b"))
-    others = Detections(
+    rivals = Detections(
         np.array([[0, 0, 10, 10], [50, 50, 60, 60], [50, 50, 60, 61]], np.float32),
         np.array([0.9, 0.5, 0.6], np.float32),
         ("c", "d", "e"),
     )
-    boxes = boxes_to_prompt(objects, others, SETTINGS)
+    boxes = boxes_to_prompt(objects, rivals, SETTINGS)
     assert boxes.tolist() == [[0, 0, 10, 10], [0, 0, 10, 9], [50, 50, 60, 61]]
-    assert boxes_to_prompt(objects.take([]), others.take([]), SETTINGS).shape == (0, 4)
+    assert boxes_to_prompt(objects.take([]), rivals.take([]), SETTINGS).shape == (0, 4)
 
 
 def test_of_two_answers_the_one_to_a_box_stays() -> None:
@@ -87,10 +87,10 @@ def test_distinct_proposals_are_no_doubles_and_lose_nothing(squares: list[tuple[
 
     before, after = proposals.masks(32, 32), distinct.masks(32, 32)
     for i, mask in enumerate(after):
-        assert all(overlap(mask, other) <= 0.7 for other in after[:i])
+        assert all(overlap(mask, other_mask) <= 0.7 for other_mask in after[:i])
     for mask, quality in zip(before, proposals.quality, strict=True):
         better = after[distinct.quality >= quality]
-        assert any((mask == other).all() or overlap(mask, other) > 0.7 for other in better)
+        assert any((mask == other_mask).all() or overlap(mask, other_mask) > 0.7 for other_mask in better)
 
 
 def test_joined_proposals_are_those_of_all_rounds() -> None:
@@ -118,9 +118,9 @@ def test_a_real_segmenter_answers_points_and_boxes_alike(test_data: Path, models
     embedding, boxes = segmenter.embed(image), np.array([[100, 100, 260, 220]], np.float32)
     answer = segmenter.mask_logits(embedding, box_prompts(boxes))
     layers = answer.logits[0].astype(np.float16)
-    own = MaskProposals(layers, answer.quality[0], answer.scale, image.shape[:2]).masks(image.shape[1], image.shape[0])
+    ours = MaskProposals(layers, answer.quality[0], answer.scale, image.shape[:2]).masks(image.shape[1], image.shape[0])
     selected = segmenter.masks(embedding, boxes)[0]
-    assert max((selected & mask).sum() / (selected | mask).sum() for mask in own) > 0.98
+    assert max((selected & mask).sum() / (selected | mask).sum() for mask in ours) > 0.98
     points = segmenter.mask_logits(embedding, point_prompts(np.array([[180.0, 160.0], [20.0, 20.0]])))
     assert points.logits.shape[0] == 2 and points.quality.shape == points.logits.shape[:2]
 
@@ -137,11 +137,11 @@ def test_one_by_one_and_in_batches_are_the_same(
         (tmp_path / "alone" / path.name).symlink_to(path)
     image = read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     answers = []
-    for settings, own in (
+    for settings, model_folder in (
         (PerceptionSettings(threads=1), models),
         (PerceptionSettings(threads=1, segmenter="sam1:alone"), tmp_path),
     ):
-        segmenter = open_segmenter(settings, own)
+        segmenter = open_segmenter(settings, model_folder)
         points = np.stack(np.meshgrid([40.0, 160.0, 280.0], [30.0, 110.0, 200.0]), axis=-1).reshape(-1, 2)
         answers.append(segmenter.mask_logits(segmenter.embed(image), point_prompts(points)))
     assert np.abs(answers[0].quality - answers[1].quality).max() < 0.01

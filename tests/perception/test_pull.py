@@ -277,10 +277,10 @@ def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.
     registry, inner = tmp_path / "registry", b"entry one\n"
     archive = registry / "@words" / "nouns" / "-" / "nouns-1.2.3.tgz"
     archive.parent.mkdir(parents=True)
-    with tarfile.open(archive, "w:gz") as made:
+    with tarfile.open(archive, "w:gz") as writer:
         member = tarfile.TarInfo("package/dict/index")
         member.size = len(inner)
-        made.addfile(member, io.BytesIO(inner))
+        writer.addfile(member, io.BytesIO(inner))
     digest = _sha256(archive.read_bytes() if fault != "archive" else b"another")
     if fault == "absent":
         archive.unlink()

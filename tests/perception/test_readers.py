@@ -39,8 +39,8 @@ def _page(words: tuple[str, ...], height_px: int = 26) -> NDArray[np.uint8]:
 def _ean13(digits: str) -> NDArray[np.uint8]:
     """Draws a bar code of 13 digits (GS1 General Specifications, 5.2.1), two pixels a module, with a margin."""
     sides = _PARITY[int(digits[0])]
-    left = "".join((_LEFT if side == "L" else _ODD)[int(one)] for side, one in zip(sides, digits[1:7], strict=True))
-    bars = f"101{left}01010{''.join(_RIGHT[int(one)] for one in digits[7:])}101"
+    left = "".join((_LEFT if side == "L" else _ODD)[int(digit)] for side, digit in zip(sides, digits[1:7], strict=True))
+    bars = f"101{left}01010{''.join(_RIGHT[int(digit)] for digit in digits[7:])}101"
     row = np.array([0 if bar == "1" else 255 for bar in bars], np.uint8)
     return np.pad(np.repeat(np.tile(row, (80, 1)), 2, axis=1), 400, constant_values=255)
 
@@ -87,10 +87,10 @@ def test_a_reader_that_was_never_fetched_is_none_and_half_of_one_is_an_error(
     shutil.copyfile(reader_models_dir / settings.reader / detection, folder / detection)
     with pytest.raises(ModelUnavailableError, match="recognition"):
         find_reader(settings, tmp_path)
-    own = tmp_path / "own"
-    own.mkdir()
+    other_folder = tmp_path / "own"
+    other_folder.mkdir()
     for name in PpOcr.FILES:  # the detector says nothing of characters
-        shutil.copyfile(reader_models_dir / settings.reader / detection, own / name)
+        shutil.copyfile(reader_models_dir / settings.reader / detection, other_folder / name)
     with pytest.raises(ModelUnavailableError, match="which characters"):
         open_reader(PerceptionSettings(reader="ppocr:own"), tmp_path)
 

@@ -120,16 +120,16 @@ def test_pooled_tags_are_those_that_enough_views_show(
     assert [tag.share for tag in pooled] == sorted((tag.share for tag in pooled), reverse=True)
     for tag in pooled:
         column = probabilities[:, tags.index(tag.tag)]
-        shown = column[column >= thresholds[tags.index(tag.tag)]]
-        assert len(shown) == pytest.approx(tag.share * views) and len(shown) >= min(min_views, views)
-        assert tag.share >= min_share - 1e-6 and tag.probability == pytest.approx(shown.mean(), abs=1e-5)
+        matches = column[column >= thresholds[tags.index(tag.tag)]]
+        assert len(matches) == pytest.approx(tag.share * views) and len(matches) >= min(min_views, views)
+        assert tag.share >= min_share - 1e-6 and tag.probability == pytest.approx(matches.mean(), abs=1e-5)
     if limit == 5:
-        shown = {
+        matches = {
             label_key(tag)
             for tag, column, threshold in zip(tags, probabilities.T, thresholds, strict=True)
             if (column >= threshold).sum() >= max(min(min_views, views), min_share * views, 1)
         }
-        assert set(keys) == shown
+        assert set(keys) == matches
 
 
 def test_the_tags_of_all_views_become_the_texts(tagger_folder: Path, models_dir: Path) -> None:

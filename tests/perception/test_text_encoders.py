@@ -91,12 +91,12 @@ def test_a_model_with_a_flipped_bit_is_refused_by_name(file: str, models_dir: Pa
     assert open_text_encoder("minilm_l6_int8", tmp_path).encode(["mug"]).shape[0] == 1
     content = bytearray((folder / file).read_bytes())
     content[len(content) // 2] ^= 1
-    other = tmp_path / "flipped"
-    (other / "minilm_l6_int8").mkdir(parents=True)
+    models = tmp_path / "flipped"
+    (models / "minilm_l6_int8").mkdir(parents=True)
     for path in folder.iterdir():
-        (other / "minilm_l6_int8" / path.name).write_bytes(content if path.name == file else path.read_bytes())
+        (models / "minilm_l6_int8" / path.name).write_bytes(content if path.name == file else path.read_bytes())
     with pytest.raises(ModelUnavailableError, match=f"{file} is damaged"):
-        open_text_encoder("minilm_l6_int8", other)
+        open_text_encoder("minilm_l6_int8", models)
 
 
 def test_what_a_pull_converted_is_checked_against_its_receipt(tmp_path: Path) -> None:
@@ -104,11 +104,11 @@ def test_what_a_pull_converted_is_checked_against_its_receipt(tmp_path: Path) ->
     (tmp_path / "pulled.json").write_text(json.dumps({"sha256": digests}))
     (tmp_path / "a.onnx").write_bytes(b"network")
     assert only_network(tmp_path, name="sentence:mine") == tmp_path / "a.onnx"
-    other = tmp_path / "other"
-    shutil.copytree(tmp_path, other, ignore=shutil.ignore_patterns("other"))
-    (other / "a.onnx").write_bytes(b"netwosk")
+    folder = tmp_path / "other"
+    shutil.copytree(tmp_path, folder, ignore=shutil.ignore_patterns("other"))
+    (folder / "a.onnx").write_bytes(b"netwosk")
     with pytest.raises(ModelUnavailableError, match=r"a\.onnx is damaged"):
-        only_network(other, name="sentence:mine")
-    (other / "pulled.json").write_text('{"sha256": ')
+        only_network(folder, name="sentence:mine")
+    (folder / "pulled.json").write_text('{"sha256": ')
     with pytest.raises(ModelUnavailableError, match=r"pulled\.json is damaged"):
-        only_network(other, name="sentence:mine")
+        only_network(folder, name="sentence:mine")

@@ -45,5 +45,5 @@ def test_runs_have_the_priority_of_the_thread_that_asks() -> None:
         return priority(), set(rows[:, 0].tolist())
 
     with ThreadPoolExecutor(1) as pool:
-        own, of_runs = pool.submit(nicely).result()
-    assert own > priority() and of_runs == {own}
+        niceness, of_runs = pool.submit(nicely).result()
+    assert niceness > priority() and of_runs == {niceness}

@@ -70,8 +70,8 @@ def test_a_plan_never_asks_for_more_than_was_requested_and_names_every_loss(requ
     assert requested.time_budget_s is not None and chosen.time_budget_s is not None
     assert (chosen.time_budget_s < requested.time_budget_s) == ("optimization" in said)
     assert chosen.max_gaussians >= 1 and chosen.max_side >= 8 and 1 <= planned.steps <= requested.iterations
-    kept = {"max_side", "max_gaussians", "time_budget_s", "min_iterations"}
-    assert chosen.model_dump(exclude=kept) == requested.model_dump(exclude=kept)
+    fields = {"max_side", "max_gaussians", "time_budget_s", "min_iterations"}
+    assert chosen.model_dump(exclude=fields) == requested.model_dump(exclude=fields)
     TrainingSettings.model_validate(chosen.model_dump())
 
 
@@ -122,10 +122,10 @@ costs = st.builds(PerceptionCost, st.floats(0, 100), st.floats(0, 1), st.floats(
 @given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), costs)
 def test_perception_keeps_to_its_share_of_the_budget_or_to_three_views(requested, views, budget, spent, cost) -> None:
     chosen, tradeoffs = views_within_budget(requested, views, budget, overhead_s=spent, cost=cost)
-    asked = min(requested or views, views)
-    assert 1 <= chosen <= asked and (chosen < asked) == bool(tradeoffs)
+    limit = min(requested or views, views)
+    assert 1 <= chosen <= limit and (chosen < limit) == bool(tradeoffs)
     assert chosen <= 3 or spent + cost.seconds(chosen) <= 0.4 * budget * 1.0001 + 1e-6
-    assert chosen == asked or spent + cost.seconds(chosen + 1) > 0.4 * budget * 0.9999
+    assert chosen == limit or spent + cost.seconds(chosen + 1) > 0.4 * budget * 0.9999
 
 
 def test_views_beyond_those_that_are_segmented_cost_their_search_alone() -> None:

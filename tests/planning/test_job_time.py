@@ -75,18 +75,18 @@ def _event(fraction: float, **metrics: float) -> ProgressEvent:
 
 def _known(seconds: Mapping[str, float], **more: object) -> JobTime:
     def at(speed: Speed) -> dict[str, float]:
-        return {stage: each / speed.steps for stage, each in seconds.items()}
+        return {stage: duration / speed.steps for stage, duration in seconds.items()}
 
     return JobTime(at, Speed(), **more)
 
 
-def _told(stage: str, known: JobTime, *events: tuple[float, ProgressEvent]) -> list[float | None]:
+def _estimates(stage: str, known: JobTime, *events: tuple[float, ProgressEvent]) -> list[float | None]:
     """Seconds left as they are told with events at these seconds after the stage began; None: unknown."""
-    now, told = [0.0], []
-    tell = with_time_left(told.append, stage, known, lambda: now[0])
+    now, reports = [0.0], []
+    tell = with_time_left(reports.append, stage, known, lambda: now[0])
     for now[0], event in events:
         tell(event)
-    return [None if (left := event.metrics["job_seconds_left"]) == -1 else left for event in told]
+    return [None if (left := event.metrics["job_seconds_left"]) == -1 else left for event in reports]
 
 
 @settings(max_examples=40, deadline=None)
@@ -102,7 +102,7 @@ def test_after_one_stage_the_time_left_is_within_a_factor_of_two_of_the_truth(ph
         known = JobTime(expected, Speed(), tuple(begun))
         later = sum(truth[after] for after in STAGES[number + 1 :])
         events = [(share * truth[stage], _event(share)) for share in (0.25, 0.5, 0.75, 1.0)]
-        for (at, _), left in zip(events, _told(stage, known, *events), strict=True):
+        for (at, _), left in zip(events, _estimates(stage, known, *events), strict=True):
             true = truth[stage] - at + later
             assert left is not None and left >= 0
             assert (number == 0 and at < truth[stage]) or true / 2 - 0.1 <= left <= 2 * true + 0.1
@@ -111,28 +111,28 @@ def test_after_one_stage_the_time_left_is_within_a_factor_of_two_of_the_truth(ph
 
 
 @given(slownesses, slownesses)
-def test_more_stages_are_believed_more_than_one(k: float, other: float) -> None:
-    one, two = times_as_long([(10.0, 10.0 * k, 1.0)]), times_as_long([(10.0, 10.0 * k, 1.0), (7.0, 7.0 * k, 1.0)])
-    assert min(1.0, k) <= min(one, two) and max(one, two) <= max(1.0, k)
-    assert abs(two - k) <= abs(one - k) and times_as_long([]) == 1.0
-    assert times_as_long([(1.0, other, 0.0), (0.0, 5.0, 1.0)]) == 1.0  # nothing seen of it, or nothing expected
+def test_more_stages_are_believed_more_than_one(k: float, slowness: float) -> None:
+    single, two = times_as_long([(10.0, 10.0 * k, 1.0)]), times_as_long([(10.0, 10.0 * k, 1.0), (7.0, 7.0 * k, 1.0)])
+    assert min(1.0, k) <= min(single, two) and max(single, two) <= max(1.0, k)
+    assert abs(two - k) <= abs(single - k) and times_as_long([]) == 1.0
+    assert times_as_long([(1.0, slowness, 0.0), (0.0, 5.0, 1.0)]) == 1.0  # nothing seen of it, or nothing expected
 
 
 @settings(max_examples=40)
 @given(st.floats(20, 500), st.floats(0, 500))
-def test_it_goes_down_while_a_stage_comes_forward_as_expected(own: float, later: float) -> None:
-    known = _known({"perception": own, "training": later, "export": 1.0})
-    told = _told("perception", known, *((share / 20 * own, _event(share / 20)) for share in range(21)))
-    assert all(now < before for before, now in pairwise(told)) and told[-1] == pytest.approx(later + 1.0, abs=0.1)
+def test_it_goes_down_while_a_stage_comes_forward_as_expected(perception_s: float, later: float) -> None:
+    known = _known({"perception": perception_s, "training": later, "export": 1.0})
+    times = _estimates("perception", known, *((share / 20 * perception_s, _event(share / 20)) for share in range(21)))
+    assert all(now < before for before, now in pairwise(times)) and times[-1] == pytest.approx(later + 1.0, abs=0.1)
 
 
 @settings(max_examples=40)
 @given(st.floats(1, 100), st.floats(0, 0.99))
-def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(own: float, fraction: float) -> None:
+def test_while_a_stage_stands_still_it_is_never_negative_nor_withdrawn(perception_s: float, fraction: float) -> None:
     events = [(20.0 + 5 * tick, _event(fraction)) for tick in range(25)]
-    told = _told("perception", _known({"perception": own, "training": 5.0, "export": 5.0}), *events)
-    assert all(left is not None and left >= 0 for left in told)
-    assert told[-1] >= 0.5 * (1 - fraction) * events[-1][0] - 0.1  # as long as it has taken, so long it may still take
+    times = _estimates("perception", _known({"perception": perception_s, "training": 5.0, "export": 5.0}), *events)
+    assert all(left is not None and left >= 0 for left in times)
+    assert times[-1] >= 0.5 * (1 - fraction) * events[-1][0] - 0.1  # as long as it has taken, so long it may still take
 
 
 @pytest.mark.parametrize("requested", [TrainingSettings(), TrainingSettings(time_budget_s=None, iterations=2_000)])
@@ -153,21 +153,25 @@ def test_the_rest_of_a_run_is_known_by_its_steps_though_late_ones_take_longer(
     assert true_s / 2 <= said_s <= 2 * true_s
     known = replace(_known({"training": 60.0, "export": 20.0}), speed=measured, run=(run, scene))
     event = _event(share, iteration=float(iteration), elapsed_s=ran_s)
-    told = _told("training", known, (ran_s + 3.0, event), (ran_s + 4.0, _event(share)))  # as those of previews
-    assert told == pytest.approx([said_s + 100.0, said_s + 99.0], abs=0.2)
+    times = _estimates("training", known, (ran_s + 3.0, event), (ran_s + 4.0, _event(share)))  # as those of previews
+    assert times == pytest.approx([said_s + 100.0, said_s + 99.0], abs=0.2)
 
 
 def test_a_rate_alone_says_something_only_after_a_while_and_only_if_the_rest_is_known() -> None:
     known = _known({"training": 80.0, "export": 20.0})
-    assert _told("perception", known, (30.0, _event(0.25))) == [190.0]
-    assert _told("perception", known, (30.0, _event(0.01))) == _told("perception", known, (0.5, _event(0.25))) == [None]
-    assert _told("perception", _known({"training": 80.0}), (30.0, _event(0.25))) == [None]
-    assert _told("perception", known, (30.0, _event(1.0))) == [100.0]
+    assert _estimates("perception", known, (30.0, _event(0.25))) == [190.0]
+    assert (
+        _estimates("perception", known, (30.0, _event(0.01)))
+        == _estimates("perception", known, (0.5, _event(0.25)))
+        == [None]
+    )
+    assert _estimates("perception", _known({"training": 80.0}), (30.0, _event(0.25))) == [None]
+    assert _estimates("perception", known, (30.0, _event(1.0))) == [100.0]
 
 
 def test_a_time_budget_bounds_what_follows_the_capture_until_it_is_spent() -> None:
     ends = (20.0, _event(0.0)), (121.0, _event(0.0))
-    assert _told("perception", _known({}, budget_s=120.0), *ends) == [100.0, None]
+    assert _estimates("perception", _known({}, budget_s=120.0), *ends) == [100.0, None]
     whole = _known({"capture": 50.0, "perception": 80.0, "training": 200.0, "export": 9.0}, budget_s=120.0)
-    assert _told("capture", whole, (20.0, _event(0.0))) == [150.0]
-    assert _told("perception", whole, (20.0, _event(0.0))) == [100.0]
+    assert _estimates("capture", whole, (20.0, _event(0.0))) == [150.0]
+    assert _estimates("perception", whole, (20.0, _event(0.0))) == [100.0]

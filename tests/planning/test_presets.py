@@ -45,8 +45,8 @@ def test_a_draft_has_a_floor_of_its_own_and_says_that_it_is_one() -> None:
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_time_that_was_asked_for_rules_and_says_what_it_cost(name: PresetName) -> None:
     requested = apply_preset(Settings(), name).training
-    asked = requested.ending_after(20.0)
-    assert (asked.time_budget_s, asked.min_iterations) == (20.0, FEWEST_STEPS)
+    training = requested.ending_after(20.0)
+    assert (training.time_budget_s, training.min_iterations) == (20.0, FEWEST_STEPS)
     assert requested.model_copy(update={"min_iterations": 0}).ending_after(20.0).min_iterations == 0
     planned = fit_training(requested, SceneSize(40, 480, 360, 5_000, 20), 20.0)
     assert planned.settings.min_iterations == FEWEST_STEPS
@@ -74,12 +74,12 @@ def test_every_preset_is_valid_and_speaks_of_training_and_of_perception(name: Pr
 
 
 def test_a_preset_replaces_its_own_fields_and_no_others() -> None:
-    own = Settings(
+    settings = Settings(
         training=TrainingSettings(seed=7, max_gaussians=5, semantic_weight=0.5),
         perception=PerceptionSettings(threads=3, max_views=99),
         http_port=4321,
     )
-    changed = apply_preset(own, "draft")
+    changed = apply_preset(settings, "draft")
     assert (changed.training.seed, changed.training.semantic_weight) == (7, 0.5) and changed.training.max_gaussians > 5
     assert (changed.perception.threads, changed.perception.max_views) == (3, 12) and changed.http_port == 4321
 

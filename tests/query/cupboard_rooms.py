@@ -27,7 +27,7 @@ def with_something_shut(seed: int) -> Scene:
     volume = float(np.exp(rng.uniform(np.log(0.06), 0.0)))
     edges = rng.uniform(0.75, 1.35, 3)
     edges *= (volume / edges.prod()) ** (1 / 3)
-    return _shown(_room(rng, [_standing(rng, _SHUT[seed % len(_SHUT)], edges)]), _cameras(rng))
+    return _scene(_room(rng, [_standing(rng, _SHUT[seed % len(_SHUT)], edges)]), _cameras(rng))
 
 
 def without(seed: int) -> Scene:
@@ -36,16 +36,16 @@ def without(seed: int) -> Scene:
     large = _standing(rng, _SOLID[seed % len(_SOLID)], rng.uniform(0.4, 0.9, 3))
     small = BoxShell("box", (0.0, -0.1, 0.07), (0.16, 0.14, 0.14))
     shelf = _standing(rng, "cabinet", np.array([0.7, 0.3, 0.6]))
-    others = [[large], [large, small], _open(shelf)][seed % 3]
-    return _shown(_room(rng, others), _cameras(rng))
+    boxes = [[large], [large, small], _open(shelf)][seed % 3]
+    return _scene(_room(rng, boxes), _cameras(rng))
 
 
-def _room(rng: Random, others: Sequence[BoxShell]) -> list[BoxShell]:
+def _room(rng: Random, boxes: Sequence[BoxShell]) -> list[BoxShell]:
     shift = rng.uniform(-0.15, 0.15, 2)
     objects = [
-        replace(each, centre=(each.centre[0] + shift[0], each.centre[1] + shift[1], each.centre[2])) for each in OBJECTS
+        replace(box, centre=(box.centre[0] + shift[0], box.centre[1] + shift[1], box.centre[2])) for box in OBJECTS
     ]
-    return [*WALLS, *objects, *others]
+    return [*WALLS, *objects, *boxes]
 
 
 def _standing(rng: Random, label: str, edges: NDArray[np.float64]) -> BoxShell:
@@ -77,13 +77,13 @@ def _cameras(rng: Random) -> list[PosedCamera]:
     return [look(eye, middle, f"{number}.jpg") for number, eye in enumerate(eyes)]
 
 
-def _shown(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> Scene:
+def _scene(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> Scene:
     """What photos show of them: a trained scene has no other surfaces."""
     scene = scene_of(boxes, cameras)
     means = scene.gaussians.means.astype(np.float64)
-    shown = np.zeros(len(means), np.bool_)
+    mask = np.zeros(len(means), np.bool_)
     for posed in cameras:
         sight = SightLines(posed, means)
         cell, depth, ahead = sight.cells(means)
-        shown[ahead[depth <= sight.nearest[cell] + _THICK]] = True
-    return replace(scene, gaussians=Gaussians(**{name: rows[shown] for name, rows in vars(scene.gaussians).items()}))
+        mask[ahead[depth <= sight.nearest[cell] + _THICK]] = True
+    return replace(scene, gaussians=Gaussians(**{name: rows[mask] for name, rows in vars(scene.gaussians).items()}))

@@ -25,8 +25,8 @@ WANTS = (
 def alike(ask: Callable[[Sequence[str]], Sequence[Answer]]) -> Iterator[tuple[Answer, Answer]]:
     """The answer to each phrasing of each want, and that to the bare noun with the same text."""
     for want in WANTS:
-        bare, *others = ask([want, *(template.format(want) for template in TEMPLATES)])
-        yield from ((other, replace(bare, text=other.text)) for other in others)
+        bare, *answers = ask([want, *(template.format(want) for template in TEMPLATES)])
+        yield from ((answer, replace(bare, text=answer.text)) for answer in answers)
 
 
 def decided(index: SceneIndex, *texts: str, **choices: Any) -> Sequence[Ranked]:

@@ -166,7 +166,7 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so() -> None:
 
 def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: SceneIndex) -> None:
     texts = ["tumbler", "cup", "cloud"]
-    assert [(each.verdict, each.named) for each in decided(index, *texts)] == [
+    assert [(decision.verdict, decision.named) for decision in decided(index, *texts)] == [
         ("exact", False),
         ("related", False),
         ("absent", False),
@@ -203,11 +203,11 @@ def test_labels_that_nearly_are_the_same_are_told_apart() -> None:
 
 
 def test_negatives_of_ones_own(index: SceneIndex) -> None:
-    (usual,), (own,) = index.ask(["cup"]), index.ask(["cup"], negatives=["mug", "bed"])
-    by_id = {match.label_id: match for match in own.matches}
+    (usual,), (answer,) = index.ask(["cup"]), index.ask(["cup"], negatives=["mug", "bed"])
+    by_id = {match.label_id: match for match in answer.matches}
     assert [by_id[i].nearest_negative for i in (1, 3)] == ["mug", "bed"]
     assert by_id[1].relevancy < 0.5  # "mug" is nearer to the negative "mug" than to "cup"
-    assert own.outcome == usual.outcome and own.relevant_ids == usual.relevant_ids
+    assert answer.outcome == usual.outcome and answer.relevant_ids == usual.relevant_ids
     assert index.ask(["cup"]) == (usual,)
 
 
@@ -255,11 +255,11 @@ def test_wrong_prompts_are_refused(index: SceneIndex, wrong: dict[str, Any], err
 
 def test_stored_label_embeddings_serve_their_own_encoder_and_templates() -> None:
     stored = np.eye(3, 16, dtype=np.float32)
-    own = replace(make_scene(), label_embeddings=stored, text_encoder=("drawn", "0" * 64))
+    stored_scene = replace(make_scene(), label_embeddings=stored, text_encoder=("drawn", "0" * 64))
     for scene, settings, embedded in (
-        (own, PLAIN, False),
-        (replace(own, text_encoder=("drawn", "2" * 64)), PLAIN, True),
-        (own, PLAIN.model_copy(update={"templates": ("a {}",)}), True),
+        (stored_scene, PLAIN, False),
+        (replace(stored_scene, text_encoder=("drawn", "2" * 64)), PLAIN, True),
+        (stored_scene, PLAIN.model_copy(update={"templates": ("a {}",)}), True),
     ):
         encoder = DrawnEncoder()
         SceneIndex(scene, encoder, settings)

@@ -19,9 +19,9 @@ _PAGE, _KERNELS = "fastsplat/api/web/dist/index.html", "fastsplat/service/splatt
 def wheels(folder: Path, product: str = _PRODUCT, holds: tuple[str, ...] = (_PAGE, _KERNELS), client: str = "") -> Path:
     """A folder of two wheels, the product's with these files, the client's with one module and `client`."""
     for name, files in ((product, holds), (_CLIENT, ("fastsplat_client/client.py", client))):
-        with zipfile.ZipFile(folder / name, "w") as made:
+        with zipfile.ZipFile(folder / name, "w") as wheel:
             for file in filter(None, files):
-                made.writestr(file, "")
+                wheel.writestr(file, "")
     return folder
 
 
@@ -33,7 +33,7 @@ def test_a_pair_that_is_whole_is_taken(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("made", "said"),
+    ("changes", "said"),
     [
         ({"product": _PRODUCT.replace("manylinux_2_34", "linux")}, "0 manylinux wheels"),
         ({"holds": (_KERNELS,)}, "index"),
@@ -41,9 +41,9 @@ def test_a_pair_that_is_whole_is_taken(tmp_path: Path) -> None:
         ({"client": "fastsplat_client/fast.so"}, "fast.so"),
     ],
 )
-def test_what_would_not_run_elsewhere_is_refused(tmp_path: Path, made: dict, said: str) -> None:
+def test_what_would_not_run_elsewhere_is_refused(tmp_path: Path, changes: dict, said: str) -> None:
     with pytest.raises(SystemExit, match=said):
-        wheels_of(wheels(tmp_path, **made))
+        wheels_of(wheels(tmp_path, **changes))
 
 
 def test_two_releases_in_one_folder_are_refused(tmp_path: Path) -> None:

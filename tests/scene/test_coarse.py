@@ -65,9 +65,9 @@ def test_what_covers_most_stays_as_it_is() -> None:
     log_scales[large] = np.log(0.5)
     coarse = coarse_scene(replace(scene, gaussians=replace(scene.gaussians, log_scales=log_scales)), _MOST)
     assert coarse is not None
-    kept = np.isclose(coarse.gaussians.log_scales, np.log(0.5)).all(axis=1)
-    assert np.array_equal(coarse.gaussians.means[kept], scene.gaussians.means[large])
-    assert np.array_equal(coarse.gaussians.logit_opacities[kept], scene.gaussians.logit_opacities[large])
+    large_mask = np.isclose(coarse.gaussians.log_scales, np.log(0.5)).all(axis=1)
+    assert np.array_equal(coarse.gaussians.means[large_mask], scene.gaussians.means[large])
+    assert np.array_equal(coarse.gaussians.logit_opacities[large_mask], scene.gaussians.logit_opacities[large])
 
 
 def test_objects_are_where_they_are_in_full() -> None:

@@ -55,8 +55,8 @@ def test_entries_are_no_more_than_allowed_and_the_rows_nearest(size: int) -> Non
     assert 1 <= len(entries) <= size and labels.min() >= 0 and labels.max() < len(entries)
     error = np.mean((entries[labels] - rows) ** 2)
     drawn = rows[rng.choice(len(rows), size, replace=False)]
-    others = np.mean(((rows[:, None] - drawn[None]) ** 2).sum(axis=2).min(axis=1)) / 9
-    assert error < others  # than rows that are only drawn
+    drawn_error = np.mean(((rows[:, None] - drawn[None]) ** 2).sum(axis=2).min(axis=1)) / 9
+    assert error < drawn_error  # than rows that are only drawn
     if size == 1:
         np.testing.assert_allclose(entries[0], rows.mean(axis=0), atol=1e-4)
 

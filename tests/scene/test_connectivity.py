@@ -38,10 +38,10 @@ def touching(gaussians: Gaussians) -> np.ndarray:
     spacing = np.median(distance[np.arange(count), order[:, 1]])
     edges = np.zeros((count, count), np.bool_)
     for row in range(count):
-        for other in order[row, 1:9]:
-            towards = (means[other] - means[row]) / distance[row, other]
-            reach = sum(np.linalg.norm((towards @ turns[end]) * scales[end]) for end in (row, other))
-            edges[row, other] = distance[row, other] <= max(reach, 2 * spacing)
+        for neighbor in order[row, 1:9]:
+            towards = (means[neighbor] - means[row]) / distance[row, neighbor]
+            reach = sum(np.linalg.norm((towards @ turns[end]) * scales[end]) for end in (row, neighbor))
+            edges[row, neighbor] = distance[row, neighbor] <= max(reach, 2 * spacing)
     return np.asarray(connected_components(edges, directed=False)[1])
 
 

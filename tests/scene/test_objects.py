@@ -44,11 +44,11 @@ def _objects(count: int) -> Objects:
     """Gaussian g belongs to the object g mod 4 of none and `IDS`, 60 % sure; every third says a little of another."""
     rows = np.arange(count)
     owner = np.array([0, *IDS])[rows % 4]
-    other = np.arange(0, count, 3)
+    every_third = np.arange(0, count, 3)
     membership = evidence_of(
-        np.concatenate([rows, other]),
-        np.concatenate([owner, np.full(len(other), IDS[1])]),
-        np.concatenate([np.full(count, 600), np.full(len(other), 90)]),
+        np.concatenate([rows, every_third]),
+        np.concatenate([owner, np.full(len(every_third), IDS[1])]),
+        np.concatenate([np.full(count, 600), np.full(len(every_third), 90)]),
         count,
     )
     table = (
@@ -119,16 +119,16 @@ def test_groups_follow_their_objects(scene: Scene) -> None:
 
 
 def test_a_folder_of_the_version_before_is_read_and_no_name_in_it_changes(scene: Scene, tmp_path: Path) -> None:
-    kept = replace(scene, observations=(OBSERVATION,), quality={"photometric": {"things": [1.0]}})
-    write_scene(kept, tmp_path / "v1")
+    original = replace(scene, observations=(OBSERVATION,), quality={"photometric": {"things": [1.0]}})
+    write_scene(original, tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text().replace('"object_id"', '"thing_id"'))
     body["things"] = body.pop("objects")
     path.write_text(sealed(body))
     (tmp_path / "v1" / "objects.safetensors").rename(tmp_path / "v1" / "things.safetensors")
     read = read_scene(tmp_path / "v1")
-    assert read.objects is not None and kept.objects is not None and read.objects.table == kept.objects.table
-    assert (read.observations, read.quality) == (kept.observations, kept.quality)
+    assert read.objects is not None and original.objects is not None and read.objects.table == original.objects.table
+    assert (read.observations, read.quality) == (original.observations, original.quality)
 
 
 def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:
@@ -150,13 +150,13 @@ def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_
     ("rows", "change"),
     [
         *(
-            ("groups", one)
-            for one in ({"id": 9}, {"id": 12}, {"members": [2]}, {"members": [9, 2]}, {"members": [2, 4]})
+            ("groups", change)
+            for change in ({"id": 9}, {"id": 12}, {"members": [2]}, {"members": [9, 2]}, {"members": [2, 4]})
         ),
         ("groups", {"consensus": 2.0}),
         *(
-            ("table", one)
-            for one in ({"id": 0}, {"id": 5}, {"probability": 2.0}, {"source": None}, {"surface": "roof"})
+            ("table", change)
+            for change in ({"id": 0}, {"id": 5}, {"probability": 2.0}, {"source": None}, {"surface": "roof"})
         ),
         ("table", {"name": 7}),
     ],
@@ -224,11 +224,11 @@ def test_merged_objects_have_all_gaussians_of_both_and_the_first_one_name(scene:
 
 @given(st.lists(st.tuples(st.text(max_size=240), st.floats(0, 1)), max_size=40))
 def test_reads_are_bounded_lines_each_once_and_the_likeliest_first(said: list[tuple[str, float]]) -> None:
-    kept = bounded_reads(ObjectRead("text", text, probability, 1) for text, probability in said)
-    likely = [read.probability for read in kept]
-    assert likely == sorted(likely, reverse=True) and len(kept) == len({read.text for read in kept}) <= MOST_READS
-    assert all(read.text == one_line(read.text) != "" and len(read.text) <= MAX_READ_CHARS for read in kept)
-    assert bounded_reads(kept) == kept
+    reads = bounded_reads(ObjectRead("text", text, probability, 1) for text, probability in said)
+    likely = [read.probability for read in reads]
+    assert likely == sorted(likely, reverse=True) and len(reads) == len({read.text for read in reads}) <= MOST_READS
+    assert all(read.text == one_line(read.text) != "" and len(read.text) <= MAX_READ_CHARS for read in reads)
+    assert bounded_reads(reads) == reads
 
 
 def test_a_line_has_no_character_that_is_not_seen() -> None:

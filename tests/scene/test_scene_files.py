@@ -196,11 +196,11 @@ def test_files_of_two_scenes_do_not_mix(tmp_path: Path) -> None:
     write_scene(make_scene(6, evidence=True), tmp_path / "a")
     write_scene(make_scene(7, evidence=True), tmp_path / "b")
     write_scene(make_scene(6, code=4), tmp_path / "c")
-    for other in "bc":
-        shutil.copytree(tmp_path / "a", tmp_path / f"mixed-{other}")
-        shutil.copy(tmp_path / other / "gaussians.safetensors", tmp_path / f"mixed-{other}")
+    for name in "bc":
+        shutil.copytree(tmp_path / "a", tmp_path / f"mixed-{name}")
+        shutil.copy(tmp_path / name / "gaussians.safetensors", tmp_path / f"mixed-{name}")
         with pytest.raises(SceneFileError, match="gaussians"):
-            read_scene(tmp_path / f"mixed-{other}")
+            read_scene(tmp_path / f"mixed-{name}")
     shutil.copytree(tmp_path / "a", tmp_path / "mixed-evidence")
     shutil.copy(tmp_path / "b" / "evidence.safetensors", tmp_path / "mixed-evidence")
     with pytest.raises(SceneFileError, match="evidence"):

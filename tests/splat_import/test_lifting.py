@@ -66,8 +66,8 @@ def test_only_labels_are_added_and_they_are_the_true_ones(room: Room, tmp_path: 
     assert (trained.evidence is None) == (mode == "auto") and trained.held_out == ()
     classes = classes_of(trained)
     for obj in range(1, len(NAMES)):
-        own = room.owner == obj
-        assert (classes[own] == obj + 1).sum() > 0.9 * (classes[own] > 0).sum() > 0
+        mask = room.owner == obj
+        assert (classes[mask] == obj + 1).sum() > 0.9 * (classes[mask] > 0).sum() > 0
         assert (room.owner[classes == obj + 1] == obj).mean() > 0.95
     assert trained.quality["psnr"] > 25 and trained.quality["gaussians"] == len(room.gaussians)
     fractions = [event.fraction for event in heard]
@@ -102,7 +102,7 @@ def test_a_splat_without_labels_is_a_scene_without_labels(room: Room, tmp_path: 
 
 
 def test_label_maps_that_name_nothing_leave_every_gaussian_undetected(room: Room, tmp_path: Path) -> None:
-    blank = Labelling(dictionary_of(NAMES), tuple(np.zeros_like(own) for own in room.maps))
+    blank = Labelling(dictionary_of(NAMES), tuple(np.zeros_like(label_map) for label_map in room.maps))
     trained = lift_labels(with_splat(room, tmp_path), blank, _TRAINING, _SETTINGS, silent)
     assert (classes_of(trained) == 0).all()
 

@@ -43,7 +43,7 @@ def corner(seed: int = 0) -> Gaussians:
             ((x + size, y, 0), (x + size, y + size, size)),
         ):
             parts.append(_panel(rng, 400, low, high))
-    means, log_scales = (np.concatenate(own).astype(np.float32) for own in zip(*parts, strict=True))
+    means, log_scales = (np.concatenate(pieces).astype(np.float32) for pieces in zip(*parts, strict=True))
     count = len(means)
     quats = np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
     sh = rng.normal(0, 0.5, (count, 1, 3)).astype(np.float32)
@@ -74,8 +74,8 @@ def test_weighted_quantiles_are_those_of_repeated_values() -> None:
     rng = np.random.default_rng(0)
     values, weights = rng.normal(size=50), rng.integers(1, 5, 50)
     repeated = np.sort(np.repeat(values, weights))
-    own = quantiles(values, weights.astype(float), [0.1, 0.5, 0.9])
-    for share, value in zip((0.1, 0.5, 0.9), own, strict=True):
+    results = quantiles(values, weights.astype(float), [0.1, 0.5, 0.9])
+    for share, value in zip((0.1, 0.5, 0.9), results, strict=True):
         assert value == repeated[int(np.ceil(share * len(repeated))) - 1]
 
 
@@ -83,9 +83,9 @@ def test_the_bulk_moves_with_the_world_and_ignores_far_and_faint_gaussians() -> 
     gaussians = corner()
     bulk = find_bulk(gaussians)
     shift = np.array([5.0, -3.0, 1.0])
-    other = find_bulk(moved(gaussians, Rotation.identity(), shift, 2.0))
-    np.testing.assert_allclose(other.center, 2 * bulk.center + shift, atol=1e-4)
-    assert other.radius == pytest.approx(2 * bulk.radius, rel=1e-4)
+    moved_bulk = find_bulk(moved(gaussians, Rotation.identity(), shift, 2.0))
+    np.testing.assert_allclose(moved_bulk.center, 2 * bulk.center + shift, atol=1e-4)
+    assert moved_bulk.radius == pytest.approx(2 * bulk.radius, rel=1e-4)
     means, logits = gaussians.means.copy(), gaussians.logit_opacities.copy()
     means[::10] *= 1e4
     logits[::10] = -6.0
@@ -140,13 +140,13 @@ def test_views_show_everything_that_matters_and_none_from_behind_a_wall() -> Non
     poses = choose_viewpoints(gaussians, bulk, up, 20, 60.0)
     assert 10 <= len(poses) <= 20
     splats = splats_of(gaussians)
-    ones = torch.ones(_CAMERA.height, _CAMERA.width, 1)
+    unit_image = torch.ones(_CAMERA.height, _CAMERA.width, 1)
     seen = np.zeros(len(gaussians), int)
     for pose in poses:
         position = pose[:3, 3]
         assert position[0] > -2 and position[1] < 2 and position[2] > 0  # before both walls, above the floor
         viewmat = torch.from_numpy(np.linalg.inv(pose).astype(np.float32))
-        seen += accumulate_weights(splats, viewmat, _CAMERA, ones)[:, 0].numpy() > 0.05
+        seen += accumulate_weights(splats, viewmat, _CAMERA, unit_image)[:, 0].numpy() > 0.05
     tops = gaussians.means[:, 2] > 0.01
     inner = tops & (np.abs(gaussians.means[:, 0]) < 1.5) & (np.abs(gaussians.means[:, 1]) < 1.5)
     assert (seen[inner] > 0).mean() > 0.9

@@ -51,9 +51,9 @@ def _project(
     from gsplat.cuda._torch_impl import _fully_fused_projection, _quat_scale_to_covar_preci
 
     assert covars is None and not packed and not sparse_grad and radius_clip == 0.0 and not calc_compensations
-    own, _ = _quat_scale_to_covar_preci(quats, scales, True, False)
+    covariances, _ = _quat_scale_to_covar_preci(quats, scales, True, False)
     return _fully_fused_projection(
-        means, own, viewmats, ks, width, height, eps2d, near_plane, far_plane, False, camera_model
+        means, covariances, viewmats, ks, width, height, eps2d, near_plane, far_plane, False, camera_model
     )
 
 

@@ -26,7 +26,7 @@ class OnDevice(Tensor):
     @staticmethod
     def __new__(cls, inner: Tensor) -> OnDevice:
         """Around `inner`."""
-        made: OnDevice = torch.Tensor._make_wrapper_subclass(  # type: ignore[attr-defined]
+        tensor: OnDevice = torch.Tensor._make_wrapper_subclass(  # type: ignore[attr-defined]
             cls,
             inner.shape,
             strides=inner.stride(),
@@ -35,8 +35,8 @@ class OnDevice(Tensor):
             device=DEVICE,
             requires_grad=False,
         )
-        made.inner = inner
-        return made
+        tensor.inner = inner
+        return tensor
 
     __torch_function__ = torch._C._disabled_torch_function_impl  # type: ignore[assignment]
 

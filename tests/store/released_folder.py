@@ -22,7 +22,7 @@ from tests.scenes import finish_job, queued_job
 
 RELEASED = Path(__file__).with_name("released")
 MOST_BYTES = 200_000
-_OTHER = "kitchen"
+_PROJECT = "kitchen"
 
 
 def minor_release() -> str:
@@ -37,26 +37,26 @@ def opened(folder: Path, models: Path) -> SceneService:
 
 def make(archive: Path) -> None:
     """Writes the folder of the release that runs; `FileExistsError` if it is there, `SystemExit` if too large."""
-    with tempfile.TemporaryDirectory() as made:
-        folder, models = Path(made) / "data", Path(made) / "models"
+    with tempfile.TemporaryDirectory() as work_dir:
+        folder, models = Path(work_dir) / "data", Path(work_dir) / "models"
         write_words(models)
         with opened(folder, models) as service:
             service.admin.keys.ensure_first(folder / "key")
-            service.admin.projects.create(_OTHER)
-            service.admin.keys.create("robot", "reader", project=_OTHER)
+            service.admin.projects.create(_PROJECT)
+            service.admin.keys.create("robot", "reader", project=_PROJECT)
             scene = add_scene(service, service._context.settings, "edited")
             for edits in ([Edit("name", object_ids=(2,), name="beaker")], [Edit("remove", object_ids=(3,))]):
                 service.versions.edit(scene, edits)
             service.versions.undo(scene)
             add_known_name(service, scene)
-            job = replace(queued_job("as trained"), project=_OTHER)
-            store = service.in_project(_OTHER)._store
+            job = replace(queued_job("as trained"), project=_PROJECT)
+            store = service.in_project(_PROJECT)._store
             store.scenes.create(job)
             finish_job(store, job.operation_id, made_scene(open_text_encoder(ENCODER, models)))
             add_cancelled_job(service, "a.jpg")
-            told = told_by(service)
+            record = told_by(service)
         with zipfile.ZipFile(archive, "x", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
-            file.writestr("told.json", json.dumps(told, indent=1))
+            file.writestr("told.json", json.dumps(record, indent=1))
             for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".reserve"):
                 file.write(path, Path("data") / path.relative_to(folder))
     if archive.stat().st_size > MOST_BYTES:
@@ -68,9 +68,9 @@ def told_by(service: SceneService) -> dict[str, Any]:
     """What a service tells of its scenes, their objects and versions, jobs and keys: what no later release may lose."""
     return {
         "scenes": {
-            scene.name: _scene(each, scene.id)
-            for each in (service, service.in_project(_OTHER))
-            for scene in each.list_scenes().scenes
+            scene.name: _scene(project_service, scene.id)
+            for project_service in (service, service.in_project(_PROJECT))
+            for scene in project_service.list_scenes().scenes
             if scene.name
         },
         "jobs": sorted(operation.state for operation in service.list_operations().operations),

@@ -34,14 +34,14 @@ def artefacts(request: pytest.FixtureRequest, tmp_path: Path) -> ArtefactSetting
 @pytest.fixture(scope="module")
 def seeds(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Path]:
     """A folder in which `data` has five scenes and their database; and one with the scenes in an object store."""
-    made = {}
+    folders = {}
     for inside in (True, False):
-        made[inside] = tmp_path_factory.mktemp("seed")
-        artefacts = ArtefactSettings(url="" if inside else f"file://{made[inside]}/bucket")
-        with closing(open_store(made[inside] / "data", "", artefacts)) as store:
+        folders[inside] = tmp_path_factory.mktemp("seed")
+        artefacts = ArtefactSettings(url="" if inside else f"file://{folders[inside]}/bucket")
+        with closing(open_store(folders[inside] / "data", "", artefacts)) as store:
             for number in range(5):
                 _make(store, f"scene{number}")
-    return made
+    return folders
 
 
 @pytest.fixture
@@ -108,14 +108,14 @@ def test_started_without_its_database_all_is_there_a_month_later(place: Path, ar
     open_store(place / "data", "", artefacts).close()
 
 
-@pytest.mark.parametrize("other", ["new", "empty", "full"])
+@pytest.mark.parametrize("database", ["new", "empty", "full"])
 def test_with_another_database_all_is_there_a_month_later(
-    other: str, place: Path, artefacts: ArtefactSettings, tmp_path: Path
+    database: str, place: Path, artefacts: ArtefactSettings, tmp_path: Path
 ) -> None:
     before, url = _scenes(place), f"sqlite:///{tmp_path}/other.sqlite"
-    if other != "new":
+    if database != "new":
         with closing(open_store(tmp_path / "second", url)) as store:
-            if other == "full":
+            if database == "full":
                 _make(store, "another")
     with pytest.raises(ConflictError):
         open_store(place / "data", url, artefacts)
@@ -209,8 +209,8 @@ def test_scenes_that_lost_their_rows_lie_in_the_trash_for_seven_days(
         store.blobs.remove_partial(-1.0)
         trash_lost_scenes(store, now + 7 * _DAY - 1)
         assert len(store.blobs.trashed_scenes()) == 2
-        kept = next(path for path in place.rglob("scene.ply") if "trash" in str(path))
-        assert kept.read_text() in ("scene0", "scene1")
+        ply_path = next(path for path in place.rglob("scene.ply") if "trash" in str(path))
+        assert ply_path.read_text() in ("scene0", "scene1")
         trash_lost_scenes(store, now + 7 * _DAY + 2)
         assert store.blobs.trashed_scenes() == () and not [p for p in place.rglob("scene.ply") if "trash" in str(p)]
 

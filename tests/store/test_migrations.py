@@ -151,8 +151,8 @@ def test_a_database_that_this_release_does_not_read_is_refused_unchanged(
     changes: list[str], words: tuple[str, str], stored: Engine, tmp_path: Path, database_url: str
 ) -> None:
     with stored.begin() as connection:
-        for each in changes:
-            connection.execute(text(each))
+        for statement in changes:
+            connection.execute(text(statement))
     before = _shape(stored), _rows(stored)
     with pytest.raises(ConflictError, match=words[0]) as caught:
         open_store(tmp_path, database_url)
@@ -189,7 +189,7 @@ def _revisions() -> list[Any]:
 def test_file_names_bear_the_revisions_in_one_line() -> None:
     revisions = _revisions()
     assert [revision.revision for revision in revisions] == [f"{n:04}" for n in range(1, len(revisions) + 1)]
-    assert [Path(revision.path).name[1:5] for revision in revisions] == [each.revision for each in revisions]
+    assert [Path(revision.path).name[1:5] for revision in revisions] == [revision.revision for revision in revisions]
 
 
 def test_a_migration_that_fails_leaves_the_database_as_it_was(stored: Engine, later: Callable[..., Path]) -> None:
@@ -235,9 +235,9 @@ def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored
             assert [scene.name for scene in store.scenes.list_scenes(10)] == ["desk"]
             assert len(store.jobs.waiting()) == 1
 
-    made = (saved / "backup.json").stat().st_mtime_ns
+    mtime = (saved / "backup.json").stat().st_mtime_ns
     migrate(stored, scripts, save)
-    assert (saved / "backup.json").stat().st_mtime_ns == made, "what needs no upgrade is not saved again"
+    assert (saved / "backup.json").stat().st_mtime_ns == mtime, "what needs no upgrade is not saved again"
 
 
 def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_path: Path, database_url: str) -> None:
@@ -245,12 +245,12 @@ def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_
     shutil.copytree(_SCRIPTS, scripts, ignore=shutil.ignore_patterns("v0002*", "v0003*"))
     migrate(engine, scripts)
     result = {"texts": ["cup"], "regions": 1}
-    again, made = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
+    again, creation = {"retries": 2, "exclude": ["a.jpg"], "again_after": "failed"}, ("create_scene", {}, None)
     jobs: dict[str, tuple[str, int, Any, tuple[Any, ...]]] = {
-        "new": ("QUEUED", 0, {}, (*made, "new", [], None)),
-        "retried": ("QUEUED", 3, again, (*made, "retried.2", ["a.jpg"], "failed")),
-        "runs": ("RUNNING", 2, again, (*made, "runs.2", ["a.jpg"], "failed")),
-        "given back": ("RUNNING", 1, {"released": True}, (*made, "given back", [], None)),
+        "new": ("QUEUED", 0, {}, (*creation, "new", [], None)),
+        "retried": ("QUEUED", 3, again, (*creation, "retried.2", ["a.jpg"], "failed")),
+        "runs": ("RUNNING", 2, again, (*creation, "runs.2", ["a.jpg"], "failed")),
+        "given back": ("RUNNING", 1, {"released": True}, (*creation, "given back", [], None)),
         "done": ("SUCCEEDED", 2, {"look_again": {"things": [3]}, "result": result, "again_after": "worker_died"},
                  ("look_again", {"object_ids": [3]}, result, "done", [], "worker_died")),
         "captioner": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_captioner", {}, None, "captioner", [], None)),

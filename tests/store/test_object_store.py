@@ -41,7 +41,7 @@ def there(settings, tmp_path) -> ObjectStoreBlobs:
     return open_blobs(tmp_path / "there", settings)
 
 
-def _made(folder: Path, text: str = "{}") -> Path:
+def _version_folder(folder: Path, text: str = "{}") -> Path:
     (folder / "artefact").mkdir(parents=True)
     (folder / "artefact" / "scene.json").write_text(text)
     (folder / "artefact" / "empty").touch()
@@ -59,7 +59,7 @@ def _objects(blobs: ObjectStoreBlobs) -> list[str]:
 
 
 def test_what_one_machine_publishes_every_other_reads_byte_for_byte(here, there, tmp_path):
-    content = _content(_made(tmp_path / "work"))
+    content = _content(_version_folder(tmp_path / "work"))
     assert there.fetch_version("scene", "v1") is None
     assert _content(here.publish(tmp_path / "work", "scene", "v1")) == content
     assert not (tmp_path / "work").exists()
@@ -70,7 +70,7 @@ def test_what_one_machine_publishes_every_other_reads_byte_for_byte(here, there,
 
 
 def test_an_upload_reaches_workers_that_share_no_folder(here, there):
-    _made(here.upload("up"), "what the user sent")
+    _version_folder(here.upload("up"), "what the user sent")
     (here.upload("up") / ".validated").mkdir()
     (here.upload("up") / ".validated" / "manifest.json").write_text("[]")
     here.keep_upload("up")
@@ -106,11 +106,11 @@ def test_a_crash_between_two_parts_leaves_nothing_to_see_and_the_next_attempt_pu
         for name in ("put_file", "pipe_file"):
             patch.setattr(here.files, name, crash_at(name))
         with pytest.raises(Crash):
-            here.publish(_made(tmp_path / "first"), "scene", "v1")
+            here.publish(_version_folder(tmp_path / "first"), "scene", "v1")
 
     assert len(_objects(here)) == part
     assert here.fetch_version("scene", "v1") is None and there.fetch_version("scene", "v1") is None
-    here.publish(_made(tmp_path / "second", "second"), "scene", "v1")
+    here.publish(_version_folder(tmp_path / "second", "second"), "scene", "v1")
     folder = there.fetch_version("scene", "v1")
     assert folder is not None and (folder / "artefact" / "scene.json").read_text() == "second"
     here.remove_partial(expiry_s=3600)
@@ -121,14 +121,14 @@ def test_a_crash_between_two_parts_leaves_nothing_to_see_and_the_next_attempt_pu
 
 
 def test_of_two_attempts_at_one_version_the_first_stands_whole(here, there, tmp_path):
-    first = _content(_made(tmp_path / "first", "first"))
+    first = _content(_version_folder(tmp_path / "first", "first"))
     here.publish(tmp_path / "first", "scene", "v1")
-    assert _content(there.publish(_made(tmp_path / "second", "second"), "scene", "v1")) == first
+    assert _content(there.publish(_version_folder(tmp_path / "second", "second"), "scene", "v1")) == first
     assert len(_objects(here)) == 5
 
 
 def test_damage_in_the_store_is_noticed_and_nothing_of_it_is_used(here, there, tmp_path):
-    here.publish(_made(tmp_path / "work"), "scene", "v1")
+    here.publish(_version_folder(tmp_path / "work"), "scene", "v1")
     ply = next(name for name in _objects(here) if name.endswith("scene.ply"))
     here.files.pipe_file(ply, b"damaged")
     with pytest.raises(ArtefactError):
@@ -137,8 +137,8 @@ def test_damage_in_the_store_is_noticed_and_nothing_of_it_is_used(here, there, t
 
 
 def test_what_is_dropped_is_gone_everywhere_and_open_files_can_be_read_on(here, there, tmp_path):
-    here.publish(_made(tmp_path / "one"), "scene", "v1")
-    here.publish(_made(tmp_path / "two"), "scene", "v2")
+    here.publish(_version_folder(tmp_path / "one"), "scene", "v1")
+    here.publish(_version_folder(tmp_path / "two"), "scene", "v2")
     folder = there.fetch_version("scene", "v1")
     with (folder / "scene.ply").open("rb") as reader:
         there.drop_version("scene", "v1")
@@ -151,7 +151,7 @@ def test_what_is_dropped_is_gone_everywhere_and_open_files_can_be_read_on(here, 
 
 @pytest.mark.parametrize("settings", ["s3", "file"], indirect=True)  # memory's files are not for several threads
 def test_many_readers_at_once_share_one_copy(here, there, tmp_path):
-    here.publish(_made(tmp_path / "work"), "scene", "v1")
+    here.publish(_version_folder(tmp_path / "work"), "scene", "v1")
     with ThreadPoolExecutor(8) as pool:
         folders = set(pool.map(lambda _: there.fetch_version("scene", "v1"), range(16)))
     assert folders == {there.version("scene", "v1")}
@@ -162,7 +162,7 @@ def test_copies_stay_within_their_budget_the_least_recently_fetched_leave(here, 
     small = settings.model_copy(update={"cache_bytes": 250_000})
     there = open_blobs(tmp_path / "there", small)
     for number in range(4):
-        here.publish(_made(tmp_path / f"work{number}"), f"scene{number}", "v1")
+        here.publish(_version_folder(tmp_path / f"work{number}"), f"scene{number}", "v1")
     for number in (0, 1, 0, 2):
         folder = there.fetch_version(f"scene{number}", "v1")
         os.utime(folder / ".used", (len(list(there.root.rglob("*"))), 1000 + number + 10 * (number == 0)))
@@ -173,7 +173,7 @@ def test_copies_stay_within_their_budget_the_least_recently_fetched_leave(here, 
 def test_a_store_that_is_away_is_a_typed_error(tmp_path, s3):
     gone = ArtefactSettings(url="s3://no-such-bucket/x", endpoint_url=s3)
     with pytest.raises(ObjectStoreError) as caught:
-        open_blobs(tmp_path, gone).publish(_made(tmp_path / "work"), "scene", "v1")
+        open_blobs(tmp_path, gone).publish(_version_folder(tmp_path / "work"), "scene", "v1")
     assert caught.value.hint and (tmp_path / "work").is_dir()
 
 

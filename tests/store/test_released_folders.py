@@ -32,12 +32,12 @@ def unpacked(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, dict
 def test_everything_is_there_nothing_is_wrong_and_it_goes_on(
     unpacked: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    folder, told = unpacked
+    folder, record = unpacked
     with opened(folder, tmp_path / "models") as service:
-        assert json.loads(json.dumps(told_by(service))) == told
+        assert json.loads(json.dumps(told_by(service))) == record
         first = service.admin.keys.valid().find((folder / "key").read_text().strip())
         assert first is not None and first.role == "operator"
-        scene = told["scenes"]["edited"]
+        scene = record["scenes"]["edited"]
         redone = service.versions.redo(scene["id"])  # by what an earlier release recorded
         assert [version.version for version in service.versions.all(scene["id"])] == scene["versions"]
         assert redone.version == scene["versions"][-1]

@@ -34,10 +34,10 @@ def job(number: int, request_id: str = "", digest: str = "d") -> NewJob:
 
 def test_what_is_created_is_there_for_every_process_at_once(store, tmp_path):
     store.scenes.create(job(1))
-    other = open_store(tmp_path / "data")
-    assert other.scenes.operation("op1").state == "QUEUED"
-    assert other.scenes.scene("scene1").state == "TRAINING"
-    other.close()
+    second_store = open_store(tmp_path / "data")
+    assert second_store.scenes.operation("op1").state == "QUEUED"
+    assert second_store.scenes.scene("scene1").state == "TRAINING"
+    second_store.close()
 
 
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
@@ -212,8 +212,8 @@ def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end
     assert newest.operation.again_after == "worker_died"  # of a release no word is left
     store.jobs.succeed(newest, SUMMARY)
     attempts = store.scenes.operation("op1").attempts
-    told = [(attempt["number"], attempt["worker"], attempt["why"]) for attempt in attempts]
-    assert told == [(1, "", after), (2, "", "trainer_died"), (3, "", "worker_died"), (4, "worker", None)]
+    rows = [(attempt["number"], attempt["worker"], attempt["why"]) for attempt in attempts]
+    assert rows == [(1, "", after), (2, "", "trainer_died"), (3, "", "worker_died"), (4, "worker", None)]
     times = [moment for attempt in attempts for moment in (attempt["began_at"], attempt["ended_at"])]
     assert times == sorted(times)
 

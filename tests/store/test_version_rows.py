@@ -94,9 +94,11 @@ def _end_job(store: Store, scene_id: str, name: str) -> None:
     store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 
-@pytest.mark.parametrize(("one", "other"), [*(("publish", other) for other in _WRITES), ("end of a job", "step_back")])
+@pytest.mark.parametrize(
+    ("first", "second"), [*(("publish", write) for write in _WRITES), ("end of a job", "step_back")]
+)
 def test_of_two_writers_that_saw_the_same_version_one_is_refused(
-    stores: tuple[Store, Store], one: str, other: str
+    stores: tuple[Store, Store], first: str, second: str
 ) -> None:
     for number in range(_TRIALS):
         scene_id = _scene(stores[0], number)
@@ -105,12 +107,12 @@ def test_of_two_writers_that_saw_the_same_version_one_is_refused(
         stores[0].versions.publish(_new(scene_id, "undone", "first"))
         stores[0].versions.step_back(scene_id, "undone")
         done = _at_once(
-            partial(_WRITES[one], stores[0], scene_id, "by0"), partial(_WRITES[other], stores[1], scene_id, "by1")
+            partial(_WRITES[first], stores[0], scene_id, "by0"), partial(_WRITES[second], stores[1], scene_id, "by1")
         )
-        assert sorted(done) == [False, True], (one, other, number)
+        assert sorted(done) == [False, True], (first, second, number)
         current = _lineage(stores[0], scene_id)
-        made = [f"by{done.index(True)}", "first", "trained"]
-        assert current == (_LINEAGES.get(other, made) if done[1] else made)
+        lineage = [f"by{done.index(True)}", "first", "trained"]
+        assert current == (_LINEAGES.get(second, lineage) if done[1] else lineage)
 
 
 def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tuple[Store, Store]) -> None:

@@ -61,9 +61,9 @@ def chromium(*, webgl: bool = True) -> Iterator[Browser]:
 def with_webgl(browser: Browser) -> Iterator[Browser]:
     """A second browser like this one, with WebGL."""
     path = shutil.which("chromium")
-    other = browser.browser_type.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
-    yield other
-    other.close()
+    second_browser = browser.browser_type.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
+    yield second_browser
+    second_browser.close()
 
 
 @dataclass
@@ -141,12 +141,12 @@ class Visit:
         """axe-core finds nothing against WCAG 2.2 A and AA, nor against its own best practices."""
         self.page.evaluate((_ROOT / "api/web/node_modules/axe-core/axe.min.js").read_text())
         result: dict[str, Any] = self.page.evaluate("axe.run({ resultTypes: ['violations'] })")
-        told = [
+        problems = [
             f"{violation['id']}: {node['html']} {node['failureSummary']}"
             for violation in result["violations"]
             for node in violation["nodes"]
         ]
-        assert not told, "\n".join(told)
+        assert not problems, "\n".join(problems)
 
     def fits(self) -> bool:
         """Whether nothing is wider than the window."""

@@ -26,8 +26,8 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="package")
 def webgl_browser(browser: Browser) -> Iterator[Browser]:
     """A browser with WebGL, for what the page draws itself."""
-    with with_webgl(browser) as other:
-        yield other
+    with with_webgl(browser) as second_browser:
+        yield second_browser
 
 
 def _as_found(place: Place) -> Iterator[Place]:
@@ -75,6 +75,6 @@ def small(_small: Place) -> Iterator[Place]:
 
 
 @pytest.fixture
-def own(place: Place) -> str:
+def scene_id(place: Place) -> str:
     """A scene of one test."""
     return place.new_scene("own")

@@ -58,7 +58,7 @@ class Firefox:
     def go(self, url: str) -> None:
         self._call("browsingContext.navigate", context=self._tab, url=url, wait="complete")
 
-    def asked(self, expression: str) -> Any:
+    def evaluate(self, expression: str) -> Any:
         """What an expression gives in the page: a text, a number, true, false or null."""
         target = {"context": self._tab}
         answer = self._call("script.evaluate", expression=expression, target=target, awaitPromise=True)
@@ -67,8 +67,8 @@ class Firefox:
 
     def until(self, condition: str) -> None:
         """Return once an expression is true in the page."""
-        held = self.asked(_UNTIL % (1000 * _PATIENCE_S, condition))
-        assert held, (condition, self.asked("document.body.innerText"), self.troubles)
+        held = self.evaluate(_UNTIL % (1000 * _PATIENCE_S, condition))
+        assert held, (condition, self.evaluate("document.body.innerText"), self.troubles)
 
     def click(self, selector: str) -> None:
         """Click in the middle of the first element of a CSS selector."""
@@ -143,11 +143,11 @@ def _started(*command: str, environment: Mapping[str, str] | None = None) -> Ite
 
 def _said(process: subprocess.Popen[str], pattern: str) -> str:
     """What a program tells on its error output."""
-    told = []
+    lines = []
     assert process.stderr is not None
     for line in process.stderr:
-        told.append(line)
+        lines.append(line)
         if found := re.search(pattern, line):
             Thread(target=process.stderr.read, daemon=True).start()  # a full pipe would stop the program
             return found[1]
-    raise AssertionError("".join(told))
+    raise AssertionError("".join(lines))

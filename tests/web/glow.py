@@ -45,13 +45,13 @@ def pixels_of(content: bytes) -> NDArray[np.float64]:
 
 
 def glowing(
-    plain: NDArray[np.float64], shown: NDArray[np.float64], tint: tuple[tuple[float, ...], float] = FOUND
+    plain: NDArray[np.float64], picture: NDArray[np.float64], tint: tuple[tuple[float, ...], float] = FOUND
 ) -> NDArray[np.bool_]:
-    """bool [H, W]: of which pixels more than `GLOWS` glows, as best explains what is `shown` of what was `plain`."""
+    """bool [H, W]: of which pixels more than `GLOWS` glows, as best explains `picture` shows of what was `plain`."""
     color, strength = tint
     dimmed = _DIMMED * plain
     way = (1 - strength) * plain + strength * np.array(color) - dimmed
-    share = ((shown - dimmed) * way).sum(axis=2) / (way**2).sum(axis=2)
+    share = ((picture - dimmed) * way).sum(axis=2) / (way**2).sum(axis=2)
     return np.asarray(share > GLOWS)
 
 
@@ -74,9 +74,9 @@ def view_camera(
     return looking(view[:3], view[3:], Camera(width, height, focal, focal, width / 2, height / 2), up)
 
 
-def overlap(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> float:
+def overlap(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
     """Intersection over union."""
-    return float((one & other).sum() / (one | other).sum())
+    return float((first & second).sum() / (first | second).sum())
 
 
 def scene_up(cameras: Sequence[PosedCamera]) -> tuple[float, float, float]:

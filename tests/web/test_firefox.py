@@ -21,9 +21,9 @@ def test_a_first_visit_leads_to_a_scene_and_an_answer(place: Place, tmp_path: Pa
         visit.click("input[type=search]")
         visit.type("mug")
         visit.until("document.querySelector('.verdict.here')")
-        assert visit.asked("document.querySelector('.verdict').textContent") == answer.sentence
+        assert visit.evaluate("document.querySelector('.verdict').textContent") == answer.sentence
         visit.until(f"{_CANVAS}.dataset.drawn === 'webgl' && {_CANVAS}.dataset.shown.endsWith(' answer')")
         assert not visit.troubles
-        assert visit.asked("window.cspReports.length") == 0
+        assert visit.evaluate("window.cspReports.length") == 0
         assert len(visit.addresses) > 8
         assert all(address.startswith((f"{place.url}/", "blob:", "data:")) for address in visit.addresses)

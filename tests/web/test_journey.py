@@ -130,8 +130,8 @@ def _make_own(visit: Visit, client: Client, folder: Path) -> None:
     visit.check_accessible()
     # Here the scene is to be asked while it is built, once the page can do so.
     expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
-    (made,) = [scene for scene in client.scenes() if scene.name == "my table"]
-    assert client.wait(made.operation_id).state == "SUCCEEDED" and client.scene(made.id).state == "READY"
+    (new_scene,) = [scene for scene in client.scenes() if scene.name == "my table"]
+    assert client.wait(new_scene.operation_id).state == "SUCCEEDED" and client.scene(new_scene.id).state == "READY"
     _ask(page, "banana")
     expect(page.locator(".verdict.here")).to_be_visible()
     page.get_by_role("link", name="Scenes", exact=True).click()
@@ -151,16 +151,16 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     expect(page.locator(".verdict.here")).to_be_visible()
     _shows(page, "answer$")
     expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
-    shown = canvas_pixels(page)
+    picture = canvas_pixels(page)
     address = page.url
     _ask(page, "")
     _shows(page, "plain$")
     plain = canvas_pixels(page)
-    height, width, _ = shown.shape
+    height, width, _ = picture.shape
     posed = page_camera(page, width, height, scene_up(scene.cameras))
     request = QueryRequest(scene.id, ("banana",), cameras=(posed,), outputs=frozenset({"mask2d"}))
     mask = client.ask(request)[0].masks[0].array()
-    iou = overlap(mask, glowing(plain, shown))
+    iou = overlap(mask, glowing(plain, picture))
     assert mask.sum() > 2_000 and iou >= 0.9, (mask.sum(), iou)
 
     tab = Visit(page.context.new_page())

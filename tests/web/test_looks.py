@@ -47,7 +47,7 @@ def _listed(visit: Visit) -> None:
     expect(visit.page.get_by_role("link", name="a table").first).to_be_visible()
 
 
-def _shown(visit: Visit) -> None:
+def _scene_view(visit: Visit) -> None:
     visit.scene_shown()
 
 
@@ -81,7 +81,7 @@ _PAGES = {
     "new": _Look("place", "#/new", _heading("New scene")),
     "no-scene": _Look("place", "#/scenes/nothing", _refused),
     "sign-in": _Look("guarded", "", _text("This server needs an access key.")),
-    "scene": _Look("place", _SCENE, _shown),
+    "scene": _Look("place", _SCENE, _scene_view),
     "answer": _Look("place", f"{_SCENE}&q=mug", _answered),
     "object": _Look("place", _SCENE, _object),
     "photos": _Look("place", _SCENE, _tab("Photos")),
@@ -108,7 +108,7 @@ def _sheet(pictures: list[tuple[NDArray[np.uint8], NDArray[np.uint8]]]) -> NDArr
     """Light above dark, one width after the other."""
     height = max(light.shape[0] for light, _ in pictures)
     columns = [
-        np.concatenate([np.pad(one, ((0, height - len(one)), (0, 0), (0, 0))) for one in both]) for both in pictures
+        np.concatenate([np.pad(shot, ((0, height - len(shot)), (0, 0), (0, 0))) for shot in both]) for both in pictures
     ]
     return np.concatenate(columns, axis=1)
 
@@ -133,11 +133,11 @@ def test_a_page_looks_as_it_did(
             visit.page.emulate_media(color_scheme=scheme)
             visit.check_accessible()
         sheet = _sheet(list(_pictures(visit.page, visit)))
-    kept = _LOOKS / f"{name}.webp"
-    new = tmp_path / kept.name if kept.is_file() else kept
+    reference = _LOOKS / f"{name}.webp"
+    new = tmp_path / reference.name if reference.is_file() else reference
     Image.fromarray(sheet).save(new, "WEBP", quality=_QUALITY, method=6)
-    assert new != kept, f"{kept} was not there and has been written: look at it"
-    before = np.asarray(Image.open(kept).convert("RGB"))
+    assert new != reference, f"{reference} was not there and has been written: look at it"
+    before = np.asarray(Image.open(reference).convert("RGB"))
     assert before.shape == sheet.shape
     changed = (np.abs(_blocks(before) - _blocks(sheet)) > _ALIKE).any(axis=2)
     assert changed.mean() <= _CHANGED, f"{changed.mean():.1%} of the page has changed: {new}"

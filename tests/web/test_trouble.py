@@ -19,9 +19,9 @@ from tests.workers.standby import APIS, WORKERS
 @pytest.fixture
 def deployment(tmp_path: Path) -> Iterator[Deployment]:
     """A data folder with processes of its own; its stages take orders."""
-    made = Deployment(tmp_path, "")
-    yield made
-    made.close()
+    deployment = Deployment(tmp_path, "")
+    yield deployment
+    deployment.close()
     WORKERS.close()
     APIS.close()
 

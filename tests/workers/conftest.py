@@ -41,19 +41,19 @@ def _with_workers(
     request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[[str], Deployment]]:
     """The shared deployment of each database, made when a test asks for it first."""
-    made: dict[str, Deployment] = {}
+    deployments: dict[str, Deployment] = {}
     workers: list[subprocess.Popen[bytes]] = []
     with ExitStack() as opened:
 
         def with_worker(database: str) -> Deployment:
-            if database not in made:
+            if database not in deployments:
                 url = new_database(request, opened, database)
-                made[database] = Deployment(tmp_path_factory.mktemp("deployment"), url)
-                workers.append(made[database].start_worker())
-            return made[database]
+                deployments[database] = Deployment(tmp_path_factory.mktemp("deployment"), url)
+                workers.append(deployments[database].start_worker())
+            return deployments[database]
 
         yield with_worker
         running = [worker.poll() is None for worker in workers]
-        for deployment in made.values():
+        for deployment in deployments.values():
             deployment.close()
     assert all(running)  # no test may cost the worker its life

@@ -107,9 +107,9 @@ class Deployment:
     def start_worker(
         self, *, elsewhere: bool = False, max_file: int = 0, code: str = "", data_dir: Path | None = None, **more: str
     ) -> subprocess.Popen[bytes]:
-        own = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
+        variables = {**more, **({"FASTSPLAT_DATA_DIR": str(data_dir)} if data_dir else {})}
         code += self.worker_code(elsewhere=elsewhere)
-        worker = WORKERS.run(code, {**self.environment(), **own}, max_file)
+        worker = WORKERS.run(code, {**self.environment(), **variables}, max_file)
         self._processes.append(worker)
         return worker
 

@@ -21,11 +21,11 @@ ONLY_IN_DRAFT = 4
 
 def of_objects(models: Path, *, draft: bool) -> Scene:
     """Balls of Gaussians, 12 an object in a draft, 40 in the end; a draft also has an object far behind them."""
-    each, ids = (12, DRAFT_IDS) if draft else (40, FINAL_IDS)
+    per_object, ids = (12, DRAFT_IDS) if draft else (40, FINAL_IDS)
     random = np.random.default_rng(1 if draft else 2)
     centers = [(x, 0.0, 4.0) for x in PLACES] + ([(0.0, 0.0, 9.0)] if draft else [])
-    owner = np.repeat((*ids, ONLY_IN_DRAFT) if draft else ids, each)
-    means = np.repeat(centers, each, axis=0) + 0.1 * random.normal(size=(len(owner), 3))
+    owner = np.repeat((*ids, ONLY_IN_DRAFT) if draft else ids, per_object)
+    means = np.repeat(centers, per_object, axis=0) + 0.1 * random.normal(size=(len(owner), 3))
     looks = np.full(4, 0.5, np.float16).tobytes()
     table = tuple(Object(number, appearance=looks) for number in sorted(set(owner.tolist())))
     membership = evidence_of(np.arange(len(owner)), owner, np.full(len(owner), 4096), len(owner))

@@ -102,21 +102,21 @@ def prune_stalled_workers(
     busy = store.jobs.owners()
     owners.look(busy)
     host, stalled = machine_id(), heartbeats.stalled(timeout_s)
-    others = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
+    workers = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
     dead: set[str] = set()
-    for worker in others:
+    for worker in workers:
         ended = worker.host == host and not process_state(worker.pid, worker.started_at)
         if ended or not worker.heartbeat_at or (trust_timeout and worker.executor_id in stalled):
             dead.add(worker.executor_id)
     if trust_timeout:
         # A live worker that was unregistered registers again soon; owners that stay unknown are dead.
-        known = {worker.executor_id for worker in others} | {executor_id}
+        known = {worker.executor_id for worker in workers} | {executor_id}
         dead |= owners.stalled(timeout_s) - known
     for dead_id in sorted(dead & set(busy)):
         logger.warning("worker %s is dead; others go on with its jobs", dead_id)
         store.jobs.take_back(dead_id)
     # Workers that had jobs are unregistered by the next call, once none is left.
-    for worker in others:
+    for worker in workers:
         if worker.executor_id in dead and worker.executor_id not in busy:
             store.workers.unregister(worker.executor_id)
 

@@ -31,7 +31,7 @@ from fastsplat.workers.job.made_scenes import (
     read_made,
     write_edited,
 )
-from fastsplat.workers.job.results import KEPT, PHOTOS
+from fastsplat.workers.job.results import PHOTOS, SPARE_SUFFIX
 from fastsplat_contract.errors import ConflictError, DatabaseError, NotFoundError, ObjectStoreError
 from fastsplat_contract.jobs.operations import SceneOptions
 
@@ -148,8 +148,8 @@ class ClaimedJob:
         """Publishes a draft as the current version, or skips it, without retry."""
         name = str(entry["file"])
         try:
-            made = self._published(self.folder / DRAFTS / name, name)
-            self._jobs.publish_draft(self.claim, made.summary, made.carried, edited=made.edited)
+            scene = self._published(self.folder / DRAFTS / name, name)
+            self._jobs.publish_draft(self.claim, scene.summary, scene.carried, edited=scene.edited)
         except DatabaseError as error:  # the rows may be written, and then need the folders
             logger.warning("job %s: draft %s is not shown: %s", self.id, name, error.message)
             return
@@ -160,7 +160,7 @@ class ClaimedJob:
             return
         self._drafted = True
         before = self._progress_files.get("draft")
-        version = made.carried[-1].version if made.carried else name
+        version = scene.carried[-1].version if scene.carried else name
         info = {**entry["info"], "version": version, "number": 1 if before is None else before["info"]["number"] + 1}
         self._progress_files["draft"] = {"file": name, "info": info}
 
@@ -245,9 +245,9 @@ class ClaimedJob:
             ConflictError: a draft was edited meanwhile.
             OSError: the disk is full.
         """
-        made = self._made(stage)
-        more: Mapping[str, Any] = {"edited": made.edited, "result": made.result, "follow": follow}
-        self._drop_versions(self._jobs.succeed(self.claim, made.summary, made.carried, **more))
+        scene = self._stage_scene(stage)
+        more: Mapping[str, Any] = {"edited": scene.edited, "result": scene.result, "follow": follow}
+        self._drop_versions(self._jobs.succeed(self.claim, scene.summary, scene.carried, **more))
 
     @patient
     def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
@@ -257,10 +257,10 @@ class ClaimedJob:
     @patient
     def drop_result(self, stage: str) -> None:
         """Deletes the last stage's result to redo it; keeps an unpublished scene."""
-        result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
+        result, spare = self.folder / stage, self.folder / f"{stage}{SPARE_SUFFIX}"
         if self.claim.operation.makes_scene and result.is_dir():
-            remove(kept)
-            result.rename(kept)
+            remove(spare)
+            result.rename(spare)
         remove(result)
         self._drop_published(self.run_id)
 
@@ -293,31 +293,31 @@ class ClaimedJob:
             elif deleted or outcome.state != "done":  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
-    def _made(self, stage: str) -> MadeScene:
-        made = self._published(self.folder / stage, self.run_id, check=True)
+    def _stage_scene(self, stage: str) -> MadeScene:
+        scene = self._published(self.folder / stage, self.run_id, check=True)
         folder = self._version_or(self.run_id, self.folder / stage)
         self._blobs.check_version(folder, SUMMARY, "stage.json")
-        made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
-        return made
+        scene.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
+        return scene
 
     def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
         """Publishes a scene's folders and edits; with `check` raises `ConflictError` after edits."""
         self._carried = ()
         place = self._version_or(version, folder)
-        made = read_made(
+        scene = read_made(
             place, self.scene_id, version, self.calls, lambda name: self._version_or(name, place / CARRIED / name)
         )
         if check:
             edited = self._edited()
-            if made.edited != (edited.versions[-1].version if edited else ""):
+            if scene.edited != (edited.versions[-1].version if edited else ""):
                 raise ConflictError("a draft was edited meanwhile", field="version")
-        self._carried = tuple(new.version for new in made.carried)
+        self._carried = tuple(new.version for new in scene.carried)
         for name in self._carried:
             if (place / CARRIED / name).is_dir():
                 self._blobs.publish(place / CARRIED / name, self.scene_id, name)
         if place == folder:
             self._blobs.publish(folder, self.scene_id, version)
-        return made
+        return scene
 
     def _version_or(self, version: str, folder: Path) -> Path:
         return self._blobs.fetch_version(self.scene_id, version) or folder

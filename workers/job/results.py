@@ -22,7 +22,7 @@ from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, Resou
 
 PHOTOS = "photos.json"
 """File of the capture stage with each photo's result."""
-KEPT = ".made"
+SPARE_SUFFIX = ".made"
 """Suffix of a kept last-stage result whose draft edits must be repeated."""
 _TIMES = "stage.json"
 RESULT_FILES = (_TIMES, DIGESTS)  # beside a stage's own files in its result

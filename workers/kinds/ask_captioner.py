@@ -32,22 +32,22 @@ def _ask(job: Job, folder: Path, progress: Progress) -> None:
             progress(ProgressEvent("asking", 0.5, f"asked about {number} contact sheets of objects"))
 
     said = said_by(job.settings.captioner, sheets())
-    result = CaptionerResult(len(said.names), said.shown, said.refused, said.problem, "")
-    told = {"names": to_plain(SuggestIn(said.names)), "result": to_plain(result)}
-    (folder / _SAID).write_text(json.dumps(told))
+    result = CaptionerResult(len(said.names), said.objects, said.refused, said.problem, "")
+    answer = {"names": to_plain(SuggestIn(said.names)), "result": to_plain(result)}
+    (folder / _SAID).write_text(json.dumps(answer))
 
 
 def _suggest(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "suggesting": adds suggestions to existing objects; without any publishes nothing."""
     path = job.result("asking") / _SAID
     with intact(path):
-        told = json.loads(path.read_text())
-        names = from_plain(SuggestIn, told["names"]).suggestions[:MAX_SUGGESTED]
+        answer = json.loads(path.read_text())
+        names = from_plain(SuggestIn, answer["names"]).suggestions[:MAX_SUGGESTED]
     index = open_current(job)
     there = {obj.id for obj in index.objects.listed_with_parts}
-    names = tuple(each for each in names if each.object_id in there)
+    names = tuple(suggestion for suggestion in names if suggestion.object_id in there)
     progress(ProgressEvent("suggesting", 0.5, f"{len(names)} names suggested"))
-    result = {**told["result"], "suggested": len(names)}
+    result = {**answer["result"], "suggested": len(names)}
     if not names:
         summary = {"parent": job.version, "edits": [], "result": result}
         (folder / "summary.json").write_text(json.dumps(summary))

@@ -56,7 +56,7 @@ from fastsplat.service.store.blobs.blobs import remove
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.workers.job.made_scenes import CARRIED, DRAFTS, EDITS, SUMMARY, read_edited
 from fastsplat.workers.job.protocol import Job, Stage
-from fastsplat.workers.job.results import KEPT, PHOTOS, RESULT_FILES, checkpoint_folder, intact, stage_seconds
+from fastsplat.workers.job.results import PHOTOS, RESULT_FILES, SPARE_SUFFIX, checkpoint_folder, intact, stage_seconds
 from fastsplat.workers.kinds.progress_files import ProgressFiles, finish_requested
 from fastsplat_contract.codec.json_codec import from_plain, to_plain
 from fastsplat_contract.errors import CancelledError, ConflictError, FastSplatError, InvalidInputError, NotFoundError
@@ -290,17 +290,17 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
         versions.append(DraftVersion(edits, opened(read_scene(Path(version.folder) / "artefact"))))
     carried = carry_edits(opened(scene), draft, versions, max_gaussians=settings.store.max_gaussians)
     rows: list[dict[str, Any]] = []
-    for each in carried.versions:
-        before, name = edited.versions[each.number], f"e{secrets.token_hex(8)}"
+    for carried_version in carried.versions:
+        before, name = edited.versions[carried_version.number], f"e{secrets.token_hex(8)}"
         place = folder / CARRIED / name
         place.mkdir(parents=True)
-        write_made(each.index.scene, place)
+        write_made(carried_version.index.scene, place)
         share_photos(folder, place)
         summary = json.loads((place / SUMMARY).read_text())
         rows.append(
             {
                 "version": name,
-                "edits": [to_plain(edit) for edit in each.edits],
+                "edits": [to_plain(edit) for edit in carried_version.edits],
                 **{name: getattr(before, name) for name in ("author", "request_id", "request_digest")},
                 **{name: summary[name] for name in ("gaussians", "objects", "dictionary")},
             }
@@ -319,17 +319,17 @@ def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
 
     If only late edits are missing, the kept scene is used and `assemble`, which writes it, is skipped.
     """
-    kept = job.folder / f"{folder.name.partition('.')[0]}{KEPT}"
-    if kept.is_dir():
-        shutil.copytree(kept, folder, copy_function=link_or_copy, ignore=_own, dirs_exist_ok=True)
-        (folder / SUMMARY).write_bytes((kept / SUMMARY).read_bytes())  # a copy, because links must not be written to
+    spare = job.folder / f"{folder.name.partition('.')[0]}{SPARE_SUFFIX}"
+    if spare.is_dir():
+        shutil.copytree(spare, folder, copy_function=link_or_copy, ignore=_stage_files, dirs_exist_ok=True)
+        (folder / SUMMARY).write_bytes((spare / SUMMARY).read_bytes())  # a copy, because links must not be written to
     else:
         assemble()
     if (job.folder / EDITS).exists():
         carry_into(job, read_scene(folder / "artefact"), folder)
 
 
-def _own(folder: str, names: list[str]) -> list[str]:
+def _stage_files(folder: str, names: list[str]) -> list[str]:
     return [name for name in names if name in (CARRIED, SUMMARY, *RESULT_FILES)]
 
 

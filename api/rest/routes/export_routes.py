@@ -28,7 +28,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
     """Builds the routes of scene exports."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
-    async def made(request: Request, export: ExportRequest) -> Response:
+    async def export_file(request: Request, export: ExportRequest) -> Response:
         """Exports a file, or answers 304: a version's file never changes."""
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
@@ -54,7 +54,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def scene_ply(request: Request, scene_id: str, version: Version = "", object_ids: _Objects = []) -> Response:
         """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
         if object_ids:
-            return await made(request, ExportRequest(scene_id, "ply", version, tuple(object_ids)))
+            return await export_file(request, ExportRequest(scene_id, "ply", version, tuple(object_ids)))
         path, current = await while_connected(
             request, threads.answer(lambda: service.answers.scene_ply(scene_id, version))
         )
@@ -75,6 +75,6 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         coarse: _Coarse = False,
     ) -> Response:
         """The scene as a file for other programs."""
-        return await made(request, ExportRequest(scene_id, format, version, tuple(object_ids), cell, coarse))
+        return await export_file(request, ExportRequest(scene_id, format, version, tuple(object_ids), cell, coarse))
 
     return router

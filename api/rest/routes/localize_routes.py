@@ -73,17 +73,17 @@ def localize_routes(service: SceneService, settings: Settings, threads: Threads)
     )
     async def localize(request: Request, scene_id: str) -> Response:
         """Where photos were taken in a scene, what is seen from there, and what has changed."""
-        asked = await received(request, scene_id, LocalizeRequest)
-        return await json_of_call(request, threads.answer, lambda: service.localizing.localize(asked))
+        message = await received(request, scene_id, LocalizeRequest)
+        return await json_of_call(request, threads.answer, lambda: service.localizing.localize(message))
 
     @router.post(
         "/scenes/{scene_id}/observations", response_model=Observation, openapi_extra=_body_schema(ObserveRequest)
     )
     async def observe_scene(request: Request, scene_id: str) -> Response:
         """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene."""
-        asked = await received(request, scene_id, ObserveRequest)
+        message = await received(request, scene_id, ObserveRequest)
         author = caller_id()
-        return await json_of_call(request, threads.call, lambda: service.observations.observe(asked, author))
+        return await json_of_call(request, threads.call, lambda: service.observations.observe(message, author))
 
     return router
 

@@ -56,8 +56,8 @@ def _endpoint(
         named = {name: tuple(value) if name in lists else value for name, value in parameters.items()}
         if body is not None:
             named |= vars(sent if sent is not None else body())
-        asked = call.request(**named) if call.request is not NoneType else None
-        ask = partial(handler.ask, service, asked)
+        message = call.request(**named) if call.request is not NoneType else None
+        ask = partial(handler.ask, service, message)
         if call.status == 200:
             return await json_of_call(request, partial(handler.run, threads), ask)
         if call.status == 202:
@@ -111,13 +111,13 @@ def with_parameters(
 
 def query_parameters(kind: Any, names: Mapping[str, str], **defaults: Any) -> Iterator[Parameter]:
     """Generates query parameters, named by `names`, from members of a request type."""
-    own = {field.name: field.default for field in fields(kind)} if names else {}
+    field_defaults = {field.name: field.default for field in fields(kind)} if names else {}
     hints = get_type_hints(kind, include_extras=True) if names else {}
     for member in members(kind) if names else ():
         if (name := names.get(member.name)) is None:
             continue
         value: Any = member.kind | None if member.optional else member.kind
-        default: Any = own[member.name] if member.default else defaults.get(name, ...)
+        default: Any = field_defaults[member.name] if member.default else defaults.get(name, ...)
         if member.many:
             value, default = GenericAlias(list, member.kind), list(default) if member.default else ...
         marks = get_args(hints[member.name])  # additions to the JSON schema

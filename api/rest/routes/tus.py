@@ -57,11 +57,11 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         if with_bytes:
             _check_type(request)
         checksum = _checksum(request)
-        made = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
+        upload = await threads.call(lambda: uploads.create(project, _filename(metadata), length, metadata))
         if with_bytes:
-            sink = partial(_PieceSink, uploads, project, made.id, 0, checksum)
-            made = await threads.receive(aiter(request.stream()), sink, size=len)
-        return _told(201, made, Location=f"{root_path}/v1/uploads/{made.id}")
+            sink = partial(_PieceSink, uploads, project, upload.id, 0, checksum)
+            upload = await threads.receive(aiter(request.stream()), sink, size=len)
+        return _response(201, upload, Location=f"{root_path}/v1/uploads/{upload.id}")
 
     @router.head("/{upload_id}", status_code=200, response_class=Response)
     @_spoken
@@ -70,7 +70,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         project, uploads = caller_project(), _uploads(service)
         upload = await threads.call(lambda: uploads.get(project, upload_id))
         more = {"Upload-Metadata": upload.metadata} if upload.metadata else {}
-        return _told(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
+        return _response(200, upload, **{"Upload-Length": str(upload.length), "Cache-Control": "no-store"}, **more)
 
     @router.patch("/{upload_id}", status_code=204, response_class=Response, openapi_extra=_BODY)
     @_spoken
@@ -79,7 +79,7 @@ def tus_routes(service: SceneService, threads: Threads, max_bytes: int, root_pat
         _check_type(request)
         project, offset, checksum = caller_project(), _number(request, "Upload-Offset"), _checksum(request)
         sink = partial(_PieceSink, _uploads(service), project, upload_id, offset, checksum)
-        return _told(204, await threads.receive(aiter(request.stream()), sink, size=len))
+        return _response(204, await threads.receive(aiter(request.stream()), sink, size=len))
 
     @router.delete("/{upload_id}", status_code=204, response_class=Response)
     @_spoken
@@ -147,7 +147,7 @@ def _spoken(handler: _Handler) -> _Handler:
     return spoken
 
 
-def _told(status: int, upload: Resumable, **headers: str) -> Response:
+def _response(status: int, upload: Resumable, **headers: str) -> Response:
     common = {
         "Tus-Resumable": _VERSION,
         "Upload-Offset": str(upload.offset),

@@ -33,8 +33,8 @@ def _options() -> dict[str, Any]:
     """Builds the form schema of `SceneOptions`, without null as a choice."""
     fields = {}
     for name, said in json_schema_of(SceneOptions)["properties"].items():
-        (one,) = (choice for choice in said.get("anyOf", [said]) if choice.get("type") != "null")
-        fields[name] = {**one, "description": said["description"]}
+        (schema,) = (choice for choice in said.get("anyOf", [said]) if choice.get("type") != "null")
+        fields[name] = {**schema, "description": said["description"]}
     return fields
 
 

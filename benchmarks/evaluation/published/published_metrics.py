@@ -40,10 +40,10 @@ class PublishedScores:
 def published_scores(view: ViewPrediction) -> tuple[PublishedScores, ...] | Skipped:
     """The scores of all texts that the truth shows in the view's pixels that count."""
     valid = True if view.truth.valid is None else view.truth.valid
-    shown = [query for query in view.queries if (query.truth.mask & valid).any()]
-    if not shown:
+    queries = [query for query in view.queries if (query.truth.mask & valid).any()]
+    if not queries:
         return Skipped("the truth shows no label in the view")
-    return tuple(_scores(view, query, valid) for query in shown)
+    return tuple(_scores(view, query, valid) for query in queries)
 
 
 def _scores(view: ViewPrediction, query: QueryPrediction, valid: NDArray[np.bool_] | bool) -> PublishedScores:

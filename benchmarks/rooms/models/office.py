@@ -83,12 +83,12 @@ def monitor(rng: Random) -> Meshes:
     return [*part("stand", foot), *panel, *part("screen", screen)]
 
 
-def _screen(width: float, height: float, middle: float, y: float, rim: Material, shown: Material) -> Meshes:
+def _screen(width: float, height: float, middle: float, y: float, rim: Material, display: Material) -> Meshes:
     def flat(w: float, h: float, at: float, material: Material) -> Meshes:
         x, z = w / 2, h / 2
         return [sheet([(-x, at, middle - z), (x, at, middle - z), (x, at, middle + z), (-x, at, middle + z)], material)]
 
-    return [*flat(width, height, y, rim), *flat(0.95 * width, 0.93 * height, y - 0.0006, shown)]
+    return [*flat(width, height, y, rim), *flat(0.95 * width, 0.93 * height, y - 0.0006, display)]
 
 
 def _desktop(seed: int) -> F32:

@@ -23,7 +23,7 @@ def clean_up(
     scene: str,
 ) -> CleanedUp:
     """How many Gaussians fulfil all that is said; with `remove` a version without them."""
-    shown = resolve_scene(client, scene)
+    scene_info = resolve_scene(client, scene)
     box = None
     if corners is not None:
         low, high = corners
@@ -32,6 +32,6 @@ def clean_up(
         box = Box(Pose(middle, Quaternion(0.0, 0.0, 0.0, 1.0)), size)
     chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
     edits = [Edit("remove", object_ids=tuple(objects), filter=chosen)]
-    told = client.preview_edit(shown.id, edits, version=shown.version)
-    version = client.edit_scene(shown.id, edits, looked_at=told.version).version if remove else ""
-    return CleanedUp(shown.id, told.gaussians, told.count, version)
+    preview = client.preview_edit(scene_info.id, edits, version=scene_info.version)
+    version = client.edit_scene(scene_info.id, edits, looked_at=preview.version).version if remove else ""
+    return CleanedUp(scene_info.id, preview.gaussians, preview.count, version)

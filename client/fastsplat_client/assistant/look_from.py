@@ -38,7 +38,7 @@ def look_from(
     Raises:
         InvalidInputError: no viewpoint, two of them, or one that looks nowhere.
     """
-    shown = resolve_scene(client, scene)
+    scene_info = resolve_scene(client, scene)
     if (position is None) != (target is None) or (view and position is not None):
         raise InvalidInputError(
             "a viewpoint is a view's name, or a position with a target",
@@ -47,19 +47,21 @@ def look_from(
         )
     viewpoint: str | PosedCamera
     if position is not None and target is not None:
-        viewpoint = free_view(np.array(position), np.array(target), _up(shown))
+        viewpoint = free_view(np.array(position), np.array(target), _up(scene_info))
     elif view:
-        viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
+        viewpoint = _reduced(next((camera for camera in scene_info.cameras if camera.name == view), view))
     elif object_id:
-        best = client.best_views(shown.id, object_id, max_views=1)
+        best = client.best_views(scene_info.id, object_id, max_views=1)
         if not best:
             raise InvalidInputError(f"no camera of the scene sees object {object_id}", field="object_id")
-        viewpoint = _reduced(next((each for each in shown.cameras if each.name == best[0].view), best[0].view))
+        viewpoint = _reduced(
+            next((camera for camera in scene_info.cameras if camera.name == best[0].view), best[0].view)
+        )
     else:
-        viewpoint = _reduced(shown.cameras[0])
+        viewpoint = _reduced(scene_info.cameras[0])
     tints = [Tint((object_id,), _HIGHLIGHT, 0.55)] if object_id else []
     return client.picture(
-        shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if object_id else 0.0
+        scene_info.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if object_id else 0.0
     )
 
 
@@ -83,7 +85,7 @@ def _up(scene: Scene) -> NDArray[np.float64]:
     if scene.vertical is not None:
         return np.array(scene.vertical.up)
     cameras = scene.cameras
-    total = np.sum([-each.world_from_camera[:3, 1] for each in cameras], axis=0) if cameras else np.zeros(3)
+    total = np.sum([-camera.world_from_camera[:3, 1] for camera in cameras], axis=0) if cameras else np.zeros(3)
     length = float(np.linalg.norm(total))
     return total / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])
 

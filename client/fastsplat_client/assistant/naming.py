@@ -103,17 +103,21 @@ def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, Unnam
     sheet = client.call(calls.GET_CONTACT_SHEET, GetContactSheetRequest(scene_id, page_token=page))
     objects = [
         UnnamedObject(
-            each.number,
-            each.object_id,
-            None if each.size is None else point(each.size),
-            each.surface,
-            [NearObject(near.object_id, near.name) for near in each.neighbors],
+            obj.number,
+            obj.object_id,
+            None if obj.size is None else point(obj.size),
+            obj.surface,
+            [NearObject(near.object_id, near.name) for near in obj.neighbors],
             [
-                ToldName(told.name, round(told.probability, 3), [one.source for one in told.said_by])
-                for told in each.suggestions
+                ToldName(
+                    suggestion.name,
+                    round(suggestion.probability, 3),
+                    [speaker.source for speaker in suggestion.said_by],
+                )
+                for suggestion in obj.suggestions
             ],
         )
-        for each in sheet.objects
+        for obj in sheet.objects
     ]
     unit: Unit = "m" if sheet.meters else "scene units"
     return sheet.picture, UnnamedObjects(scene_id, unit, objects, list(sheet.unseen), sheet.next_page_token)
@@ -130,11 +134,12 @@ def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model
         scene: id or name; "" for the only one.
     """
     scene_id = _resolved(client, scene)
-    told = [
-        SuggestedName(each.object_id, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
+    suggestions = [
+        SuggestedName(guess.object_id, guess.name, guess.probability, source, model, tuple(guess.aliases))
+        for guess in names
     ]
-    made = client.suggest_names(scene_id, told)
-    return Suggested(scene_id, len(told), made.version)
+    new_version = client.suggest_names(scene_id, suggestions)
+    return Suggested(scene_id, len(suggestions), new_version.version)
 
 
 def _resolved(client: Client, scene: str) -> str:

@@ -186,11 +186,11 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ) -> Annotated[CallToolResult, naming.UnnamedObjects]:
         """A picture of up to 20 objects that have no name, each outlined and numbered, with their ids, sizes and
         neighbors. Say what you recognize by suggest_names, then ask for the next page."""
-        picture, told = await answered(context, lambda client: naming.unnamed_objects(client, page, scene))
-        plain = to_jsonable_python(told)
-        shown: list[ContentBlock] = [Image(data=picture, format="jpeg").to_image_content()] if picture else []
+        picture, objects = await answered(context, lambda client: naming.unnamed_objects(client, page, scene))
+        plain = to_jsonable_python(objects)
+        pictures: list[ContentBlock] = [Image(data=picture, format="jpeg").to_image_content()] if picture else []
         text = TextContent(type="text", text=json.dumps(plain, ensure_ascii=False))
-        return CallToolResult(content=[*shown, text], structured_content=plain)
+        return CallToolResult(content=[*pictures, text], structured_content=plain)
 
     @server.tool(annotations=_CHANGES)
     async def suggest_names(
@@ -297,7 +297,7 @@ class _Server(MCPServer[Any]):
         with _refusals_word_for_word():
             if name not in known:
                 raise InvalidInputError(f"there is no tool {name[:80]!r}", field="name", hint=f"Use {_listed(known)}.")
-            if superfluous := [each for each in arguments if each not in known[name]]:
+            if superfluous := [argument for argument in arguments if argument not in known[name]]:
                 raise InvalidInputError(
                     f"{name} takes no {superfluous[0][:80]!r}",
                     field=superfluous[0][:80],
@@ -315,11 +315,11 @@ class _Server(MCPServer[Any]):
 def _invalid(tool: str, error: ValidationError) -> InvalidInputError:
     """What a tool's schema has against arguments, without their values."""
     wrong = error.errors(include_url=False, include_input=False, include_context=False)
-    places = [".".join(str(part) for part in each["loc"]) or "arguments" for each in wrong]
-    said = [f"{place[:80]}: {each['msg'][:200]}" for place, each in zip(places, wrong, strict=True)]
+    places = [".".join(str(part) for part in detail["loc"]) or "arguments" for detail in wrong]
+    said = [f"{place[:80]}: {detail['msg'][:200]}" for place, detail in zip(places, wrong, strict=True)]
     more = f" and {len(wrong) - _SHOWN_ERRORS} more" if len(wrong) > _SHOWN_ERRORS else ""
-    shown = "; ".join(said[:_SHOWN_ERRORS])
-    return InvalidInputError(f"{tool} cannot take {shown}{more}", field=places[0][:80])
+    problems = "; ".join(said[:_SHOWN_ERRORS])
+    return InvalidInputError(f"{tool} cannot take {problems}{more}", field=places[0][:80])
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -335,4 +335,4 @@ def brief_of(obj: SceneObject) -> ObjectBrief:
 
 def plain(text: str) -> str:
     """A text on one line, without what changes how others are read, as reversed writing."""
-    return "".join(" " if unicodedata.category(each)[0] in "CZ" else each for each in text[:_MOST_CHARS])
+    return "".join(" " if unicodedata.category(char)[0] in "CZ" else char for char in text[:_MOST_CHARS])

@@ -71,15 +71,15 @@ def resolve_scene(client: Client, scene: str) -> Scene:
             return client.scene(scene)
     listed: list[SceneSummary] = []
     fitting: list[SceneSummary] = []
-    for each in client.scenes():
-        listed = [*listed, each][:_MOST_OFFERED]
-        if each.name.casefold() == scene.casefold() if scene else bool(each.version):
-            fitting.append(each)
+    for summary in client.scenes():
+        listed = [*listed, summary][:_MOST_OFFERED]
+        if summary.name.casefold() == scene.casefold() if scene else bool(summary.version):
+            fitting.append(summary)
         if len(fitting) > _MOST_OFFERED:
             break
     if len(fitting) == 1:
         return client.scene(fitting[0].id)
-    names = "; ".join(f"{each.id} ({plain(each.name)})" for each in (fitting or listed)[:_MOST_OFFERED])
+    names = "; ".join(f"{summary.id} ({plain(summary.name)})" for summary in (fitting or listed)[:_MOST_OFFERED])
     count = f"more than {_MOST_OFFERED}" if len(fitting) > _MOST_OFFERED else str(len(fitting))
     what = f"{count} scenes fit {scene[:80]!r}" if scene else f"{count} scenes are ready, and none was named"
     raise InvalidInputError(
@@ -90,40 +90,40 @@ def resolve_scene(client: Client, scene: str) -> Scene:
 def list_scenes(client: Client) -> Scenes:
     """The scenes of the project, newest first."""
     every = list(client.scenes())
-    shown = [
+    scenes = [
         SceneInList(
-            each.id,
-            each.name,
-            each.state,
-            each.object_count,
-            _unit_of(each),
-            (each.captured_at or each.created_at).isoformat(timespec="minutes"),
+            scene.id,
+            scene.name,
+            scene.state,
+            scene.object_count,
+            _unit_of(scene),
+            (scene.captured_at or scene.created_at).isoformat(timespec="minutes"),
         )
-        for each in every[:_MOST_SCENES]
+        for scene in every[:_MOST_SCENES]
     ]
-    return Scenes(shown, len(every) - len(shown))
+    return Scenes(scenes, len(every) - len(scenes))
 
 
 def describe_scene(client: Client, scene: str) -> SceneDescription:
     """What is in a scene, its extent and units, and how far it can be relied on."""
-    shown = resolve_scene(client, scene)
-    objects = list(client.objects(shown.id, version=shown.version))
-    names = Counter(each.name for each in objects if each.name)
-    low, high = _bounds_of([each.box for each in objects if each.box is not None])
-    assessment = shown.assessment
+    target = resolve_scene(client, scene)
+    objects = list(client.objects(target.id, version=target.version))
+    names = Counter(obj.name for obj in objects if obj.name)
+    low, high = _bounds_of([obj.box for obj in objects if obj.box is not None])
+    assessment = target.assessment
     return SceneDescription(
-        id=shown.id,
-        name=shown.name,
-        version=shown.version,
+        id=target.id,
+        name=target.name,
+        version=target.version,
         grade=None if assessment is None else assessment.grade,
-        advice=[] if assessment is None else [f"{each.message} {each.advice}" for each in assessment.findings],
-        unit=_unit_of(shown),
-        unit_source=_unit_source(shown),
-        up=up_of(shown),
-        photos=shown.camera_count,
+        advice=[] if assessment is None else [f"{finding.message} {finding.advice}" for finding in assessment.findings],
+        unit=_unit_of(target),
+        unit_source=_unit_source(target),
+        up=up_of(target),
+        photos=target.camera_count,
         names=dict(names.most_common(_MOST_NAMES)),
         more_names=max(0, len(names) - _MOST_NAMES),
-        unnamed_objects=sum(not each.name for each in objects),
+        unnamed_objects=sum(not obj.name for obj in objects),
         center=None if low is None or high is None else _rounded((low + high) / 2),
         size=None if low is None or high is None else _rounded(high - low),
     )
@@ -131,13 +131,13 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
 
 def list_objects(client: Client, scene: str, name: str, limit: int) -> Objects:
     """Objects by id; with a name, those that bear it."""
-    shown = resolve_scene(client, scene)
-    bearing = [each for each in client.objects(shown.id) if not name or each.name.casefold() == name.casefold()]
+    target = resolve_scene(client, scene)
+    bearing = [obj for obj in client.objects(target.id) if not name or obj.name.casefold() == name.casefold()]
     return Objects(
-        shown.id,
-        shown.version,
-        _unit_of(shown),
-        [brief_of(each) for each in bearing[:limit]],
+        target.id,
+        target.version,
+        _unit_of(target),
+        [brief_of(obj) for obj in bearing[:limit]],
         max(0, len(bearing) - limit),
     )
 
@@ -148,19 +148,19 @@ def pick_object(client: Client, view: str, x: float, y: float, level: AskedLevel
     Raises:
         NotFoundError: there is no such photo, or nothing there.
     """
-    shown = resolve_scene(client, scene)
-    posed = next((each for each in shown.cameras if each.name == view), None)
+    target = resolve_scene(client, scene)
+    posed = next((camera for camera in target.cameras if camera.name == view), None)
     if posed is None:
         raise NotFoundError(f"no view {view[:80]!r} in this scene", field="view", hint="Use names of its photos.")
     pixel = min(x, _BELOW_1) * posed.camera.width, min(y, _BELOW_1) * posed.camera.height
-    picked = client.pick(shown.id, view, pixel=pixel, level=level)
+    picked = client.pick(target.id, view, pixel=pixel, level=level)
     return PickedBrief(
-        shown.id,
+        target.id,
         picked.version,
-        _unit_of(shown),
+        _unit_of(target),
         brief_of(picked.object),
         None if picked.part is None else brief_of(picked.part),
-        [LevelBrief(each.level, each.id, list(each.members), round(each.probability, 3)) for each in picked.levels],
+        [LevelBrief(hit.level, hit.id, list(hit.members), round(hit.probability, 3)) for hit in picked.levels],
         picked.level,
         0 if picked.mask is None else picked.mask.area,
     )
@@ -171,17 +171,17 @@ def find(client: Client, text: str, scene: str) -> Found:
 
     The count is None where it cannot be decided.
     """
-    shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text)
+    target = resolve_scene(client, scene)
+    answer = _ask(client, target.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
     leading = _leading_objects(answer)
-    counted = [each.id for each in leading]
+    counted = [obj.id for obj in leading]
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
         counted, refused = list(answer.phrase.object_ids), answer.phrase.refusal is not None
     return Found(
-        scene=shown.id,
+        scene=target.id,
         question=text,
         outcome=answer.outcome,
         relation=answer.relation,
@@ -193,10 +193,10 @@ def find(client: Client, text: str, scene: str) -> Found:
         more_objects=max(0, len(answer.object_ids) - _MOST_OBJECTS),
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
-        places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
+        places=[_located(client, answer.scene_id, obj, answer.version) for obj in leading[:_MOST_PLACES]],
         more_places=max(0, len(leading) - _MOST_PLACES),
-        unit=_unit_of(shown),
-        frame=_frame_of(shown),
+        unit=_unit_of(target),
+        frame=_frame_of(target),
         unnamed_objects=answer.searched.unnamed_objects,
         draft=None if answer.provisional is None else answer.provisional.stage,
     )
@@ -208,8 +208,8 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
     Raises:
         InvalidInputError: the text says nothing but a name.
     """
-    shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text, asker_view=view or None)
+    target = resolve_scene(client, scene)
+    answer = _ask(client, target.id, text, asker_view=view or None)
     phrase = answer.phrase
     if phrase is None:
         raise InvalidInputError(
@@ -218,7 +218,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
             hint='Say more, as "the mug left of the lamp", "the largest book", or use find.',
         )
     return Related(
-        scene=shown.id,
+        scene=target.id,
         question=text,
         understood=list(phrase.conditions),
         objects=_briefs(client, answer, phrase.object_ids),
@@ -228,37 +228,37 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         sentence=answer.sentence,
         evidence=[
             Evidence(
-                each.condition,
-                each.object_id,
-                list(each.others[:_MOST_WITNESSES]),
-                each.measure,
-                round(each.value, 4),
-                each.unit,
-                round(each.clearness, 2),
+                witness.condition,
+                witness.object_id,
+                list(witness.compared_ids[:_MOST_WITNESSES]),
+                witness.measure,
+                round(witness.value, 4),
+                witness.unit,
+                round(witness.clearness, 2),
             )
-            for each in phrase.witnesses[:_MOST_WITNESSES]
+            for witness in phrase.witnesses[:_MOST_WITNESSES]
         ],
-        unit=_unit_of(shown),
+        unit=_unit_of(target),
     )
 
 
 def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     """The size of an object (`second` 0), or how far two objects are from each other."""
-    shown = resolve_scene(client, scene)
-    measured = client.measure(shown.id, *((first, second) if second else (first,)))
+    target = resolve_scene(client, scene)
+    measured = client.measure(target.id, *((first, second) if second else (first,)))
     unit: Unit = "m" if measured.meters else "scene units"
-    distance, sides = _interval_of(measured.distance), [_known_length(each) for each in measured.sides]
+    distance, sides = _interval_of(measured.distance), [_known_length(side) for side in measured.sides]
     if distance is not None:
         sentence = f"From object {first} to object {second} it is {_spoken(distance, unit)}."
     else:
-        sentence = f"The box of object {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
-    return Measured(shown.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
+        sentence = f"The box of object {first} is " + " by ".join(_spoken(side, unit) for side in sides) + "."
+    return Measured(target.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
 
 
 def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> StandingPlace:
     """Where a robot stands to see an object."""
-    shown = resolve_scene(client, scene)
-    place = client.goal(shown.id, object_id, robot_radius, version=shown.version)
+    target = resolve_scene(client, scene)
+    place = client.goal(target.id, object_id, robot_radius, version=target.version)
     x, y, _ = position = point(place.pose.position)
     sentence = (
         f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, object {object_id} is "
@@ -267,9 +267,9 @@ def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> Sta
     if place.floor_source == "lowest_level":
         sentence += " Nothing is known as the floor: it was taken to be the lowest level seen."
     return StandingPlace(
-        shown.id,
+        target.id,
         object_id,
-        _frame_of(shown),
+        _frame_of(target),
         position,
         round(place.yaw, 4),
         round(place.distance, 4),
@@ -287,31 +287,33 @@ def name_object(
     Raises:
         ConflictError: the object has another name, given by a person.
     """
-    shown = resolve_scene(client, scene)
-    looked_at = shown.version if replaces and _name_of(client, shown, object_id) == replaces.strip().casefold() else ""
-    made = client.name_objects(shown.id, object_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
-    return Named(shown.id, object_id, name, made.version, made.asks_kind)
+    target = resolve_scene(client, scene)
+    looked_at = (
+        target.version if replaces and _name_of(client, target, object_id) == replaces.strip().casefold() else ""
+    )
+    version = client.name_objects(target.id, object_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
+    return Named(target.id, object_id, name, version.version, version.asks_kind)
 
 
 def photograph_next(client: Client, scene: str) -> NextPhotos:
     """Where to stand for the photos that would help a scene most."""
-    shown = resolve_scene(client, scene)
+    target = resolve_scene(client, scene)
     places = [
-        NextPhotoPlace(each.advice, each.near, _rounded(each.camera.world_from_camera[:3, 3]))
-        for each in client.next_photos(shown.id)
+        NextPhotoPlace(photo.advice, photo.near, _rounded(photo.camera.world_from_camera[:3, 3]))
+        for photo in client.next_photos(target.id)
     ]
-    return NextPhotos(shown.id, _unit_of(shown), places)
+    return NextPhotos(target.id, _unit_of(target), places)
 
 
 def scene_status(client: Client, scene: str) -> JobStatus:
     """How far the newest job of a scene is."""
-    shown = resolve_scene(client, scene)
-    jobs = (each for each in client.operations() if each.scene_id == shown.id)
-    job = next(jobs, None) or client.operation(shown.operation_id)
+    target = resolve_scene(client, scene)
+    jobs = (operation for operation in client.operations() if operation.scene_id == target.id)
+    job = next(jobs, None) or client.operation(target.operation_id)
     stage = job.stages[-1] if job.stages else None
     return JobStatus(
-        scene=shown.id,
-        state=shown.state,
+        scene=target.id,
+        state=target.state,
         job=job.state,
         stage=stage.stage if stage else "",
         fraction=stage.fraction if stage else 0.0,
@@ -330,9 +332,9 @@ def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ObjectBr
     """The first of these objects, in their order."""
     wanted = dict.fromkeys(ids[:_MOST_OBJECTS])
     found: dict[int, SceneObject] = {}
-    for each in client.objects(answer.scene_id, version=answer.version, parts=True) if wanted else ():
-        if each.id in wanted:
-            found[each.id] = each
+    for obj in client.objects(answer.scene_id, version=answer.version, parts=True) if wanted else ():
+        if obj.id in wanted:
+            found[obj.id] = obj
         if len(found) == len(wanted):
             break  # what follows is pages of objects that nobody asked for
     return [brief_of(found[number]) for number in wanted if number in found]
@@ -341,24 +343,24 @@ def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ObjectBr
 def _name_of(client: Client, scene: SceneSummary, object_id: int) -> str:
     """What an object is called, without regard to case; "" for an object without a name, or none."""
     objects = client.objects(scene.id, version=scene.version, parts=True)
-    return next((each.name.casefold() for each in objects if each.id == object_id), "")
+    return next((obj.name.casefold() for obj in objects if obj.id == object_id), "")
 
 
 def _leading_objects(answer: Answer) -> list[SceneObject]:
     leading = next((match.label_id for match in answer.matches if match.relevant), None)
-    return [each for each in answer.objects or () if each.label_id == leading]
+    return [obj for obj in answer.objects or () if obj.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
-    measured = client.measure(scene_id, each.id, version=version)
+def _located(client: Client, scene_id: str, obj: SceneObject, version: str) -> WhereAbouts:
+    measured = client.measure(scene_id, obj.id, version=version)
     place = measured.places[0]
     return WhereAbouts(
-        each.id,
-        each.name,
+        obj.id,
+        obj.name,
         point(place.point),
         round(place.plus_minus, 4),
         [_known_length(side) for side in measured.sides],
-        list(islice(each.best_views, 3)),
+        list(islice(obj.best_views, 3)),
     )
 
 

@@ -56,24 +56,26 @@ def numbers_of(literal: Any, enum: Any) -> dict[str, int]:
 
 
 def _make_writer(kind: Any) -> Convert:
-    made = message_class(kind)
-    fields = made.DESCRIPTOR.fields_by_name
-    own = [(m.name, m.many, _converters(m, fields[m.name])[0]) for m in members(kind) if not m.carried]
-    as_they_are = [name for name, _, convert in own if convert is None]
-    choices = [[field.name for field in group.fields] for group in made.DESCRIPTOR.oneofs if len(group.fields) > 1]
+    message_type = message_class(kind)
+    fields = message_type.DESCRIPTOR.fields_by_name
+    converters = [(m.name, m.many, _converters(m, fields[m.name])[0]) for m in members(kind) if not m.carried]
+    as_they_are = [name for name, _, convert in converters if convert is None]
+    choices = [
+        [field.name for field in group.fields] for group in message_type.DESCRIPTOR.oneofs if len(group.fields) > 1
+    ]
     to_wire: Convert = kind.to_wire if hasattr(kind, "wire") else getattr(kind, "as_named", lambda value: value)
 
     def write(value: Any) -> Message:
         value = to_wire(value)
         parts = {name: getattr(value, name) for name in as_they_are}
-        for name, many, convert in own:
+        for name, many, convert in converters:
             if convert is not None and (part := getattr(value, name)) is not None:
                 parts[name] = [convert(item) for item in part] if many else convert(part)
         for names in choices:
             both = [name for name in names if parts.get(name) is not None]
             if len(both) > 1:
                 raise InvalidInputError(f"{' and '.join(both)} at once", field=both[0], hint="Send exactly one.")
-        message: Message = made(**parts)
+        message: Message = message_type(**parts)
         return message
 
     return write
@@ -82,9 +84,9 @@ def _make_writer(kind: Any) -> Convert:
 def _make_reader(kind: Any, carrier: str) -> Convert:
     """What reads a type's own message, or the fields that `carrier` has of it, into a dict."""
     fields = (getattr(fastsplat_pb2, carrier) if carrier else message_class(kind)).DESCRIPTOR.fields_by_name
-    own = {m: fields[m.name] for m in members(kind) if m.carried == carrier}
-    as_they_are = [m.name for m, field in own.items() if m.kind in _SCALARS and not (m.many or field.has_presence)]
-    gets = [(member.name, _get(member, field)) for member, field in own.items() if member.name not in as_they_are]
+    field_of = {m: fields[m.name] for m in members(kind) if m.carried == carrier}
+    as_they_are = [m.name for m, field in field_of.items() if m.kind in _SCALARS and not (m.many or field.has_presence)]
+    gets = [(member.name, _get(member, field)) for member, field in field_of.items() if member.name not in as_they_are]
 
     def read(message: Any) -> dict[str, Any]:
         plain = {name: getattr(message, name) for name in as_they_are}

@@ -17,19 +17,19 @@ def unseen_in(text: str) -> str:
 
     Joiners pass where a script needs them: after a virama, between Arabic letters, and in emoji of several parts.
     """
-    for place, each in enumerate(text):
-        category = unicodedata.category(each)
-        hidden = category in ("Cc", "Cs", "Zl", "Zp") or each in _BLANKS
-        if hidden or (category == "Cf" and not _joins(text[:place], each, text[place + 1 :])):
-            return f"U+{ord(each):04X}"
+    for place, char in enumerate(text):
+        category = unicodedata.category(char)
+        hidden = category in ("Cc", "Cs", "Zl", "Zp") or char in _BLANKS
+        if hidden or (category == "Cf" and not _joins(text[:place], char, text[place + 1 :])):
+            return f"U+{ord(char):04X}"
     return ""
 
 
 def check_seen(name: str, field: str) -> None:
     """Raise `InvalidInputError` about `field` if a name holds a character that is not seen."""
     if unseen := unseen_in(name):
-        told = f"the name has the character {unseen}, which nobody sees"
-        raise InvalidInputError(told, field=field, hint="Write the name on one line, in plain text.")
+        message = f"the name has the character {unseen}, which nobody sees"
+        raise InvalidInputError(message, field=field, hint="Write the name on one line, in plain text.")
 
 
 def _joins(before: str, joiner: str, after: str) -> bool:
@@ -37,7 +37,7 @@ def _joins(before: str, joiner: str, after: str) -> bool:
         return False
     if unicodedata.combining(before[-1]) == _VIRAMA:
         return True
-    base = next((each for each in reversed(before) if unicodedata.category(each) != "Mn"), "")
+    base = next((char for char in reversed(before) if unicodedata.category(char) != "Mn"), "")
     if not base or not after:
         return False
     if joiner == _JOINER:

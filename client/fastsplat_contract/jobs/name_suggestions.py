@@ -75,7 +75,7 @@ class CaptionerResult(Response):
     """What the captioner said of the objects of a scene that had no name."""
 
     suggested: Annotated[int, Field(description="names that are suggested now, at most one for an object")]
-    shown: Annotated[int, Field(description="objects that its pictures showed")]
+    objects: Annotated[int, Field(description="objects that its pictures showed")]
     refused: Annotated[
         int,
         Field(description="names that were left out: unusable, of no object shown, or the same for too many objects"),

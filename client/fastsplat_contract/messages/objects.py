@@ -207,4 +207,4 @@ class PickedObject(Response):
     @property
     def picked(self) -> PickedLevel:
         """The one of `levels` that was asked for, or is likeliest meant."""
-        return next(each for each in self.levels if each.level == self.level)
+        return next(level for level in self.levels if level.level == self.level)

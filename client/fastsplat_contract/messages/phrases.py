@@ -52,7 +52,7 @@ class Witness(NamedTuple):
 
     condition: Annotated[str, Field(description="what was asked of the object, in words")]
     object_id: Annotated[int, Field(description="its id")]
-    others: Annotated[Many[int], Field(description="ids of the objects that it was compared with")]
+    compared_ids: Annotated[Many[int], Field(description="ids of the objects that it was compared with")]
     measure: Annotated[
         str,
         Field(

@@ -252,7 +252,7 @@ class Answer(Response):
     provisional: Annotated[
         Provisional | None, Field(description="what the version is made of, if it is a draft; absent if it is none")
     ] = None
-    asked: Annotated[
+    noun_phrase: Annotated[
         str, Field(description="what the text asks for, without question words, articles and politeness: a name")
     ] = ""
 

@@ -775,18 +775,18 @@ class FoundName(_message.Message):
     def __init__(self, object_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
 class CaptionerResult(_message.Message):
-    __slots__ = ("suggested", "shown", "refused", "problem", "version")
+    __slots__ = ("suggested", "objects", "refused", "problem", "version")
     SUGGESTED_FIELD_NUMBER: _ClassVar[int]
-    SHOWN_FIELD_NUMBER: _ClassVar[int]
+    OBJECTS_FIELD_NUMBER: _ClassVar[int]
     REFUSED_FIELD_NUMBER: _ClassVar[int]
     PROBLEM_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     suggested: int
-    shown: int
+    objects: int
     refused: int
     problem: str
     version: str
-    def __init__(self, suggested: _Optional[int] = ..., shown: _Optional[int] = ..., refused: _Optional[int] = ..., problem: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
+    def __init__(self, suggested: _Optional[int] = ..., objects: _Optional[int] = ..., refused: _Optional[int] = ..., problem: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class PreviewInfo(_message.Message):
     __slots__ = ("number", "step", "seconds", "gaussians", "psnr", "view", "width", "height")
@@ -1835,7 +1835,7 @@ class QueryRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
-    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "object_ids", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "asked")
+    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "object_ids", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional", "noun_phrase")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
     MATCHES_FIELD_NUMBER: _ClassVar[int]
@@ -1855,7 +1855,7 @@ class Answer(_message.Message):
     OUTCOME_FIELD_NUMBER: _ClassVar[int]
     SENTENCE_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
-    ASKED_FIELD_NUMBER: _ClassVar[int]
+    NOUN_PHRASE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     text: str
     matches: _containers.RepeatedCompositeFieldContainer[Match]
@@ -1875,8 +1875,8 @@ class Answer(_message.Message):
     outcome: Outcome
     sentence: str
     provisional: Provisional
-    asked: str
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., object_ids: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., asked: _Optional[str] = ...) -> None: ...
+    noun_phrase: str
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., object_ids: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., noun_phrase: _Optional[str] = ...) -> None: ...
 
 class Match(_message.Message):
     __slots__ = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
@@ -1933,22 +1933,22 @@ class PhraseAnswer(_message.Message):
     def __init__(self, asks: _Optional[_Union[Asks, str]] = ..., head: _Optional[str] = ..., conditions: _Optional[_Iterable[str]] = ..., not_understood: _Optional[str] = ..., object_ids: _Optional[_Iterable[int]] = ..., undecided: _Optional[_Iterable[int]] = ..., witnesses: _Optional[_Iterable[_Union[Witness, _Mapping]]] = ..., count: _Optional[int] = ..., refusal: _Optional[_Union[Refusal, _Mapping]] = ...) -> None: ...
 
 class Witness(_message.Message):
-    __slots__ = ("condition", "object_id", "others", "measure", "value", "unit", "clearness")
+    __slots__ = ("condition", "object_id", "compared_ids", "measure", "value", "unit", "clearness")
     CONDITION_FIELD_NUMBER: _ClassVar[int]
     OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
-    OTHERS_FIELD_NUMBER: _ClassVar[int]
+    COMPARED_IDS_FIELD_NUMBER: _ClassVar[int]
     MEASURE_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
     UNIT_FIELD_NUMBER: _ClassVar[int]
     CLEARNESS_FIELD_NUMBER: _ClassVar[int]
     condition: str
     object_id: int
-    others: _containers.RepeatedScalarFieldContainer[int]
+    compared_ids: _containers.RepeatedScalarFieldContainer[int]
     measure: str
     value: float
     unit: str
     clearness: float
-    def __init__(self, condition: _Optional[str] = ..., object_id: _Optional[int] = ..., others: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ...) -> None: ...
+    def __init__(self, condition: _Optional[str] = ..., object_id: _Optional[int] = ..., compared_ids: _Optional[_Iterable[int]] = ..., measure: _Optional[str] = ..., value: _Optional[float] = ..., unit: _Optional[str] = ..., clearness: _Optional[float] = ...) -> None: ...
 
 class Refusal(_message.Message):
     __slots__ = ("reason", "part")

@@ -32,14 +32,14 @@ class KnownNames:
     def __init__(self, store: Store, settings: Settings) -> None:
         self._store = store
         self._settings = settings
-        self._kept: dict[str, tuple[Sequence[tuple[str, str]], Sequence[KnownObject]]] = {}
+        self._by_project: dict[str, tuple[Sequence[tuple[str, str]], Sequence[KnownObject]]] = {}
         self._lock = threading.Lock()
 
     def over(self, store: Store) -> KnownNames:
         """Same object and cache for another view of the store."""
-        other = copy.copy(self)
-        other._store = store
-        return other
+        clone = copy.copy(self)
+        clone._store = store
+        return clone
 
     def list(self, page_size: int = 0, page_token: str = "") -> KnownNameList:
         """Lists names given by people, newest first, paged as `SceneService.list_scenes`."""
@@ -90,41 +90,47 @@ class KnownNames:
     def _known(self) -> Sequence[KnownObject]:
         """All names of the project; the same sequence until they change."""
         project = self._store.project
-        keys, known = self._kept.get(project, ((), ()))
+        keys, known = self._by_project.get(project, ((), ()))
         current = self._store.known_names.keys()
         if list(keys) != list(current):
             # Concurrent writes are picked up by the next query, as they change the keys.
             keys, records = current, self._store.known_names.all()
             known = tuple(
                 KnownObject(
-                    each.scene_id,
-                    each.name,
-                    each.appearance,
-                    tuple(SaidName(*said) for said in each.said),
-                    tuple((tag, probability) for tag, probability in each.tags),
+                    record.scene_id,
+                    record.name,
+                    record.appearance,
+                    tuple(SaidName(*said) for said in record.said),
+                    tuple((tag, probability) for tag, probability in record.tags),
                 )
-                for each in records
+                for record in records
             )
             with self._lock:
-                self._kept.pop(project, None)
-                self._kept[project] = keys, known
-                while len(self._kept) > _KEPT_PROJECTS:
-                    del self._kept[next(iter(self._kept))]
+                self._by_project.pop(project, None)
+                self._by_project[project] = keys, known
+                while len(self._by_project) > _KEPT_PROJECTS:
+                    del self._by_project[next(iter(self._by_project))]
         return known
 
 
 def _suggested(obj: SceneObject, name: NameFromScene) -> SceneObject:
     if obj.name and label_key(obj.name) == label_key(name.name):
         return obj
-    same = [own for own in obj.suggestions if label_key(own.name) == label_key(name.name)]
-    others = [own for own in obj.suggestions if own not in same]
-    aliases = tuple(alias for own in same for alias in own.aliases)
-    told = tuple(one for own in same for one in own.said_by if one.source != (name.source or OWN_SOURCE))
+    same = [suggestion for suggestion in obj.suggestions if label_key(suggestion.name) == label_key(name.name)]
+    rest = [suggestion for suggestion in obj.suggestions if suggestion not in same]
+    aliases = tuple(alias for suggestion in same for alias in suggestion.aliases)
+    sources = tuple(
+        source for suggestion in same for source in suggestion.said_by if source.source != (name.source or OWN_SOURCE)
+    )
     if name.source:
-        told = (SuggestionSource(name.source, "", name.probability), *told)
-        told = tuple(sorted(told, key=lambda one: -one.probability))
-    said = [one.probability for one in told] if name.source else [name.probability, *(one.probability for one in told)]
+        sources = (SuggestionSource(name.source, "", name.probability), *sources)
+        sources = tuple(sorted(sources, key=lambda source: -source.probability))
+    said = (
+        [source.probability for source in sources]
+        if name.source
+        else [name.probability, *(source.probability for source in sources)]
+    )
     probability = agreed(said)
-    suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, told)
-    ranked = sorted([suggestion, *others], key=lambda other: -other.probability)
+    suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, sources)
+    ranked = sorted([suggestion, *rest], key=lambda suggestion: -suggestion.probability)
     return replace(obj, suggestions=tuple(ranked))

@@ -112,8 +112,8 @@ def page_addresses(settings: Settings) -> tuple[str, ...]:
             return ()
         return (_url(settings, settings.host),)
     if host.is_unspecified:
-        own = _own_address()
-        return (_url(settings, own),) if own else ()
+        address = _own_address()
+        return (_url(settings, address),) if address else ()
     return () if host.is_loopback else (_url(settings, f"[{host}]" if host.version == 6 else str(host)),)
 
 

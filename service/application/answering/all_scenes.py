@@ -105,13 +105,13 @@ def completed(
     objects: tuple[SceneObject, ...] | None = None,
 ) -> Answer:
     """Completes an answer with scene, version, outputs, and the number of matches to show."""
-    shown = calls.max_matches if request.max_matches == 0 else request.max_matches
+    limit = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
         object_ids=answer.object_ids or tuple(obj.id for obj in objects or ()),
         scene_id=request.scene_id,
         version=version,
-        matches=answer.matches if shown < 0 else answer.matches[:shown],
+        matches=answer.matches if limit < 0 else answer.matches[:limit],
         masks=masks,
         mask3d=mask3d,
         objects=objects,

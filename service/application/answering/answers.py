@@ -128,7 +128,7 @@ class Answers:
             else:
                 assert request.box is not None
                 levels = pick_box(objects, posed, request.box)
-        chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
+        chosen, ids = chosen_level(levels, request.level), {level.level: level.id for level in levels}
         mask = None
         if posed is not None:
             inside = objects.mask(posed, (chosen.id,))
@@ -170,7 +170,7 @@ class Answers:
         ranked = self._context.known_names.suggesting(request.scene_id, index.ranked)
         size, field = _bytes_to_hold(index, cameras, request)
         with self._context.memory.reserve(size, field):
-            asked = RankedQuery(ranked, query) if subscription is None else subscription.ranked(ranked, query)
+            ranked_query = RankedQuery(ranked, query) if subscription is None else subscription.ranked(ranked, query)
             return tuple(
                 completed(
                     answer,
@@ -185,7 +185,7 @@ class Answers:
                     if "objects" in request.outputs
                     else None,
                 )
-                for answer in asked.answer(lambda: index.objects, asker)
+                for answer in ranked_query.answer(lambda: index.objects, asker)
             )
 
     def _check(self, request: QueryRequest) -> TextQuery:

@@ -48,11 +48,11 @@ class ContactSheets:
         page, token = page_after(nameless, lambda obj: obj.id, size, page_token, f"sheet {scene_id}")
         named = self._context.known_names.suggest(scene_id, index.ranked, page)
         folder = self._context.scenes.folder(scene_id, read_version)
-        picture, shown = self._picture(index, named, folder) if named else (b"", ())
-        seen = {each.object_id for each in shown}
+        picture, objects = self._picture(index, named, folder) if named else (b"", ())
+        seen = {obj.object_id for obj in objects}
         unseen = tuple(obj.id for obj in named if obj.id not in seen)
         meters, written = index.scene.scale == "METRIC", written_on(index.objects.listed)
-        return ContactSheet(picture, shown, unseen, meters, token, read_version, written)
+        return ContactSheet(picture, objects, unseen, meters, token, read_version, written)
 
     def _picture(
         self, index: SceneIndex, objects: Sequence[SceneObject], folder: Path
@@ -70,6 +70,6 @@ class ContactSheets:
         photos = kept_photos(index, folder, views)
         if photos:
             self._context.store.blobs.check_version(
-                folder, *(each.relative_to(folder).as_posix() for each in photos.values())
+                folder, *(path.relative_to(folder).as_posix() for path in photos.values())
             )
         return photos

@@ -53,16 +53,16 @@ def localized_photos(
         focals: pixels of each photo as sent; None: from the photo, or unknown.
         rough: float64 [4, 4] each, world from camera; one per photo, or none.
     """
-    photos = [_photo(one, focal) for one, focal in zip(sent, focals, strict=True)]
+    photos = [_photo(photo, focal) for photo, focal in zip(sent, focals, strict=True)]
     placed = place_photos(photos, landmarks, index.geometry, rough)
-    changes, looked_at, shown = scene_changes(index, placed, [one.size for one in sent])
+    changes, looked_at, differences = scene_changes(index, placed, [photo.size for photo in sent])
     answers = [
-        _answer(index, one, own, shown.get(number, ()))
-        for number, (one, own) in enumerate(zip(sent, placed, strict=True))
+        _answer(index, photo, placement, differences.get(number, ()))
+        for number, (photo, placement) in enumerate(zip(sent, placed, strict=True))
     ]
     answer = Localization(tuple(answers), changes, looked_at, index.scene.scale == "METRIC", version)
-    pictures = tuple(None if own.photo is None else own.photo.picture for own in placed)
-    return LocalizedPictures(answer, pictures, tuple(one.taken_at for one in sent))
+    pictures = tuple(None if placement.photo is None else placement.photo.picture for placement in placed)
+    return LocalizedPictures(answer, pictures, tuple(photo.taken_at for photo in sent))
 
 
 def _photo(sent: SentPhoto, focal: float | None) -> Photo:

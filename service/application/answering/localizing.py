@@ -49,7 +49,7 @@ MAX_PHOTOS_BYTES = 32 * 2**20
 _WORK_BYTES = 192 << 20
 """Keypoints and matches of one photo at a time, at the default sizes."""
 
-_KEPT = 2
+_VERSIONS = 2
 """Number of cached versions."""
 
 
@@ -63,9 +63,9 @@ class Localizing:
 
     def over(self, context: ProjectContext) -> Localizing:
         """Same caches for another view of the store."""
-        other = copy.copy(self)
-        other._context = context
-        return other
+        clone = copy.copy(self)
+        clone._context = context
+        return clone
 
     def close(self) -> None:
         """Stops the spare decoder."""
@@ -180,7 +180,9 @@ class _LandmarkCache:
         self._memory = memory
         self._lock = threading.Lock()
         self._counted = False
-        self._kept: LeastRecentlyUsed[tuple[str, str], Landmarks] = LeastRecentlyUsed(_KEPT * self._largest)
+        self._landmarks_by_version: LeastRecentlyUsed[tuple[str, str], Landmarks] = LeastRecentlyUsed(
+            _VERSIONS * self._largest
+        )
 
     def of(self, scene_id: str, version: str, index: SceneIndex, folder: Path, blobs: Blobs) -> Landmarks:
         """Landmarks of a version; computing them takes some tenths of a second per photo.
@@ -197,16 +199,16 @@ class _LandmarkCache:
             lens = middle_lens(kept_lenses(folder))
             return find_landmarks(photos, index.geometry, lens)
 
-        landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)
+        landmarks = self._landmarks_by_version.get((scene_id, version), lambda: self._largest, find)
         with self._lock:
             uncounted, self._counted = not self._counted, True
-        if uncounted and not self._memory.keep(_KEPT * self._largest, self._drop):
+        if uncounted and not self._memory.keep(_VERSIONS * self._largest, self._drop):
             self._drop()
         return landmarks
 
     def forget(self, scene_id: str) -> None:
         """Drops one scene."""
-        self._kept.drop(lambda key: key[0] == scene_id)
+        self._landmarks_by_version.drop(lambda key: key[0] == scene_id)
 
     @property
     def _largest(self) -> int:
@@ -215,7 +217,7 @@ class _LandmarkCache:
     def _drop(self) -> None:
         with self._lock:
             self._counted = False
-        self._kept.drop(lambda _: True)
+        self._landmarks_by_version.drop(lambda _: True)
 
 
 def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:

@@ -51,9 +51,9 @@ class OpenScenes:
 
     def over(self, store: Store) -> OpenScenes:
         """Same memory, encoders and lexicon for another view of the store."""
-        other = copy.copy(self)
-        other._store = store
-        return other
+        clone = copy.copy(self)
+        clone._store = store
+        return clone
 
     def count(self) -> int:
         """Number of open scenes."""
@@ -89,13 +89,13 @@ class OpenScenes:
         earlier.
         """
         name = self.version(scene_id, "")
-        made: list[RankedScene] = []
+        scenes: list[RankedScene] = []
 
         def weigh() -> int:
-            made.append(self.open(scene_id, name)[0].ranked)
-            return made[0].nbytes
+            scenes.append(self.open(scene_id, name)[0].ranked)
+            return scenes[0].nbytes
 
-        return name, self._ranked.get((scene_id, name), weigh, lambda: made[0])
+        return name, self._ranked.get((scene_id, name), weigh, lambda: scenes[0])
 
     def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
         """Caches a version that was just written, so that it is not read back."""

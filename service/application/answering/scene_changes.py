@@ -40,7 +40,7 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
     Also returns the objects that two photos should show, and each photo's differences, by number. `sizes` are width and
     height of each photo as sent.
     """
-    found_places = [(number, one.photo, one.posed) for number, one in enumerate(placed)]
+    found_places = [(number, placement.photo, placement.posed) for number, placement in enumerate(placed)]
     there = [(number, photo, posed) for number, photo, posed in found_places if photo is not None and posed is not None]
     numbers = [number for number, _, _ in there]
     boxes, place = _boxes(index)
@@ -54,18 +54,18 @@ def scene_changes(index: SceneIndex, placed: Sequence[PlacedPhoto], sizes: Seque
     wide = frozenset(obj for obj, box in boxes.items() if np.sort(box[1] - box[0])[1] > reach)
     found = find_changes(views, boxes, _around([box for obj, box in boxes.items() if obj not in wide], place), wide)
     events = _where_looked(index.scene, found.events)
-    changes = tuple(_told(index, each, numbers) for each in events)
-    shown: dict[int, list[PhotoDifference]] = {}
-    for each in events:
-        for region in each.regions:
+    changes = tuple(_scene_change(index, event, numbers) for event in events)
+    differences: dict[int, list[PhotoDifference]] = {}
+    for event in events:
+        for region in event.regions:
             number = numbers[region.view]
             camera = views[region.view].comparison.posed.camera
             x, y = sizes[number][0] / camera.width, sizes[number][1] / camera.height
             left, top, right, bottom = region.box
             box = PixelBox(left * x, top * y, right * x, bottom * y)
-            kind = "changed" if each.kind == "changed" else region.kind
-            shown.setdefault(number, []).append(PhotoDifference(kind, box, each.probability))
-    return changes, found.seen, {number: tuple(own) for number, own in shown.items()}
+            kind = "changed" if event.kind == "changed" else region.kind
+            differences.setdefault(number, []).append(PhotoDifference(kind, box, event.probability))
+    return changes, found.seen, {number: tuple(entries) for number, entries in differences.items()}
 
 
 def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
@@ -84,8 +84,8 @@ def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
     """Corners (low, high), float64 [2, 3], of each visible object, and of all."""
     objects, means = index.objects, index.scene.gaussians.means
     solid = solid_rows(index.scene.gaussians)
-    own = grouped_rows(objects.owner, solid)
-    boxes = {obj: np.quantile(means[rows].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0) for obj, rows in own}
+    groups = grouped_rows(objects.owner, solid)
+    boxes = {obj: np.quantile(means[rows].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0) for obj, rows in groups}
     if not boxes:
         return {}, None
     corners = np.stack([*boxes.values()])
@@ -102,7 +102,7 @@ def _around(boxes: Sequence[F64], place: F64) -> F64:
     return np.stack([low - margin, high + margin])
 
 
-def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneChange:
+def _scene_change(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneChange:
     name = index.objects.get(change.object_id).name if change.object_id else ""
     distance = 0.0
     if change.kind == "moved" and change.before is not None and change.after is not None:

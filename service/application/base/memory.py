@@ -83,7 +83,7 @@ def edit_bytes(scene: Scene, sources: Iterable[Scene]) -> int:
     `sources` are the scenes that objects are inserted from, once per insertion.
     """
     scenes = [scene, *sources]
-    gaussians = sum(len(one.gaussians) for one in scenes)
+    gaussians = sum(len(scene.gaussians) for scene in scenes)
     return _FIXED_BYTES + _PER_EDITED_GAUSSIAN * gaussians + _EDITED_COPIES * sum(map(_weight, scenes))
 
 
@@ -103,21 +103,21 @@ class MemoryBudget:
 
     def __init__(self, settings: CallSettings, machine_bytes: int, clock: Callable[[], float] = time.monotonic) -> None:
         self._all = settings.answer_memory_bytes or int(_SHARE_OF_ALL * machine_bytes)
-        self._one = min(self._all, settings.request_memory_bytes or int(_SHARE_OF_ONE * machine_bytes))
+        self._largest = min(self._all, settings.request_memory_bytes or int(_SHARE_OF_ONE * machine_bytes))
         self._clock = clock
         self._lock = threading.Lock()
         self._reserved = 0
         self._waiting: dict[object, _Waiting] = {}  # in order of arrival
-        self._kept: list[tuple[int, Callable[[], None]]] = []
+        self._cached: list[tuple[int, Callable[[], None]]] = []
 
     @property
     def reserved(self) -> int:
         return self._reserved
 
     @property
-    def kept(self) -> int:
+    def cached_bytes(self) -> int:
         """Bytes kept between calls, see `keep`."""
-        return sum(size for size, _ in self._kept)
+        return sum(size for size, _ in self._cached)
 
     def keep(self, size: int, drop: Callable[[], None]) -> bool:
         """Counts bytes that stay allocated between calls; False, uncounted, if there is no room.
@@ -125,9 +125,9 @@ class MemoryBudget:
         A call that needs their room calls `drop`, once, from any thread; it must not call this budget.
         """
         with self._lock:
-            if self._reserved + self.kept + size > self._all:
+            if self._reserved + self.cached_bytes + size > self._all:
                 return False
-            self._kept.append((size, drop))
+            self._cached.append((size, drop))
             return True
 
     @contextmanager
@@ -146,11 +146,11 @@ class MemoryBudget:
 
     def check(self, size: int, field: str) -> None:
         """Raises `LimitExceededError` if one request may not hold so many bytes."""
-        if size > self._one:
+        if size > self._largest:
             raise LimitExceededError(
                 f"the request would hold about {size / 2**20:.0f} MiB in memory",
                 field=field,
-                limit=f"{self._one / 2**20:.0f} MiB for one request (FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES)",
+                limit=f"{self._largest / 2**20:.0f} MiB for one request (FASTSPLAT_CALLS__REQUEST_MEMORY_BYTES)",
                 hint="Ask for smaller or fewer views, for fewer texts or edits, or in several requests.",
             )
 
@@ -199,10 +199,10 @@ class MemoryBudget:
                 if known is call:
                     break
                 before += waiting.size
-            if self._reserved + self.kept + before + size > self._all:
-                for _, drop in self._kept:
+            if self._reserved + self.cached_bytes + before + size > self._all:
+                for _, drop in self._cached:
                     drop()
-                self._kept.clear()
+                self._cached.clear()
             if self._reserved + before + size > self._all:
                 self._waiting[call] = _Waiting(size, now)
                 return False

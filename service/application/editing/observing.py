@@ -77,14 +77,14 @@ class Observations:
             earlier = self._context.store.versions.made_by(request.scene_id, request.request_id, digest)
             if earlier is not None:
                 return self.get(request.scene_id, self._versions.in_force(earlier).version)
-            asked = LocalizeRequest(
+            localize_request = LocalizeRequest(
                 scene_id=request.scene_id,
                 photos=request.photos,
                 focals=request.focals,
                 poses=request.poses,
                 version=current,
             )
-            index, located = self._localizing.locate(asked)
+            index, located = self._localizing.locate(localize_request)
             observation, pictures = _observation(request, index, located, now, self._keeps_photos(index))
             check_cancelled()
             try:
@@ -101,17 +101,17 @@ class Observations:
         size = check_page_size(page_size, self._context.settings.store)
         check_texts(version, "version")
         index, name = self._context.scenes.open(scene_id, version)
-        newest = _told(index, scene_id)[::-1]
+        newest = _observations(index, scene_id)[::-1]
         page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
         return ObservationList(tuple(page), token, name)
 
     def get(self, scene_id: str, observation_id: str, version: str = "") -> Observation:
         """One observation of a version; raises `NotFoundError` if it is unknown or was undone."""
         check_texts((version, observation_id), "observation_id")
-        observations = _told(self._context.scenes.open(scene_id, version)[0], scene_id)
-        for each in observations:
-            if each.id == observation_id:
-                return each
+        observations = _observations(self._context.scenes.open(scene_id, version)[0], scene_id)
+        for observation in observations:
+            if observation.id == observation_id:
+                return observation
         raise NotFoundError(
             f"no observation {observation_id[:80]!r} in this version of the scene",
             field="observation_id",
@@ -156,10 +156,12 @@ class Observations:
             self._versions.publish(order, parent, index, after, observation.id, add_photos)
 
 
-def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
+def _observations(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
     """Observations of a version, oldest first, with this scene's id even in a copy."""
     names = {obj.id: obj.name for obj in index.objects.table.table}
-    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.objects.history.observations)
+    return tuple(
+        replace(in_words(observation, names), scene_id=scene_id) for observation in index.objects.history.observations
+    )
 
 
 def _observation(
@@ -184,7 +186,7 @@ def _observation(
         for place, number in enumerate(there)
         if (camera := answer.photos[number].camera) is not None
     )
-    changes = tuple(each._replace(photos=tuple(row[number] for number in each.photos)) for each in answer.changes)
+    changes = tuple(change._replace(photos=tuple(row[number] for number in change.photos)) for change in answer.changes)
     taken = [seconds for number in there if (seconds := located.taken_at[number]) is not None]
     seen_at, source = _time_of(request.seen_at, taken, now)
     observation = Observation(

@@ -181,10 +181,10 @@ def _check_on_object(prompt: PicturePrompt, ids: NDArray[np.uint16], object_id: 
     """Rejects pixels off the object that is split."""
     from fastsplat.service.instances.prompt_answers import values_at
 
-    for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if object_id else ()):
-        if shown != object_id:
+    for number, pixel_id in enumerate(values_at(ids, prompt.pixels).tolist() if object_id else ()):
+        if pixel_id != object_id:
             raise InvalidInputError(
-                f"the pixel shows {f'object {shown}' if shown else 'no object'}, not object {object_id}",
+                f"the pixel shows {f'object {pixel_id}' if pixel_id else 'no object'}, not object {object_id}",
                 field=f"pixels[{number}]",
                 hint="Pick the pixel first: it says which object is there.",
             )
@@ -219,12 +219,12 @@ class _OpenSegmenter:
             if known is not None and known[0]() is gaussians:
                 self._embeddings.move_to_end(key)
                 return known[1]
-        made = self.segmenter.embed(picture())
+        embedding = self.segmenter.embed(picture())
         with self._lock:
-            self._embeddings[key] = (weakref.ref(gaussians), made)
+            self._embeddings[key] = (weakref.ref(gaussians), embedding)
             while len(self._embeddings) > self.limit:
                 self._embeddings.popitem(last=False)
-        return made
+        return embedding
 
 
 class _SegmenterCache:

@@ -175,14 +175,14 @@ class Versions:
             seen = self._context.scenes.open(order.scene_id, order.looked_at)[0].objects.table
         before = self._context.scenes.open(order.scene_id, parent)[0]
         sources = self._sources(order.edits)  # before reserving, as opening a scene reserves its own memory
-        size = edit_bytes(before.scene, (one.scene for one in sources.values()))
+        size = edit_bytes(before.scene, (source.scene for source in sources.values()))
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
         with self._prompted.running(order.edits), self._context.memory.reserve(size, "edits"):
-            index, made = self._apply(before, order.edits, seen, sources)
+            index, new_objects = self._apply(before, order.edits, seen, sources)
             rows = [
                 {
                     **row,
-                    **({PROMPTED: made[number]} if number in made else {}),
+                    **({PROMPTED: new_objects[number]} if number in new_objects else {}),
                     **({ASKS_KIND: True} if edit.name is not None and not index.is_understood(edit.name) else {}),
                 }
                 for number, (edit, row) in enumerate(zip(order.edits, order.rows, strict=True))
@@ -259,7 +259,7 @@ class Versions:
         from fastsplat.service.query.edits.apply_edit import apply_edit
 
         before = index.objects.table
-        made: dict[int, dict[str, Any]] = {}
+        new_objects: dict[int, dict[str, Any]] = {}
         for number, edit in enumerate(edits):
             try:
                 piece = self._prompted.piece(index, edit)
@@ -279,9 +279,9 @@ class Versions:
             index = index.after(scene)
             if piece is not None:
                 new_id = index.objects.table.table[-1].id
-                made[number] = to_plain(PromptedObject(number, new_id, len(piece.rows), piece.views))
+                new_objects[number] = to_plain(PromptedObject(number, new_id, len(piece.rows), piece.views))
             check_cancelled()
-        return index, made
+        return index, new_objects
 
     def _sources(self, edits: Sequence[Edit]) -> dict[int, SceneIndex]:
         """Source scenes of insertions, by edit number."""

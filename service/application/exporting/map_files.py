@@ -37,8 +37,8 @@ def map_bytes(index: SceneIndex) -> int:
         InvalidInputError: the scene has no cameras, or as `check_map_frame`.
     """
     check_map_frame(index.scene)
-    own = _PER_CELL * MAX_MAP_CELLS + _PER_SAMPLE * _SAMPLES
-    return surface_bytes(index, mesh=False) + own
+    grid_bytes = _PER_CELL * MAX_MAP_CELLS + _PER_SAMPLE * _SAMPLES
+    return surface_bytes(index, mesh=False) + grid_bytes
 
 
 def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_views) -> OccupancyMap:

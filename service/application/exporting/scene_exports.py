@@ -60,9 +60,9 @@ class Exports:
 
     def over(self, context: ProjectContext) -> Exports:
         """Same caches for another view of the store."""
-        other = copy.copy(self)
-        other._context = context
-        return other
+        clone = copy.copy(self)
+        clone._context = context
+        return clone
 
     def forget(self, scene_id: str) -> None:
         """Drops one scene."""
@@ -109,7 +109,7 @@ class Exports:
         except NotFoundError as error:
             raise NotFoundError(error.message, field="object_id", hint=error.hint) from error
         with self._context.memory.reserve(needed, "scene_id"):
-            known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
+            known = map_of(index, 0.0, lambda scene_index: self._surfaces.views(scene_id, read_version, scene_index))
         return goal_near(known, obj, robot_radius or ROBOT_RADIUS, read_version)
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
@@ -216,9 +216,9 @@ class Exports:
 
     def _created_at(self, scene_id: str, version: str) -> float:
         """Creation time of the version, seconds since 1970."""
-        for made in self._context.store.versions.of(self._context.store.scenes.scene(scene_id)):
-            if made.version == version:
-                return made.created_at
+        for record in self._context.store.versions.of(self._context.store.scenes.scene(scene_id)):
+            if record.version == version:
+                return record.created_at
         raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
 
     def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:

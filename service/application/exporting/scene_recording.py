@@ -84,7 +84,7 @@ def object_facts(obj: SceneObject) -> dict[str, str]:
         "name": obj.name,
         "source": obj.source or "",
         "probability": repr(float(obj.probability)),
-        "suggestions": json.dumps({each.name: float(each.probability) for each in obj.suggestions}),
+        "suggestions": json.dumps({suggestion.name: float(suggestion.probability) for suggestion in obj.suggestions}),
         "kind": obj.kind,
         "surface": obj.surface,
         "gaussians": str(obj.gaussian_count),

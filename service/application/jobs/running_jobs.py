@@ -47,7 +47,7 @@ class RunningJobs:
     def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
         """Converts many operation rows, skipping unreadable ones."""
         ahead = self._queue.ahead(records)
-        return tuple(each_readable(records, lambda one: operation_of(one, self._worker_of(one), ahead.get(one.id))))
+        return tuple(each_readable(records, lambda job: operation_of(job, self._worker_of(job), ahead.get(job.id))))
 
     def finish(self, operation_id: str) -> Operation:
         """Ends a job's training early, after at least 250 steps, and keeps its scene.

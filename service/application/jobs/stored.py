@@ -163,14 +163,14 @@ def labels_of(record: SceneRecord, rows: Sequence[Mapping[str, Any]]) -> tuple[D
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
     """Converts a dictionary row, dropping columns that are not shown."""
-    shown = {field.name: row[field.name] for field in fields(DictionaryEntry)}
-    return DictionaryEntry(**{**shown, "aliases": tuple(row["aliases"])})
+    columns = {field.name: row[field.name] for field in fields(DictionaryEntry)}
+    return DictionaryEntry(**{**columns, "aliases": tuple(row["aliases"])})
 
 
 def _stage_of(row: Mapping[str, Any]) -> StageProgress:
     metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != SECONDS_LEFT}
-    shown = {field.name: row[field.name] for field in fields(StageProgress)}
-    return StageProgress(**{**shown, "metrics": metrics})
+    columns = {field.name: row[field.name] for field in fields(StageProgress)}
+    return StageProgress(**{**columns, "metrics": metrics})
 
 
 def _time(seconds: float) -> datetime:

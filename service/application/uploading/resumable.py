@@ -101,9 +101,9 @@ class ResumableUploads:
 
         Together they have at most `max_bytes`, and at most one is incomplete.
         """
-        own = copy.copy(self)
-        own._key, own._max_files = key_id, max_files
-        return own
+        clone = copy.copy(self)
+        clone._key, clone._max_files = key_id, max_files
+        return clone
 
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
         """Announces a file of `length` bytes; durable on return.
@@ -228,10 +228,10 @@ class ResumableUploads:
 
     def _check_owned(self, project: str, new_id: str) -> None:
         """Checks an upload key's limits, the new file included."""
-        owned = list(self._all(project))
+        uploads = list(self._all(project))
         limits = (
-            (sum(upload.length for upload in owned), self.max_bytes, "bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)"),
-            (len(owned), self._max_files, "files"),
+            (sum(upload.length for upload in uploads), self.max_bytes, "bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)"),
+            (len(uploads), self._max_files, "files"),
         )
         for count, limit, unit in limits:
             if count > limit:
@@ -241,7 +241,7 @@ class ResumableUploads:
                     limit=f"{limit} {unit}",
                     hint="Send fewer or smaller images, or delete files that were sent and are not needed.",
                 )
-        for upload in owned:
+        for upload in uploads:
             if upload.id != new_id and upload.offset < upload.length:
                 raise ConflictError(
                     f"{upload.name!r} of this key's upload is not whole yet",
@@ -264,8 +264,8 @@ class ResumableUploads:
         try:
             folder = self._blobs.upload(upload_id)
             info = _Info(**json.loads((folder / _INFO).read_text()))
-            owned = info.project == project and self._key in ("", info.key)
-            if owned and self._age(folder) < self._lifetime_s:
+            visible = info.project == project and self._key in ("", info.key)
+            if visible and self._age(folder) < self._lifetime_s:
                 return folder, info
         except (OSError, ValueError):
             pass

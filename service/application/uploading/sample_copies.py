@@ -65,12 +65,16 @@ def _add(context: ProjectContext, scene_id: str) -> str:
     except OSError as error:
         raise disk_error(error, "sample") from error
     try:
-        made = store.scenes.add_ready(
-            scene, operation, _REQUEST, photos, lambda one: context.quotas.reserve(one, project, scene_id, size)
+        record = store.scenes.add_ready(
+            scene,
+            operation,
+            _REQUEST,
+            photos,
+            lambda connection: context.quotas.reserve(connection, project, scene_id, size),
         )
     except BaseException:
         store.blobs.drop_scene(scene_id)
         raise
-    if made.scene_id != scene_id:  # another caller was faster
+    if record.scene_id != scene_id:  # another caller was faster
         store.blobs.drop_scene(scene_id)
-    return made.scene_id
+    return record.scene_id

@@ -61,7 +61,7 @@ def inner_pixels(depth: F32) -> NDArray[np.bool_]:
     inner = np.zeros(depth.shape, bool)
     here = depth[1:-1, 1:-1]
     alike = here > 0
-    for other in (depth[:-2, 1:-1], depth[2:, 1:-1], depth[1:-1, :-2], depth[1:-1, 2:]):
-        alike &= np.abs(other - here) <= _EDGE * here
+    for neighbor in (depth[:-2, 1:-1], depth[2:, 1:-1], depth[1:-1, :-2], depth[1:-1, 2:]):
+        alike &= np.abs(neighbor - here) <= _EDGE * here
     inner[1:-1, 1:-1] = alike
     return inner

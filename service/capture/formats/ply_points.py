@@ -41,9 +41,9 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
         with np.errstate(over="ignore"):
             points[rows] = np.stack([table[axis] for axis in "xyz"], axis=1)
         if colored:
-            told = np.stack([table[channel] for channel in _COLOR], axis=1)
-            whole = 255 if told.dtype.kind == "f" else 1  # by convention, floats are 0..1
-            colors[rows] = np.clip(np.nan_to_num(told * whole), 0, 255)
+            channels = np.stack([table[channel] for channel in _COLOR], axis=1)
+            whole = 255 if channels.dtype.kind == "f" else 1  # by convention, floats are 0..1
+            colors[rows] = np.clip(np.nan_to_num(channels * whole), 0, 255)
     if not np.isfinite(points).all():
         raise refuse("has NaN or infinite positions")
     return points, colors

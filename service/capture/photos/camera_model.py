@@ -207,12 +207,12 @@ def _radial_lens(distorted: pycolmap.Camera, seen: Camera) -> RadialLens | None:
     y = np.array([-seen.cy, seen.height - seen.cy]) / seen.fy
     corners = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=-1)
     places = (np.linspace(0.1, 1.0, 10)[:, None, None] * corners).reshape(-1, 2)
-    shown = np.asarray(distorted.img_from_cam(np.column_stack([places, np.ones(len(places))])))
-    shown = (shown - [distorted.principal_point_x, distorted.principal_point_y]).ravel()
+    pixels = np.asarray(distorted.img_from_cam(np.column_stack([places, np.ones(len(places))])))
+    pixels = (pixels - [distorted.principal_point_x, distorted.principal_point_y]).ravel()
     columns = np.stack([places.ravel(), (places * (places**2).sum(axis=1, keepdims=True)).ravel()], axis=-1)
-    (focal, cubic), *_ = np.linalg.lstsq(columns, shown, rcond=None)
+    (focal, cubic), *_ = np.linalg.lstsq(columns, pixels, rcond=None)
     longer = max(distorted.width, distorted.height)
-    if not np.abs(columns @ [focal, cubic] - shown).max() < _LENS_TOLERANCE * longer:
+    if not np.abs(columns @ [focal, cubic] - pixels).max() < _LENS_TOLERANCE * longer:
         return None
     return RadialLens(float(focal / longer), float(cubic / focal))
 

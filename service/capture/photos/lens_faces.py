@@ -177,8 +177,8 @@ class _Lens:
     def _reaches(self) -> tuple[float, float, float, float]:
         """Angles from the axis to the picture's right, bottom, left and top edges, degrees."""
         pixels = self._pixels[:: _DIRECTIONS // 4]
-        shown = self._shown(pixels.reshape(-1, 2)).reshape(4, _TABLE) & (self._table <= self.reach_deg)
-        right, bottom, left, top = np.where(shown, self._table, 0.0).max(axis=1).tolist()
+        visible = self._in_image(pixels.reshape(-1, 2)).reshape(4, _TABLE) & (self._table <= self.reach_deg)
+        right, bottom, left, top = np.where(visible, self._table, 0.0).max(axis=1).tolist()
         return right, bottom, left, top
 
     def undistortion(self, camera: Camera, camera_from_face: F64) -> Undistortion:
@@ -188,7 +188,7 @@ class _Lens:
         pixels = np.full((len(rays), 2), -1e6)
         usable = angle < self.reach_deg
         pixels[usable] = self._project(rays[usable])
-        pixels[~self._shown(pixels)] = -1e6
+        pixels[~self._in_image(pixels)] = -1e6
         return Undistortion(camera, (pixels - 0.5).astype(np.float32).reshape(camera.height, camera.width, 2))
 
     def trimmed(self, camera: Camera, camera_from_face: F64) -> Undistortion | None:
@@ -208,7 +208,7 @@ class _Lens:
         """Share of the picture's pixels, within the image circle, that lie in a face."""
         x, y = np.meshgrid(*(np.linspace(0.0, size, _COVERAGE_GRID + 2)[1:-1] for size in self._size))
         pixels = np.column_stack([x.ravel(), y.ravel()])
-        pixels = pixels[self._shown(pixels)]
+        pixels = pixels[self._in_image(pixels)]
         rays = np.asarray(self._camera.cam_ray_from_img(pixels))
         covered = np.zeros(len(pixels), bool)
         for face in faces:
@@ -223,7 +223,7 @@ class _Lens:
     def _project(self, rays: F64) -> F64:
         return np.asarray(self._camera.img_from_cam(np.ascontiguousarray(rays)))
 
-    def _shown(self, pixels: F64) -> NDArray[np.bool_]:
+    def _in_image(self, pixels: F64) -> NDArray[np.bool_]:
         with np.errstate(invalid="ignore"):
             inside = ((pixels >= 0) & (pixels <= self._size)).all(axis=1)
             if self._radius_px is not None:

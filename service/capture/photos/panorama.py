@@ -187,8 +187,8 @@ def face_side(frame: PanoramaFrame, most: int) -> int:
 def nadir_mask(camera_side: int, face: str, nadir_deg: float) -> NDArray[np.bool_] | None:
     """Masks the nadir, where the photographer stands, false within `nadir_deg`; None if not visible."""
     rays = face_rays(face_camera(camera_side)) @ FACES[face].T
-    kept = rays[..., 1] < math.cos(math.radians(nadir_deg)) * np.linalg.norm(rays, axis=-1)
-    return None if nadir_deg <= 0 or kept.all() else np.asarray(kept)
+    mask = rays[..., 1] < math.cos(math.radians(nadir_deg)) * np.linalg.norm(rays, axis=-1)
+    return None if nadir_deg <= 0 or mask.all() else np.asarray(mask)
 
 
 def metadata_value(text: str, name: str) -> str:

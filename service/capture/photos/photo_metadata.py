@@ -45,7 +45,7 @@ class PhotoMetadata:
 def read_metadata(root: Path, photos: Sequence[PhotoInfo]) -> dict[str, dict[str, Any]]:
     """Reads metadata of checked photos by path, JSON-ready; photos without any are omitted."""
     metadata = {photo.path: _read(root, photo) for photo in photos}
-    return {path: asdict(each) for path, each in metadata.items() if each != PhotoMetadata()}
+    return {path: asdict(entry) for path, entry in metadata.items() if entry != PhotoMetadata()}
 
 
 def metadata_from_json(row: Mapping[str, Any] | None) -> PhotoMetadata:

@@ -157,8 +157,8 @@ def _originals(photos: Sequence[PhotoQuality], poses: Mapping[str, NDArray[np.fl
         distances = squares[rows, None] + squares[None] - 2 * thumbnails[rows] @ thumbnails.T
         near = distances < thumbnails.shape[1] * _SAME_PIXELS**2
         for row, number in enumerate(range(begin, min(begin + _ROWS, len(order)))):
-            for other in np.flatnonzero(near[row, :number]):
-                photo, candidate = order[number], order[int(other)]
+            for index in np.flatnonzero(near[row, :number]):
+                photo, candidate = order[number], order[int(index)]
                 if candidate.name not in originals and _same_pose(photo.name, candidate.name, poses, reach):
                     originals[photo.name] = candidate.name
                     break
@@ -177,10 +177,10 @@ def _same_pose(first: str, second: str, poses: Mapping[str, NDArray[np.float64]]
     """Checks if two photos may have about the same pose; unknown poses may."""
     if first not in poses or second not in poses:
         return True
-    one, other = poses[first], poses[second]
-    if float(np.linalg.norm(one[:3, 3] - other[:3, 3])) > reach:
+    pose, other_pose = poses[first], poses[second]
+    if float(np.linalg.norm(pose[:3, 3] - other_pose[:3, 3])) > reach:
         return False
-    return float((one[:3, 2] * other[:3, 2]).sum()) >= _SAME_DIRECTION
+    return float((pose[:3, 2] * other_pose[:3, 2]).sum()) >= _SAME_DIRECTION
 
 
 def _reason(matches: PhotoMatches | None) -> NotPlaced:

@@ -31,10 +31,10 @@ def is_spherical(path: Path, name: str) -> bool:
     with path.open("rb") as file:
         boxes = _Boxes(file, path.stat().st_size)
         kinds = [*_stated_by_xml(boxes), *_stated_by_boxes(boxes)]
-    other = next((kind for kind in kinds if kind != "sphere"), None)
-    if other is not None:
+    bad_kind = next((kind for kind in kinds if kind != "sphere"), None)
+    if bad_kind is not None:
         raise InvalidInputError.of(
-            name, f"says that it is {other}", "Export it as an equirectangular video of 360° × 180° for one eye."
+            name, f"says that it is {bad_kind}", "Export it as an equirectangular video of 360° × 180° for one eye."
         )
     return bool(kinds)
 
@@ -47,10 +47,10 @@ def _stated_by_xml(boxes: _Boxes) -> Iterator[str]:
             continue
         stereo = metadata_value(text, "GSpherical:StereoMode").lower() not in ("", "mono")
         projection = metadata_value(text, "GSpherical:ProjectionType").lower()
-        shown, whole = (
+        area_width, whole = (
             metadata_value(text, f"GSpherical:{part}WidthPixels") for part in ("CroppedAreaImage", "FullPano")
         )
-        yield _kind(stereo, projection != "equirectangular", shown != whole and "" not in (shown, whole))
+        yield _kind(stereo, projection != "equirectangular", area_width != whole and "" not in (area_width, whole))
 
 
 def _stated_by_boxes(boxes: _Boxes) -> Iterator[str]:

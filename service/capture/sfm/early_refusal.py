@@ -58,36 +58,36 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
     if largest < _NEARLY_ALL * count and not complete:
         return
     for (first, second), rows in verified.pairs.items():
-        one, other = cameras[images[first]], cameras[images[second]]
+        camera1, camera2 = cameras[images[first]], cameras[images[second]]
         pixels = verified.pixels[first][rows[:, 0]], verified.pixels[second][rows[:, 1]]
-        if shows_depth(one, other, *(part.astype(np.float64) for part in pixels)):
+        if shows_depth(camera1, camera2, *(part.astype(np.float64) for part in pixels)):
             return
     raise _refusal("all photos were taken from one place: depth cannot be told from photos that only turn", count)
 
 
-def shows_depth(one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64) -> bool:
+def shows_depth(camera1: pycolmap.Camera, camera2: pycolmap.Camera, pixels1: F64, pixels2: F64) -> bool:
     """Checks that no rotation explains nearly all matches [M, 2] at any possible focal length."""
-    known = one.has_prior_focal_length and other.has_prior_focal_length
+    known = camera1.has_prior_focal_length and camera2.has_prior_focal_length
     return not any(
-        _share_turned(one, other, pixels1, pixels2, focal) >= _TURNED for focal in (None,) * known or _FOCALS
+        _share_turned(camera1, camera2, pixels1, pixels2, focal) >= _TURNED for focal in (None,) * known or _FOCALS
     )
 
 
 def _share_turned(
-    one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64, focal: float | None
+    camera1: pycolmap.Camera, camera2: pycolmap.Camera, pixels1: F64, pixels2: F64, focal: float | None
 ) -> float:
     """Share of matches that the best rotation explains; `focal` over the longer side, if unknown."""
-    rays1, rays2 = _rays(one, pixels1, focal), _rays(other, pixels2, focal)
+    rays1, rays2 = _rays(camera1, pixels1, focal), _rays(camera2, pixels2, focal)
     usable = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
     rays1, rays2 = rays1[usable], rays2[usable]
-    longer = max(other.width, other.height)
-    allowed = _SAME_PLACE / (focal or other.mean_focal_length() / longer)
-    kept = np.ones(len(rays1), bool)
+    longer = max(camera2.width, camera2.height)
+    allowed = _SAME_PLACE / (focal or camera2.mean_focal_length() / longer)
+    inliers = np.ones(len(rays1), bool)
     for _ in range(_ROUNDS):
-        left, _, right = np.linalg.svd(rays2[kept].T @ rays1[kept])
+        left, _, right = np.linalg.svd(rays2[inliers].T @ rays1[inliers])
         rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
         angles = np.linalg.norm(rays1 @ rotation.T - rays2, axis=1)
-        kept = angles <= max(allowed, float(np.quantile(angles, 0.7)))
+        inliers = angles <= max(allowed, float(np.quantile(angles, 0.7)))
     return float((angles <= allowed).sum() / len(pixels1))
 
 

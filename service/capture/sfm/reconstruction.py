@@ -320,10 +320,10 @@ def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | b
         for pair_id, unverified in zip(*reader.read_num_matches(), strict=True):
             count = int(counts.get(pair_id, 0))
             first, second = pycolmap.pair_id_to_image_pair(pair_id)
-            for image_id, other in ((first, second), (second, first)):
+            for image_id, other_id in ((first, second), (second, first)):
                 best[image_id] = max(best[image_id], count)
-                if other in placed and other != image_id:
-                    nearest[image_id] = max(nearest[image_id], (count, int(unverified), -other))
+                if other_id in placed and other_id != image_id:
+                    nearest[image_id] = max(nearest[image_id], (count, int(unverified), -other_id))
         images = reader.read_all_images()
         names = {image.image_id: image.name for image in images}
         return {

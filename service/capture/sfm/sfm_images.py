@@ -256,7 +256,7 @@ def _faces(
     held: WithheldPixels,
 ) -> Iterator[SfmImage]:
     bordered, faces = wrapped(pixels, frame), {}
-    made: list[SfmImage] = []
+    face_images: list[SfmImage] = []
     for face in panorama_faces(frame, (pixels.shape[1], pixels.shape[0]), side):
         mask = face.undistortion.valid(bordered.shape[1], bordered.shape[0])
         nadir = nadir_mask(side, face.name, settings.nadir_deg)
@@ -264,14 +264,14 @@ def _faces(
             mask = nadir if mask is None else mask & nadir
         if mask is None or mask.any():
             faces[face.name] = face, mask, nadir, face.undistortion.apply(bordered)
-    own = {face: mask for face, (*_, shown) in faces.items() if (mask := held.movers(shown)) is not None}
-    movers = shown_by_any(own)
-    for face, mask, nadir, shown in faces.values():
+    mover_masks = {face: mask for face, (*_, picture) in faces.items() if (mask := held.movers(picture)) is not None}
+    movers = shown_by_any(mover_masks)
+    for face, mask, nadir, picture in faces.values():
         folder = images / face.name
         folder.mkdir(exist_ok=True)
         view = face_name(name, face.name)
-        shown = held.take(view, shown, f"{face.name}/{file}", movers.get(face.name)).pixels
-        save_rgb(shown if nadir is None else np.where(nadir[..., None], shown, 0).astype(np.uint8), folder / file)
+        picture = held.take(view, picture, f"{face.name}/{file}", movers.get(face.name)).pixels
+        save_rgb(picture if nadir is None else np.where(nadir[..., None], picture, 0).astype(np.uint8), folder / file)
         image = SfmImage(
             name=view,
             file=f"{face.name}/{file}",
@@ -280,17 +280,17 @@ def _faces(
             camera_group=face.name,
             focal_px=face_camera(side).fx,
             photo=None,
-            quality=measure_photo(view, shown),
+            quality=measure_photo(view, picture),
             model="PINHOLE",
             face=face,
             panorama=frame,
             mask=mask,
         )
-        made.append(image)
+        face_images.append(image)
     # A ceiling is less sharp than a shelf even in a sharp panorama, so all faces share their quality.
-    detail = _root_mean_square([image.quality.detail for image in made])
-    contrast = _root_mean_square([image.quality.contrast for image in made])
-    for image in made:
+    detail = _root_mean_square([image.quality.detail for image in face_images])
+    contrast = _root_mean_square([image.quality.contrast for image in face_images])
+    for image in face_images:
         yield replace(image, quality=replace(image.quality, detail=detail, contrast=contrast))
 
 

@@ -110,11 +110,11 @@ class ImageDecoder:
         pixel_bytes: int,
         depth: dict[str, Any] | None = None,
     ) -> bytearray:
-        asked = {"kind": kind, "root": str(root), "name": name, "photo": asdict(photo), "size": size, "depth": depth}
+        request = {"kind": kind, "root": str(root), "name": name, "photo": asdict(photo), "size": size, "depth": depth}
         deadline = time.monotonic() + self._settings.validation_seconds
         assert self._process.stdin is not None
         try:
-            self._process.stdin.write(json.dumps(asked).encode() + b"\n")
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
             self._process.stdin.flush()
         except BrokenPipeError as error:
             raise self._ended() from error

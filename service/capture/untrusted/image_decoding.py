@@ -44,19 +44,19 @@ def decode_requests(
     """
     settings = CaptureSettings(**request["settings"])
     for line in sys.stdin.buffer:
-        asked = json.loads(line)
-        root, photo, size = Path(asked["root"]), PhotoInfo(**asked["photo"]), tuple(asked["size"])
+        file_request = json.loads(line)
+        root, photo, size = Path(file_request["root"]), PhotoInfo(**file_request["photo"]), tuple(file_request["size"])
         pixels: NDArray[Any]
         try:
-            if asked["kind"] == "map":
-                pixels = load_upright_map(root, asked["name"], photo, size, settings)
-            elif asked["kind"] == "depth":
-                pixels = sample_depth(read_depth(root, DepthFile(**asked["depth"]), settings), size)
-            elif asked["kind"] == "header":
-                header = read_header(root, asked["name"], settings)
+            if file_request["kind"] == "map":
+                pixels = load_upright_map(root, file_request["name"], photo, size, settings)
+            elif file_request["kind"] == "depth":
+                pixels = sample_depth(read_depth(root, DepthFile(**file_request["depth"]), settings), size)
+            elif file_request["kind"] == "header":
+                header = read_header(root, file_request["name"], settings)
                 numbers = header.width, header.height, header.orientation, header.focal_35mm, header.taken_at
                 pixels = np.array(numbers, np.float64)  # None becomes NaN
-            elif asked["kind"] == "opaque":
+            elif file_request["kind"] == "opaque":
                 pixels = reduce(load_opaque(root, photo, settings), size)
             else:
                 pixels = reduce(load_upright(root, photo, settings), size)

@@ -79,7 +79,7 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
         problem = InvalidInputError(f"{name['images']}: no image has a pose", field=name["images"], hint=_HINT)
         raise left_out.refusal(problem)
     names_and_paths = [(image.name, image.path) for image in posed_images]
-    if any(len(set(own)) < len(own) for own in zip(*names_and_paths, strict=True)):
+    if any(len(set(column)) < len(column) for column in zip(*names_and_paths, strict=True)):
         raise InvalidInputError(f"{name['images']}: two images share a name", field=name["images"], hint=_HINT)
     positions: list[tuple[float, ...]] = []
     colors: list[tuple[int, ...]] = []
@@ -125,8 +125,8 @@ def _posed_image(
     check_rigid(world_from_camera, field=where)
     check_position(world_from_camera, where)
     path = files.file(images, image_name, field, photo=True)
-    own = posixpath.relpath(path, images)
-    masks = (f"{folder}/{own}.png" for folder in ("masks", "mask"))  # COLMAP's own layout, beside the images
+    subpath = posixpath.relpath(path, images)
+    masks = (f"{folder}/{subpath}.png" for folder in ("masks", "mask"))  # COLMAP's own layout, beside the images
     beside = (posixpath.normpath(posixpath.join(images, up, mask)) for mask in masks for up in ("..", "."))
     mask = next((mask for mask in beside if not mask.startswith("..") and files.has(mask)), None)
     return PosedImage(image_name, path, camera_models[camera_id], world_from_camera, mask=mask)

@@ -41,11 +41,11 @@ class NamedFiles:
             InvalidInputError: the name leads out of the upload and matches no file in it.
         """
         names = [*(name + suffix for suffix in suffixes), name]
-        for inside in (self._inside(folder, each) for each in names):
+        for inside in (self._inside(folder, candidate) for candidate in names):
             if inside is not None and self.has(inside):
                 return inside
-        for each in names:
-            if (alike := self._alike(folder, each, photo)) is not None:
+        for candidate in names:
+            if (alike := self._alike(folder, candidate, photo)) is not None:
                 return alike
         if (path := self._inside(folder, name)) is None:
             raise _not_in_upload(name, field)

@@ -66,10 +66,10 @@ def check_photos(
         raise InvalidInputError(
             f"{folder} is read as {manifest.source}", field="photos", hint="Name a folder of photos alone."
         )
-    own = scratch / "decoding"
-    own.mkdir()
+    decoder_folder = scratch / "decoding"
+    decoder_folder.mkdir()
     qualities, features = [], []
-    with ImageDecoder(own, (files,), settings) as decoder:
+    with ImageDecoder(decoder_folder, (files,), settings) as decoder:
         for number, (photo, name) in enumerate(zip(manifest.photos, manifest.names, strict=True)):
             if on_photo is not None:
                 on_photo(number, len(manifest.photos))
@@ -136,22 +136,22 @@ def _best_matches(features: Sequence[Features]) -> list[int]:
         for number in range(count)
         for step in range(1, min(_NEIGHBORS, count - 1) + 1)
     }
-    for one, other in sorted(pairs):
-        shared = _shared(features[one], features[other])
-        best[one], best[other] = max(best[one], shared), max(best[other], shared)
+    for first, second in sorted(pairs):
+        shared = _shared(features[first], features[second])
+        best[first], best[second] = max(best[first], shared), max(best[second], shared)
     return best
 
 
-def _shared(one: Features, other: Features) -> int:
+def _shared(left: Features, right: Features) -> int:
     """Counts matches that pass the ratio test and fit one fundamental matrix."""
-    if min(len(one[0]), len(other[0])) < MIN_MATCHES:
+    if min(len(left[0]), len(right[0])) < MIN_MATCHES:
         return 0
-    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(one[1], other[1], k=2)
+    pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(left[1], right[1], k=2)
     good = [pair[0] for pair in pairs if len(pair) == 2 and pair[0].distance < _RATIO * pair[1].distance]
     if len(good) < MIN_MATCHES:
         return 0
-    first = np.array([one[0][match.queryIdx] for match in good])
-    second = np.array([other[0][match.trainIdx] for match in good])
+    first = np.array([left[0][match.queryIdx] for match in good])
+    second = np.array([right[0][match.trainIdx] for match in good])
     cv2.setRNGSeed(0)
     _, inliers = cv2.findFundamentalMat(first, second, cv2.FM_RANSAC, _ERROR_PX, 0.99)
     return 0 if inliers is None else int(inliers.sum())

@@ -38,20 +38,20 @@ def photo_paths(manifest: UploadManifest, names: Sequence[str]) -> tuple[str, ..
 def without_photos(manifest: UploadManifest, paths: Collection[str]) -> UploadManifest:
     """Moves photos to the manifest's `left_out`; raises `InvalidInputError` if too few stay."""
     gone = [photo.path for photo in manifest.photos if photo.path in paths]
-    kept = [
+    rest = [
         (photo, name) for photo, name in zip(manifest.photos, manifest.names, strict=True) if photo.path not in paths
     ]
     fewest = 1 if manifest.poses else _FEWEST_WITHOUT_POSES
-    if gone and len(kept) < fewest:
+    if gone and len(rest) < fewest:
         raise InvalidInputError(
-            f"without {len(gone)} of {len(manifest.photos)} photos only {len(kept)} would be left",
+            f"without {len(gone)} of {len(manifest.photos)} photos only {len(rest)} would be left",
             field=_FIELD,
             limit=f"at least {fewest} photos",
             hint="Leave out fewer, or post other photos.",
         )
     return replace(
         manifest,
-        photos=tuple(photo for photo, _ in kept),
-        names=tuple(name for _, name in kept),
+        photos=tuple(photo for photo, _ in rest),
+        names=tuple(name for _, name in rest),
         left_out={**manifest.left_out, **dict.fromkeys(gone, ON_REQUEST)},
     )

@@ -88,10 +88,10 @@ class _Child:
         self._folder = Path(tempfile.mkdtemp(prefix="fastsplat-photos-"))
         self._remove = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
         self._photos = self._folder / "photos"
-        own = self._folder / "decoder"
+        decoder_folder = self._folder / "decoder"
         self._photos.mkdir()
-        own.mkdir()
-        self._decoder = ImageDecoder(own, (self._photos,), settings)
+        decoder_folder.mkdir()
+        self._decoder = ImageDecoder(decoder_folder, (self._photos,), settings)
 
     def decode(self, photos: Sequence[bytes], max_side: int) -> tuple[SentPhoto, ...]:
         decoded = []

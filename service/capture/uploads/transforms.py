@@ -139,9 +139,9 @@ def _whole_document(root: Path, name: str, settings: CaptureSettings) -> dict[st
 
 def _with_camera(top: Mapping[str, Any], frame: Mapping[str, Any]) -> dict[str, Any]:
     """Completes a frame's camera by its document's, in either notation."""
-    own = {key: value for key, value in frame.items() if value is not None}
-    told = {key for pair in _SAME_FOCAL for key in pair if own.keys() & set(pair)}
-    return {key: top[key] for key in _CAMERA_KEYS if key in top and key not in told} | own
+    values = {key: value for key, value in frame.items() if value is not None}
+    focal_keys = {key for pair in _SAME_FOCAL for key in pair if values.keys() & set(pair)}
+    return {key: top[key] for key in _CAMERA_KEYS if key in top and key not in focal_keys} | values
 
 
 def name_keys(name: str) -> tuple[str, str, str]:
@@ -155,8 +155,8 @@ def _frames(
     """Reads frames: sorted images, missing ones, and view names ("" if missing) by file_path."""
     images: dict[str, PosedImage] = {}
     missing, name_by_asked = [], dict[str, str]()
-    asked = [str(frame.get("file_path")) for frame in frames if isinstance(frame, dict)]
-    document.files.expect(document.folder, (path + end for path in asked for end in ("", *_IMPLIED_SUFFIXES)))
+    paths = [str(frame.get("file_path")) for frame in frames if isinstance(frame, dict)]
+    document.files.expect(document.folder, (path + end for path in paths for end in ("", *_IMPLIED_SUFFIXES)))
     for index, frame in enumerate(frames):
         where, key = f"{document.name}: frame {index}", f"frame {index} of {document.name}"
         file_path = frame.get("file_path") if isinstance(frame, dict) else None
@@ -360,9 +360,9 @@ def _test_names(document: _Document, names: list[str], name_by_asked: Mapping[st
         raise InvalidInputError.of(
             document.name, ": the test split is not a list of names", "Give a list of file names."
         )
-    name_by_key = {key: name for asked, name in name_by_asked.items() for key in name_keys(asked)}
+    name_by_key = {key: name for path, name in name_by_asked.items() for key in name_keys(path)}
     name_by_key |= {key: name for name in names for key in name_keys(name)}
-    name_by_key |= {asked: name for asked, name in name_by_asked.items() if name or asked not in name_by_key}
+    name_by_key |= {path: name for path, name in name_by_asked.items() if name or path not in name_by_key}
     test_names = set()
     for entry in entries:
         key = entry.removeprefix("./")

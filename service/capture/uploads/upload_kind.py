@@ -23,7 +23,7 @@ from fastsplat_contract.errors import InvalidInputError
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
 _LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
 _POSE_SUFFIXES = (".json", ".xml", ".out", ".csv")
-_OTHERS = {
+_UNSUPPORTED = {
     ".glb": ("glTF", "Save its splat as PLY with the program that made it"),
     ".obj": ("a mesh", "Send a splat, or the photos that the mesh was made from"),
 } | dict.fromkeys(ARCHIVE_SUFFIXES, ("an archive in the archive", "Unpack it, and send one archive of its files"))
@@ -77,8 +77,8 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
     transforms = transforms or _shallowest(path for path in files if PurePosixPath(path).name in BLENDER_DOCUMENTS)
     read = {labels, frame, *splats, *maps}
     if transforms:
-        own = (PurePosixPath(transforms).with_name(name).as_posix() for name in BLENDER_DOCUMENTS)
-        warnings = _unread(files, {transforms, *read, *own}, _POSE_SUFFIXES)
+        documents = (PurePosixPath(transforms).with_name(name).as_posix() for name in BLENDER_DOCUMENTS)
+        warnings = _unread(files, {transforms, *read, *documents}, _POSE_SUFFIXES)
         return UploadContents("nerfstudio", images, transforms, ".", "", labels, maps, splats, frame, warnings)
     folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
     models = sorted(
@@ -148,8 +148,8 @@ def _unread(files: list[str], read: Collection[str], suffixes: Sequence[str] = (
 def _refuse_others(files: list[str]) -> None:
     """Explains why none of the files can be read."""
     for path in files:
-        if _suffix(path) in _OTHERS:
-            kind, way = _OTHERS[_suffix(path)]
+        if _suffix(path) in _UNSUPPORTED:
+            kind, way = _UNSUPPORTED[_suffix(path)]
             raise InvalidInputError(f"the upload has no images; {path} is {kind}", field=path, hint=f"{way}.")
     ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
     if ply is not None:

@@ -175,6 +175,6 @@ def _validate_images(
 
 def _sent_bytes(upload_dir: Path) -> int:
     """Sums up the bytes of an upload as sent."""
-    own = (path for path in upload_dir.iterdir() if path.name != VALIDATED and not path.name.startswith("."))
-    paths = (path for top in own for path in (top, *top.rglob("*")))
+    entries = (path for path in upload_dir.iterdir() if path.name != VALIDATED and not path.name.startswith("."))
+    paths = (path for top in entries for path in (top, *top.rglob("*")))
     return sum(path.stat().st_size for path in paths if path.is_file())

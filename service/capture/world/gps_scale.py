@@ -85,10 +85,10 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
         factor = complex((centered[used].conj() @ target[used]) / extent)
         residual = target - factor * centered
         measured = float(np.median(np.abs(residual[used]))) / 1.1774  # of a Rayleigh distribution
-        kept = np.abs(residual) <= _OUTLIER * max(deviation, measured)
-        if kept.sum() < _LEAST_PLACES or (kept == used).all():
+        inliers = np.abs(residual) <= _OUTLIER * max(deviation, measured)
+        if inliers.sum() < _LEAST_PLACES or (inliers == used).all():
             break
-        used = kept
+        used = inliers
     count, scale = int(used.sum()), abs(factor)
     # Costs 40 MB, only for captures with places.
     from scipy.stats import t as student_t

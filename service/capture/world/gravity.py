@@ -160,6 +160,6 @@ def _vertical(up: F64, source: VerticalSource, deviation_deg: float) -> Vertical
     return Vertical(np.asarray(up, dtype=np.float64), VerticalEstimate(source, deviation_deg))
 
 
-def _degrees(one: F64, other: F64) -> float:
-    cosine = one @ other / (np.linalg.norm(one) * np.linalg.norm(other))
+def _degrees(first: F64, second: F64) -> float:
+    cosine = first @ second / (np.linalg.norm(first) * np.linalg.norm(second))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

@@ -164,13 +164,13 @@ def depth_points(views: Sequence[View], count: int) -> tuple[F32, NDArray[np.uin
         world = (rays * depth[rows, columns, None].astype(np.float64)) @ pose[:3, :3].T + pose[:3, 3]
         at_x = np.floor(x * photo_camera.fx + photo_camera.cx).astype(np.int64)
         at_y = np.floor(y * photo_camera.fy + photo_camera.cy).astype(np.int64)
-        shown = (at_x >= 0) & (at_x < photo_camera.width) & (at_y >= 0) & (at_y < photo_camera.height)
+        inside = (at_x >= 0) & (at_x < photo_camera.width) & (at_y >= 0) & (at_y < photo_camera.height)
         if view.valid_path is not None:
             with Image.open(view.valid_path) as image:
                 valid = np.asarray(image.convert("L")) == 255
-            shown[shown] = valid[at_y[shown], at_x[shown]]
-        points.append(world[shown].astype(np.float32))
-        colors.append(load_rgb(view.image_path)[at_y[shown], at_x[shown]])
+            inside[inside] = valid[at_y[inside], at_x[inside]]
+        points.append(world[inside].astype(np.float32))
+        colors.append(load_rgb(view.image_path)[at_y[inside], at_x[inside]])
     if not points:
         return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
     return np.concatenate(points), np.concatenate(colors)

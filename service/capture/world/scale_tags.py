@@ -92,14 +92,14 @@ def estimate_scale(
     side = _mean_side(squares.values())
     without = []
     for left_out in views:
-        others: list[tuple[float, float]] = []
+        sides: list[tuple[float, float]] = []
         for tag, square in squares.items():
             rest = {view: corners for view, corners in by_tag[tag].items() if view != left_out}
             again = square if len(rest) == len(by_tag[tag]) else _square(rest, cameras) if len(rest) > 1 else None
             if again is not None:
-                others.append(again)
-        if others:
-            without.append(_mean_side(others))
+                sides.append(again)
+        if sides:
+            without.append(_mean_side(sides))
     count = len(without)
     if count < _LEAST_VIEWS:
         return None

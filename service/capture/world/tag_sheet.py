@@ -53,9 +53,9 @@ def pixels_per_mm(side_m: float) -> float:
 
 def write_pdf(pages: Sequence[NDArray[np.uint8]], side_m: float, path: Path) -> None:
     """Writes pages as a PDF in true size."""
-    first, *others = (Image.fromarray(page).convert("1", dither=Image.Dither.NONE) for page in pages)
+    first, *rest = (Image.fromarray(page).convert("1", dither=Image.Dither.NONE) for page in pages)
     resolution = pixels_per_mm(side_m) * _MM_PER_INCH
-    first.save(path, "PDF", save_all=True, append_images=others, resolution=resolution)
+    first.save(path, "PDF", save_all=True, append_images=rest, resolution=resolution)
 
 
 def _page(tags: Sequence[int], columns: int, side_m: float) -> NDArray[np.uint8]:

@@ -55,8 +55,8 @@ def find_candidates(overlaps: Overlaps, quality: F32, *, min_overlap: float, min
                 groups[tuple(group.tolist())] = group
     visible_from = np.ascontiguousarray(overlaps.visible.T)
     members = [_members(overlaps, visible_from, group) for group in groups.values()]
-    members = [own for own in members if overlaps.size[own[0]].sum() > 0]
-    support, sees = view_support(overlaps, [own[0] for own in members])
+    members = [member for member in members if overlaps.size[member[0]].sum() > 0]
+    support, sees = view_support(overlaps, [member[0] for member in members])
     candidates = []
     for number, (rows, shares) in enumerate(members):
         able = np.flatnonzero(sees[number])
@@ -71,7 +71,7 @@ def find_candidates(overlaps: Overlaps, quality: F32, *, min_overlap: float, min
                 missed_in=tuple(able[~proposes].tolist()),
             )
         )
-    candidates.sort(key=lambda one: (-one.support, -one.weight, one.rows.tolist()))
+    candidates.sort(key=lambda candidate: (-candidate.support, -candidate.weight, candidate.rows.tolist()))
     return [candidates[row] for row in _without_doubles(candidates, overlaps.size, min_overlap)]
 
 
@@ -109,16 +109,16 @@ def _incidence(sets: Sequence[NDArray[np.int32]], size: F32) -> tuple[csr_array,
     columns = np.concatenate([*sets, np.zeros(0, np.int32)])
     starts = np.concatenate([[0], np.cumsum([len(rows) for rows in sets])]).astype(np.int64)
     shape = (len(sets), len(size))
-    ones = csr_array((np.ones(len(columns)), columns, starts), shape=shape)
-    return ones, csr_array((size[columns].astype(np.float64), columns, starts), shape=shape)
+    incidence = csr_array((np.ones(len(columns)), columns, starts), shape=shape)
+    return incidence, csr_array((size[columns].astype(np.float64), columns, starts), shape=shape)
 
 
 def _members(overlaps: Overlaps, visible_from: NDArray[np.bool_], group: I64) -> tuple[NDArray[np.int32], F32]:
     views = np.unique(overlaps.owner[group])
     gaussians: list[NDArray[np.int32]] = []
     for view in views:  # one vote a view, even with several of its proposals in the group
-        own = overlaps.weights[group[overlaps.owner[group] == view]]
-        gaussians.append(np.unique(own.indices))
+        weights = overlaps.weights[group[overlaps.owner[group] == view]]
+        gaussians.append(np.unique(weights.indices))
     rows, votes = np.unique(np.concatenate(gaussians), return_counts=True)
     shares = votes / np.maximum(visible_from[rows][:, views].sum(axis=1), 1)
     members = shares > _MEMBER
@@ -127,8 +127,8 @@ def _members(overlaps: Overlaps, visible_from: NDArray[np.bool_], group: I64) ->
 
 def _without_doubles(candidates: Sequence[Candidate], size: F32, min_overlap: float) -> list[int]:
     common = common_weights(candidates, size)
-    own = np.diag(common)
-    overlap = common / np.maximum(own[:, None] + own - common, 1e-12)
+    weights = np.diag(common)
+    overlap = common / np.maximum(weights[:, None] + weights - common, 1e-12)
     first: list[int] = []
     for row in range(len(candidates)):
         if not (overlap[row, first] >= min_overlap).any():

@@ -60,12 +60,12 @@ def fit_object_codes(
     for view in views:
         viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32)).to(device)
         drawn = blend.render(splats, viewmat, view.posed.camera, alpha_min=0.5, relevancy=None, backend=backend)
-        shown = drawn.classes.cpu().numpy()
-        masked = repainted(shown, view.masks(), min_overlap=settings.min_overlap)
-        agreed, content = masked == shown, view.valid()
+        object_map = drawn.classes.cpu().numpy()
+        masked = repainted(object_map, view.masks(), min_overlap=settings.min_overlap)
+        agreed, content = masked == object_map, view.valid()
         if content is not None:
             agreed &= content
-        labels = torch.from_numpy(smallest_labels(shown)).to(device)
+        labels = torch.from_numpy(smallest_labels(object_map)).to(device)
         labeled.append(LabeledView(viewmat, view.posed.camera, labels, torch.from_numpy(agreed).to(device)))
     class_codes = separated_codes(classes, code_size(classes - 1, size), seed)
     owner = torch.from_numpy(object_rows(objects).astype(np.int64))

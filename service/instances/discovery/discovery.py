@@ -54,7 +54,7 @@ def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, firs
     weights = size.astype(np.float64)
     whole = np.bincount(owners + 1, weights)[1:]
     groups: dict[tuple[int, ...], float] = {}
-    for candidate in sorted(candidates, key=lambda one: -one.consensus):
+    for candidate in sorted(candidates, key=lambda candidate: -candidate.consensus):
         inside = np.bincount(owners[candidate.rows] + 1, weights[candidate.rows], minlength=len(whole) + 1)[1:]
         members = tuple((np.flatnonzero((whole > 0) & (inside >= _MOST * whole)) + 1).tolist())
         if len(members) >= 2:
@@ -96,32 +96,32 @@ def discover_objects(
         masks: of each view, see `propose_capture_masks`; views with None do not count.
         up: unit vector, float64 [3], see `Scene.up`; None if unknown.
     """
-    used = [(view, own) for view, own in zip(views, masks, strict=True) if own is not None]
-    numbers = [number for number, own in enumerate(masks) if own is not None]
+    used = [(view, view_masks) for view, view_masks in zip(views, masks, strict=True) if view_masks is not None]
+    numbers = [number for number, view_masks in enumerate(masks) if view_masks is not None]
     splats = splats_of(gaussians, device=device_of(backend))
     masked: list[MaskedView] = []
     lifted: list[LiftedRegions] = []
-    for view, own in used:
-        masked.append(masked_view(view, own, settings))
+    for view, view_masks in used:
+        masked.append(masked_view(view, view_masks, settings))
         lifted.append(lifted_masks(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
     objects = (
-        _objects(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
+        _objects(gaussians, views, numbers, masked, lifted, [masks.quality for _, masks in used], up, settings, backend)
         if used
         else Objects((), no_evidence(len(gaussians)))
     )
     return Discovery(
         objects=objects,
         views=len(used),
-        prompts=sum(own.prompts for _, own in used),
+        prompts=sum(view_masks.prompts for _, view_masks in used),
         proposals=sum(len(regions) for regions in lifted),
     )
 
 
-def masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
+def masked_view(view: View, masks: ViewMasks, settings: DiscoverySettings) -> MaskedView:
     """Scales a view and its masks to the size for lifting."""
     camera = training_size(view.posed.camera, settings.max_side)
-    return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
+    return MaskedView(replace(view.posed, camera=camera), masks, view.valid_path)
 
 
 def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
@@ -210,10 +210,10 @@ def find_parts(
     whole = np.bincount(owners + 1, size.astype(np.float64))[1:]
     claims = []
     for part, obj in candidates:
-        own = owners[part.rows] == obj
-        rows, shares = part.rows[own], part.shares[own]
+        inside = owners[part.rows] == obj
+        rows, shares = part.rows[inside], part.shares[inside]
         weight = float(size[rows].sum())
-        if own.any() and weight <= _MOST_OF_PART * whole[obj]:
+        if inside.any() and weight <= _MOST_OF_PART * whole[obj]:
             claims.append((weight, rows, shares, Object(first_id, consensus=min(1.0, part.consensus), parent=obj + 1)))
     owner, sure = np.full(count, NOBODY, np.int32), np.zeros(count, np.float32)
     parts: list[Object] = []
@@ -278,8 +278,8 @@ def _numbered(
     settings: DiscoverySettings,
 ) -> _Selection:
     """Removes objects that lost their Gaussians to others, and sorts the largest first."""
-    owned = owners != NOBODY
-    weights = np.bincount(owners[owned], size[owned].astype(np.float64), minlength=len(objects))
+    has_owner = owners != NOBODY
+    weights = np.bincount(owners[has_owner], size[has_owner].astype(np.float64), minlength=len(objects))
     order = [n for n in np.argsort(-weights, kind="stable").tolist() if weights[n] >= settings.min_weight_px]
     number = np.full(len(objects) + 1, NOBODY, np.int32)  # the last entry is for -1
     number[order] = np.arange(len(order), dtype=np.int32)
@@ -335,23 +335,23 @@ def find_hierarchy(
     objects: list[int] = []
     whole: dict[int, int] = {}
     groups: dict[int, tuple[int, ...]] = {}
-    for one in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
-        children = [n for n in objects if lies_in[n, one]]
-        own = np.zeros(len(size))
+    for index in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
+        children = [n for n in objects if lies_in[n, index]]
+        child_support = np.zeros(len(size))
         for child in reversed(children):  # smaller ones, which came first, overwrite
-            own[candidates[sure[child]].rows] = support[child]
-        rows = candidates[sure[one]].rows
-        covered = size[rows][own[rows] > 0].sum() / weight[one]
-        if covered >= _COVERED and (own[rows] - support[one]) @ size[rows] > 0:
+            child_support[candidates[sure[child]].rows] = support[child]
+        rows = candidates[sure[index]].rows
+        covered = size[rows][child_support[rows] > 0].sum() / weight[index]
+        if covered >= _COVERED and (child_support[rows] - support[index]) @ size[rows] > 0:
             if len(children) > 1:
-                groups[sure[one]] = tuple(sure[child] for child in reversed(children))
+                groups[sure[index]] = tuple(sure[child] for child in reversed(children))
             continue
-        lesser = [child for child in children if error[child] >= error[one]]
-        rare = [piece for piece in np.flatnonzero(~agreed & lies_in[:, one]).tolist() if piece not in whole]
+        lesser = [child for child in children if error[child] >= error[index]]
+        rare = [piece for piece in np.flatnonzero(~agreed & lies_in[:, index]).tolist() if piece not in whole]
         for part in [*lesser, *rare]:
-            if not apart(sure[part], sure[one]):
-                whole[part] = one
-        objects = [*(obj for obj in objects if obj not in whole), one]
+            if not apart(sure[part], sure[index]):
+                whole[part] = index
+        objects = [*(obj for obj in objects if obj not in whole), index]
     part_of = {}
     for part in whole:
         obj = part

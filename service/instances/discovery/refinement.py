@@ -104,7 +104,7 @@ def refined_membership(
     return _without_holes(evidence, gaussians, size) if settings.refinement_rounds else evidence
 
 
-def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
+def repainted(object_map: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
     """Replaces rendered objects of a view by their masks; returns int32 [H, W].
 
     Each object takes the mask with the highest overlap, if at least `min_overlap`, not counting parts hidden by smaller
@@ -112,14 +112,14 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
     and no other object takes are `UNKNOWN`.
 
     Args:
-        shown: int [H, W], rendered object of each pixel, from 1; 0 is none.
+        object_map: int [H, W], rendered object of each pixel, from 1; 0 is none.
         masks: bool [P, H, W].
     """
-    count = int(shown.max(initial=0)) + 1
-    areas = np.bincount(shown.ravel(), minlength=count)
-    inside = np.array([np.bincount(shown[mask], minlength=count) for mask in masks]).reshape(-1, count)
+    count = int(object_map.max(initial=0)) + 1
+    areas = np.bincount(object_map.ravel(), minlength=count)
+    inside = np.array([np.bincount(object_map[mask], minlength=count) for mask in masks]).reshape(-1, count)
     whole = inside.sum(axis=1)
-    result = np.where(shown == 0, 0, UNKNOWN).astype(np.int32)
+    result = np.where(object_map == 0, 0, UNKNOWN).astype(np.int32)
     order = [obj for obj in np.argsort(-areas, kind="stable").tolist() if obj and areas[obj]]
     smaller = inside[:, order].sum(axis=1)
     for obj in order:
@@ -127,7 +127,7 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
         union = whole + areas[obj] - inside[:, obj] - smaller
         overlap = inside[:, obj] / np.maximum(union, 1)
         matched = len(masks) and areas[obj] >= _SEEN_PX and overlap.max() >= min_overlap
-        result[masks[int(overlap.argmax())] if matched else shown == obj] = obj
+        result[masks[int(overlap.argmax())] if matched else object_map == obj] = obj
     return result
 
 

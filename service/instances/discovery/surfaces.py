@@ -124,8 +124,8 @@ def join_surfaces(
     result = owners.copy()
     order = sorted(surfaces, key=lambda n: (-objects[n].weight, n))
     for place, number in enumerate(order):
-        own, plane = result == number, surfaces[number]
-        if not own.any() or any(_within(surfaces[larger], own, gaussians, size) for larger in order[:place]):
+        mask, plane = result == number, surfaces[number]
+        if not mask.any() or any(_within(surfaces[larger], mask, gaussians, size) for larger in order[:place]):
             continue
         joins = (result == NOBODY) & (plane.distance(gaussians.means) <= plane.tolerance) & (size > 0)
         inside = np.zeros(len(size), np.bool_)
@@ -137,17 +137,17 @@ def join_surfaces(
             piece_of_it = included or obj.support < _PIECE_SUPPORT
             if lesser and piece_of_it and lies_in(plane, rows, gaussians, size):
                 joins[rows] = True
-        members = np.flatnonzero(own | joins)
+        members = np.flatnonzero(mask | joins)
         part = components(gaussians, members)
-        weights = np.bincount(part, size[members] * own[members])
+        weights = np.bincount(part, size[members] * mask[members])
         solid = weights >= STRAY_SHARE * weights.sum()
         result[members[solid[part]]] = number
     return result
 
 
-def _within(larger: Plane, own: NDArray[np.bool_], gaussians: Gaussians, size: F32) -> bool:
+def _within(larger: Plane, mask: NDArray[np.bool_], gaussians: Gaussians, size: F32) -> bool:
     wide = replace(larger, tolerance=2 * larger.tolerance)
-    return lies_in(wide, np.flatnonzero(own).astype(np.int32), gaussians, size)
+    return lies_in(wide, np.flatnonzero(mask).astype(np.int32), gaussians, size)
 
 
 def surface_kinds(

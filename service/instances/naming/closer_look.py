@@ -31,25 +31,25 @@ class ObjectInView:
 
 def objects_in_map(object_map: NDArray[np.integer]) -> list[ObjectInView]:
     """Finds objects large enough for a close-up in an id map [H, W] (0: none)."""
-    shown = []
+    objects = []
     for object_id in np.unique(object_map[object_map > 0]).tolist():
         rows, columns = np.nonzero(object_map == object_id)
         if len(rows) >= _LEAST_PX:
             low, high = (_EDGE_PERCENT, 100 - _EDGE_PERCENT)
             (x1, x2), (y1, y2) = np.percentile(columns, [low, high]), np.percentile(rows, [low, high])
-            shown.append(ObjectInView(object_id, np.array([x1, y1, x2 + 1, y2 + 1], np.float32), len(rows)))
-    return shown
+            objects.append(ObjectInView(object_id, np.array([x1, y1, x2 + 1, y2 + 1], np.float32), len(rows)))
+    return objects
 
 
-def best_positions(shown: Sequence[Sequence[ObjectInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
+def best_positions(objects_by_view: Sequence[Sequence[ObjectInView]], limit: int) -> Mapping[int, tuple[int, ...]]:
     """Maps each object to the views with most of its pixels, best first.
 
     Args:
-        shown: per view, the objects large enough for a close-up.
+        objects_by_view: per view, the objects large enough for a close-up.
         limit: of views per object.
     """
     views: dict[int, list[tuple[int, int]]] = {}
-    for position, objects in enumerate(shown):
+    for position, objects in enumerate(objects_by_view):
         for obj in objects:
             views.setdefault(obj.object_id, []).append((-obj.pixels, position))
     return {object_id: tuple(position for _, position in sorted(pairs)[:limit]) for object_id, pairs in views.items()}
@@ -93,5 +93,5 @@ def votes_for(detections: Detections, box: F32, min_overlap: float) -> dict[str,
 
 def mean_votes(votes: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Averages scores by label over pictures of an object; a missing label counts as 0."""
-    labels = {label for own in votes for label in own}
-    return {label: sum(own.get(label, 0.0) for own in votes) / len(votes) for label in sorted(labels)}
+    labels = {label for scores in votes for label in scores}
+    return {label: sum(scores.get(label, 0.0) for scores in votes) / len(votes) for label in sorted(labels)}

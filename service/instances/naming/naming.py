@@ -81,7 +81,7 @@ def count_votes(
     count = len(objects.table)
     whole = np.bincount(owner, minlength=count + 1)[1:]
     scores, able, voted, unmatched = np.zeros((count, labels + 1)), np.zeros(count), np.zeros(count), 0
-    for view, own in zip(lifted, regions, strict=True):
+    for view, view_regions in zip(lifted, regions, strict=True):
         sees = view.pixels > SEEN_PX
         visible = np.bincount(owner[sees], minlength=count + 1)[1:]
         able += visible > MOST_SEEN * np.maximum(whole, 1)
@@ -92,9 +92,9 @@ def count_votes(
             overlap = common / np.maximum(visible + len(rows) - common, 1)
             obj = int(overlap.argmax()) if count else 0
             if count and overlap[obj] >= min_overlap:
-                for label, score in own.votes[region]:
+                for label, score in view_regions.votes[region]:
                     best[obj, label] = max(best[obj, label], score)
-            elif own.votes[region]:
+            elif view_regions.votes[region]:
                 unmatched += 1
         scores += best
         voted += best.any(axis=1)
@@ -123,7 +123,7 @@ def _named(obj: Object, row: F64, names: Sequence[str], source: NameSource) -> O
     best, sure, rivals = suggestions[0].name, suggestions[0].probability, suggestions[1:]
     clear = sure >= NAMED_FROM
     if source == "given":
-        clear = sure >= _GIVEN_FROM and all(other.probability <= _GIVEN_RIVALS * sure for other in rivals)
+        clear = sure >= _GIVEN_FROM and all(rival.probability <= _GIVEN_RIVALS * sure for rival in rivals)
     if not clear:
         return replace(obj, name="", source=None, probability=0.0, suggestions=suggestions)
     return replace(obj, name=best, source=source, probability=sure, suggestions=rivals)
@@ -155,7 +155,7 @@ class NameModel(BaseModel):
 
     def probability(self, evidence: F64, names: Sequence[str]) -> F64:
         """float64 [T, N], 0..1, of evidence [T, N] for N names."""
-        offsets = [each.offset if (each := self.categories.get(label_key(name))) else 0.0 for name in names]
+        offsets = [category.offset if (category := self.categories.get(label_key(name))) else 0.0 for name in names]
         probability = logistic(self.factor * evidence_logit(evidence) + self.offset + np.array(offsets, np.float64))
         return np.where(evidence < _CLEAR, np.minimum(probability, _UNCLEAR_AT_MOST), probability)
 

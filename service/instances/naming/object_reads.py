@@ -84,7 +84,7 @@ def with_reads(
             if obj:
                 sightings.setdefault(obj, []).append((number, writing))
         on_view(done, len(chosen))
-    reads = {obj: voted_reads(own) for obj, own in sightings.items()}
+    reads = {obj: voted_reads(readings) for obj, readings in sightings.items()}
     table = tuple(replace(obj, reads=reads[obj.id]) if reads.get(obj.id) else obj for obj in objects.table)
     return replace(objects, table=table)
 
@@ -103,7 +103,7 @@ def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ObjectRead, .
     for view, writing in sightings:
         if writing.kind != "text":
             codes.setdefault((writing.kind, writing.text), set()).add(view)
-    reads = [ObjectRead(kind, text, _probability([1.0] * len(own)), len(own)) for (kind, text), own in codes.items()]
+    reads = [ObjectRead(kind, text, _probability([1.0] * len(hits)), len(hits)) for (kind, text), hits in codes.items()]
     seen = len({view for view, _ in sightings})
     for line in _lines([(view, writing) for view, writing in sightings if writing.kind == "text"]):
         text = max(line.votes, key=line.votes.__getitem__)
@@ -119,31 +119,31 @@ def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ObjectRead, .
 def _lines(sightings: Sequence[tuple[int, Writing]]) -> list[_Line]:
     """Merges readings of an object that are similar, or contained in one another."""
     lines: list[_Line] = []
-    for view, writing in sorted(sightings, key=lambda one: -one[1].probability)[:_MOST_SIGHTINGS]:
+    for view, writing in sorted(sightings, key=lambda sighting: -sighting[1].probability)[:_MOST_SIGHTINGS]:
         text = one_line(writing.text)
         key = _key(text)
         if len(key) < _LEAST_LETTERS:
             continue
-        line = next((each for each in lines if text_difference(key, each.key, _SAME) <= _SAME), None)
+        line = next((candidate for candidate in lines if text_difference(key, candidate.key, _SAME) <= _SAME), None)
         if line is None:
             line = _Line(key, {}, {})
             lines.append(line)
         line.votes[text] = line.votes.get(text, 0.0) + writing.probability
         line.views.setdefault(view, (text, writing.probability))
     whole: list[_Line] = []
-    for line in sorted(lines, key=lambda each: -len(each.key)):
-        if not any(line.key in other.key and 2 * other.weight >= line.weight for other in whole):
+    for line in sorted(lines, key=lambda line: -len(line.key)):
+        if not any(line.key in longer.key and 2 * longer.weight >= line.weight for longer in whole):
             whole.append(line)
     return whole
 
 
 def _key(text: str) -> str:
-    return "".join(each for each in text.casefold() if each.isalnum())
+    return "".join(char for char in text.casefold() if char.isalnum())
 
 
 def _probability(sure: Sequence[float]) -> float:
     """Probability that not all readings are wrong, each of another view."""
-    return float(1 - np.prod([1 - _TRUST * each for each in sure]))
+    return float(1 - np.prod([1 - _TRUST * probability for probability in sure]))
 
 
 def _owners(

@@ -111,7 +111,7 @@ def add_names(objects: Objects, sighted: Mapping[int, Mapping[str, float]], *, n
         keys = {label_key(name) for name in texts}
         if changed is not obj and changed.name and label_key(changed.name) in keys:
             named.append(obj.id)
-        elif changed is not obj and keys & {label_key(each.name) for each in changed.suggestions}:
+        elif changed is not obj and keys & {label_key(suggestion.name) for suggestion in changed.suggestions}:
             suggested.append(obj.id)
         table.append(changed)
     return NamesAdded(replace(objects, table=tuple(table)), tuple(named), tuple(suggested))
@@ -119,33 +119,33 @@ def add_names(objects: Objects, sighted: Mapping[int, Mapping[str, float]], *, n
 
 def _judged(obj: Object, texts: Mapping[str, float], name_probability: float) -> Object:
     by_key = {label_key(name): (name, sure) for name, sure in texts.items()}
-    own = label_key(obj.name) if obj.name else ""
+    own_key = label_key(obj.name) if obj.name else ""
     best = max(by_key, key=lambda key: by_key[key][1])
     sure = by_key[best][1]
-    rivals = [other for key, (_, other) in by_key.items() if key not in (best, own)]
-    if own not in ("", best):
-        rivals.append(max(obj.probability, by_key.get(own, ("", 0.0))[1]))
-    told = [each for each in obj.suggestions if each.source]
-    earlier = [(each.name, each.probability) for each in obj.suggestions if not each.source]
-    before = [other for name, other in earlier if label_key(name) != best]
+    rivals = [rival for key, (_, rival) in by_key.items() if key not in (best, own_key)]
+    if own_key not in ("", best):
+        rivals.append(max(obj.probability, by_key.get(own_key, ("", 0.0))[1]))
+    extras = [suggestion for suggestion in obj.suggestions if suggestion.source]
+    earlier = [(suggestion.name, suggestion.probability) for suggestion in obj.suggestions if not suggestion.source]
+    before = [chance for name, chance in earlier if label_key(name) != best]
     clear = sure >= name_probability and max(rivals, default=0.0) <= _RIVALS * sure
     clear = clear and max(before, default=0.0) <= sure
     pool: dict[str, tuple[str, float]] = {}
     stated = ((obj.name, obj.probability),) if obj.name else ()
-    for name, other in (*stated, *earlier, *by_key.values()):
+    for name, chance in (*stated, *earlier, *by_key.values()):
         first, most = pool.get(label_key(name), (name, 0.0))
-        pool[label_key(name)] = (first, max(most, other))
-    if clear or own == best:
+        pool[label_key(name)] = (first, max(most, chance))
+    if clear or own_key == best:
         name, most = pool.pop(best)
-        probability = most if own == best else sure
+        probability = most if own_key == best else sure
         return replace(
-            obj, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values(), told)
+            obj, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values(), extras)
         )
-    if own:
-        name, most = pool.pop(own)
-        return replace(obj, probability=most, suggestions=_suggestions(pool.values(), told))
-    return replace(obj, suggestions=_suggestions(pool.values(), told))
+    if own_key:
+        name, most = pool.pop(own_key)
+        return replace(obj, probability=most, suggestions=_suggestions(pool.values(), extras))
+    return replace(obj, suggestions=_suggestions(pool.values(), extras))
 
 
-def _suggestions(names: Iterable[tuple[str, float]], told: Sequence[Suggestion]) -> tuple[Suggestion, ...]:
-    return ranked_suggestions([*(Suggestion(name, sure) for name, sure in names), *told])
+def _suggestions(names: Iterable[tuple[str, float]], extras: Sequence[Suggestion]) -> tuple[Suggestion, ...]:
+    return ranked_suggestions([*(Suggestion(name, sure) for name, sure in names), *extras])

@@ -77,10 +77,10 @@ def region_votes(
     votes: list[dict[int, float]] = []
     for row, (label, score) in enumerate(zip(resolved.labels, resolved.scores, strict=True)):
         scores = {ids[label]: float(score)}
-        for other in np.flatnonzero(overlap[row] > rival_iou):
-            label_id = ids.get(candidates.labels[other])
+        for candidate in np.flatnonzero(overlap[row] > rival_iou):
+            label_id = ids.get(candidates.labels[candidate])
             if label_id is not None:
-                scores[label_id] = max(scores.get(label_id, 0.0), float(candidates.scores[other]))
+                scores[label_id] = max(scores.get(label_id, 0.0), float(candidates.scores[candidate]))
         votes.append(scores)
     return votes
 
@@ -115,7 +115,7 @@ def _without_duplicates(view: Detections, support: Mapping[str, float], settings
     weights, overlap = detection_weights(view, support), box_iou(view.boxes, view.boxes)
     winners: list[int] = []
     for row in np.argsort(-weights, kind="stable"):
-        rivals = [other for other in winners if view.labels[other] != view.labels[row]]
-        if all(overlap[row, other] <= settings.rival_iou for other in rivals):
+        rivals = [winner for winner in winners if view.labels[winner] != view.labels[row]]
+        if all(overlap[row, rival] <= settings.rival_iou for rival in rivals):
             winners.append(int(row))
     return view.take(winners)

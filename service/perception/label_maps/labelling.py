@@ -116,8 +116,8 @@ def label_capture(
 
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
     order = [positions.index(number) for number in covering_order(capture, positions)]
-    first = [each for each in order if each in (proposing or segmented)][:EARLY_VIEWS]
-    looked_at = [*first, *(each for each in order if each in segmented and each not in first)]
+    first = [position for position in order if position in (proposing or segmented)][:EARLY_VIEWS]
+    looked_at = [*first, *(position for position in order if position in segmented and position not in first)]
 
     def look(position: int) -> tuple[NDArray[np.bool_] | None, ViewMasks | None]:
         """Masks of a view's objects, and masks without names."""
@@ -140,7 +140,7 @@ def label_capture(
             message = f"segmenting {count} object{'s' if count != 1 else ''}, view {done}/{len(looked_at)}"
             progress(ProgressEvent("perception", begin + (1 - begin) * done / len(looked_at), message))
         if early is not None and some is first and 0 < done < len(looked_at):
-            early(labelled(), [positions[each] for each in first])
+            early(labelled(), [positions[position] for position in first])
     return labelled()
 
 
@@ -164,8 +164,8 @@ class _LabelMaps:
         region_ids, rows = _segment_regions(masks, objects, resolved.support, settings)
         _blank_outside(region_ids, content)
         votes = region_votes(objects, resolved.candidates[row], resolved.ids, settings.rival_iou)
-        self._regions[number] = Regions(region_ids, tuple(tuple(votes[each].items()) for each in rows))
-        labels = np.array([0, *(resolved.ids[objects.labels[each]] for each in rows)], np.uint16)
+        self._regions[number] = Regions(region_ids, tuple(tuple(votes[detection].items()) for detection in rows))
+        labels = np.array([0, *(resolved.ids[objects.labels[detection]] for detection in rows)], np.uint16)
         self._maps[number] = labels[region_ids]
 
     def labelling(self, *, expected: bool) -> Labelling:
@@ -183,11 +183,11 @@ class _LabelMaps:
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:
     """Positions of `proposing`, and of the best view for each class missing there."""
-    shown = {label for position in proposing for label in objects[position].labels}
+    proposed_labels = {label for position in proposing for label in objects[position].labels}
     best: dict[str, tuple[float, int]] = {}
     for position, view in enumerate(objects):
         for label, score in zip(view.labels, view.scores.tolist(), strict=True):
-            if label not in shown:
+            if label not in proposed_labels:
                 best[label] = max(best.get(label, (0.0, position)), (score, position))
     return proposing | {position for _, position in best.values()}
 

@@ -34,10 +34,10 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
         for index, view in enumerate(labelling.regions):
             if not cv2.imwrite(str(staged / f"regions-{index:06d}.png"), view.ids):
                 raise OSError(f"{staged / f'regions-{index:06d}.png'} could not be written")
-        for index, own in enumerate(labelling.masks):
-            if own is not None:
-                shape = np.array([own.width, own.height, own.prompts], np.int64)
-                np.savez_compressed(staged / _masks_name(index), bits=own.bits, quality=own.quality, shape=shape)
+        for index, masks in enumerate(labelling.masks):
+            if masks is not None:
+                shape = np.array([masks.width, masks.height, masks.prompts], np.int64)
+                np.savez_compressed(staged / _masks_name(index), bits=masks.bits, quality=masks.quality, shape=shape)
         index_text = json.dumps(
             {
                 "schema_version": 1,
@@ -45,7 +45,7 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
                 "exact": labelling.exact,
                 "votes": [view.votes for view in labelling.regions],
                 "searched": labelling.searched,
-                "masks": [own is not None for own in labelling.masks],
+                "masks": [masks is not None for masks in labelling.masks],
                 "entries": [asdict(entry) for entry in labelling.dictionary.entries],
             },
             ensure_ascii=False,

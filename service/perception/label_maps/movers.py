@@ -61,8 +61,8 @@ def mover_detectors(
     words = tuple(dict.fromkeys(words))
     known = {label_key(label) for label in closed_set_labels(settings)}
     closed = tuple(word for word in words if label_key(word) in known)
-    asked = words if settings.open_set_detector and _open_set_knows(words, settings, models) else ()
-    unknown = [word for word in words if word not in closed and word not in asked]
+    open_set = words if settings.open_set_detector and _open_set_knows(words, settings, models) else ()
+    unknown = [word for word in words if word not in closed and word not in open_set]
     if unknown:
         raise ModelUnavailableError(
             f"no configured detector knows what is to be withheld: {', '.join(unknown)}",
@@ -70,7 +70,7 @@ def mover_detectors(
             hint="Configure one that does: FASTSPLAT_PERCEPTION__CLOSED_SET_DETECTOR or "
             "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR, for the API and its workers.",
         )
-    return MoverDetectors(closed, asked)
+    return MoverDetectors(closed, open_set)
 
 
 def open_withholding(
@@ -83,10 +83,10 @@ def open_withholding(
     """
     if privacy is None and movers != "ignore":
         return None
-    asked = mover_detectors(movers, privacy, settings, models)
-    closed = open_closed_set_detector(settings, models) if asked.closed_set else None
-    open_set = open_open_set_detector(settings, models) if asked.open_set else None
-    return Withholding(MoverMasks(asked, closed, open_set, open_segmenter(settings, models), settings), privacy)
+    detectors = mover_detectors(movers, privacy, settings, models)
+    closed = open_closed_set_detector(settings, models) if detectors.closed_set else None
+    open_set = open_open_set_detector(settings, models) if detectors.open_set else None
+    return Withholding(MoverMasks(detectors, closed, open_set, open_segmenter(settings, models), settings), privacy)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class MoverMasks:
     used.
     """
 
-    asked: MoverDetectors
+    words: MoverDetectors
     closed_set: ClosedSetDetector | None
     open_set: OpenSetDetector | None
     segmenter: Segmenter
@@ -124,12 +124,12 @@ class MoverMasks:
         parts = []
         if self.closed_set is not None:
             everything = detect_closed_set(self.closed_set, pixels, self.settings)
-            words = {label_key(word) for word in self.asked.closed_set}
+            words = {label_key(word) for word in self.words.closed_set}
             parts.append(
                 everything.take([row for row, label in enumerate(everything.labels) if label_key(label) in words])
             )
         if self.open_set is not None:
-            parts.append(self.open_set.detect(pixels, self.asked.open_set, self.settings.open_score_floor))
+            parts.append(self.open_set.detect(pixels, self.words.open_set, self.settings.open_score_floor))
         return joined(parts)
 
 

@@ -116,7 +116,7 @@ def name_confidence(
         regions: of each view, with votes in the same numbering.
         classes: N.
     """
-    own, any_region = _Votes(classes, len(regions)), _Votes(classes, len(regions))
+    winning_votes, any_region = _Votes(classes, len(regions)), _Votes(classes, len(regions))
     for view, (label_map, proposals) in enumerate(zip(maps, regions, strict=True)):
         region_labels = np.zeros(len(proposals.votes) + 1, np.int64)
         region_labels[proposals.ids.ravel()] = label_map.ravel()  # a region has one label
@@ -125,8 +125,8 @@ def name_confidence(
             for label, score in votes:
                 any_region.add(view, label, score, total)
                 if label == region_label:
-                    own.add(view, label, score, total)
-    return np.where(own.total > 0, own.confidence(), any_region.confidence())
+                    winning_votes.add(view, label, score, total)
+    return np.where(winning_votes.total > 0, winning_votes.confidence(), any_region.confidence())
 
 
 class _Votes:

@@ -62,10 +62,10 @@ class _BatchDecoder(nn.Module):
         decoder = self.sam.mask_decoder
         sparse = self.wrapper._embed_points(points, kinds)
         count = sparse.shape[0]
-        own = torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).unsqueeze(0).expand(count, -1, -1)
+        queries = torch.cat([decoder.iou_token.weight, decoder.mask_tokens.weight]).unsqueeze(0).expand(count, -1, -1)
         absent = self.sam.prompt_encoder.no_mask_embed.weight.reshape(1, -1, 1, 1)
         # Until image features attend to prompts, they are the same for all: broadcasting computes them once.
-        tokens, image = decoder.transformer(embeddings + absent, self.positions, torch.cat([own, sparse], dim=1))
+        tokens, image = decoder.transformer(embeddings + absent, self.positions, torch.cat([queries, sparse], dim=1))
         masks = decoder.num_mask_tokens
         upscaled = decoder.output_upscaling(image.transpose(1, 2).reshape(-1, 256, 64, 64))
         kernels = torch.stack(

@@ -83,14 +83,14 @@ class PpOcr:
     def read(self, image: Image) -> list[Writing]:
         """Reads the lines of a picture, clearest first; their probability is their characters' least."""
         corners = self._lines(image)
-        upright = [_cut_out(image, each) for each in corners]
+        upright = [_cut_out(image, quad) for quad in corners]
         texts = self._texts(upright)
         unsure = [at for at, (_, probability) in enumerate(texts) if probability < _TURNED_BELOW]
         turned = self._texts([np.ascontiguousarray(upright[at][::-1, ::-1]) for at in unsure])
-        for at, other in zip(unsure, turned, strict=True):
-            texts[at] = max(texts[at], other, key=lambda each: each[1])
+        for at, reading in zip(unsure, turned, strict=True):
+            texts[at] = max(texts[at], reading, key=lambda candidate: candidate[1])
         found = zip(texts, corners, strict=True)
-        return [Writing("text", text, probability, each) for (text, probability), each in found if text]
+        return [Writing("text", text, probability, quad) for (text, probability), quad in found if text]
 
     def _lines(self, image: Image) -> list[F32]:
         """Corners of each line, float32 [4, 2] pixels, beginning with its likely top side."""
@@ -98,15 +98,15 @@ class PpOcr:
         scale = min(1.0, (_MOST_PIXELS / (height * width)) ** 0.5)
         size = [max(1, round(side * scale / _STRIDE)) * _STRIDE for side in (width, height)]
         how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-        shown = self._detector.run(
+        text_map = self._detector.run(
             None, {"x": _tensor(np.asarray(cv2.resize(image, size, interpolation=how), np.uint8))}
         )[0][0, 0]
-        outlines, _ = cv2.findContours((shown > _INNER).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+        outlines, _ = cv2.findContours((text_map > _INNER).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
         lines: list[tuple[float, F32]] = []
         to_image = np.array([width / size[0], height / size[1]], np.float32)
         for outline in outlines:
             middle, sides, angle = cv2.minAreaRect(outline)
-            if min(sides) < _LEAST_SIDE_PX or (clear := _mean_inside(shown, outline)) < _LINE:
+            if min(sides) < _LEAST_SIDE_PX or (clear := _mean_inside(text_map, outline)) < _LINE:
                 continue
             reach = 2 * _UNCLIP * sides[0] * sides[1] / (2 * (sides[0] + sides[1]))
             box = cv2.boxPoints((middle, (sides[0] + reach, sides[1] + reach), angle))
@@ -119,18 +119,18 @@ class PpOcr:
         order = sorted(range(len(lines)), key=lambda at: lines[at].shape[1])
         while order:
             widest = lines[order[-1]].shape[1]
-            own = order[-max(1, _BATCH_WIDTH // widest) :]
-            del order[-len(own) :]
-            batch = np.concatenate([_tensor(lines[at], widest) for at in own])
-            for at, row in zip(own, self._recognizer.run(None, {"x": batch})[0], strict=True):
+            indices = order[-max(1, _BATCH_WIDTH // widest) :]
+            del order[-len(indices) :]
+            batch = np.concatenate([_tensor(lines[at], widest) for at in indices])
+            for at, row in zip(indices, self._recognizer.run(None, {"x": batch})[0], strict=True):
                 texts[at] = self._decoded(row)
         return texts
 
     def _decoded(self, row: F32) -> tuple[str, float]:
         best = row.argmax(axis=1)
-        kept = (best > 0) & np.append(True, best[1:] != best[:-1])
-        text = "".join(self._characters[best[kept]]).strip()
-        return text, float(row.max(axis=1)[kept].min()) if text else 0.0
+        mask = (best > 0) & np.append(True, best[1:] != best[:-1])
+        text = "".join(self._characters[best[mask]]).strip()
+        return text, float(row.max(axis=1)[mask].min()) if text else 0.0
 
 
 def _tensor(image: Image, width: int = 0) -> F32:
@@ -139,10 +139,10 @@ def _tensor(image: Image, width: int = 0) -> F32:
     return np.ascontiguousarray(np.pad(pixels, ((0, 0), (0, 0), (0, max(0, width - image.shape[1]))))[None])
 
 
-def _mean_inside(shown: F32, outline: NDArray[np.int32]) -> float:
+def _mean_inside(text_map: F32, outline: NDArray[np.int32]) -> float:
     left, top, width, height = cv2.boundingRect(outline)
     inside = cv2.drawContours(np.zeros((height, width), np.uint8), [outline - (left, top)], 0, 1, cv2.FILLED)
-    return float(cv2.mean(shown[top : top + height, left : left + width], inside)[0])
+    return float(cv2.mean(text_map[top : top + height, left : left + width], inside)[0])
 
 
 def _from_top_left(box: F32) -> F32:

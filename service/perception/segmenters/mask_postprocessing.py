@@ -51,10 +51,10 @@ def resolve_overlaps(
     areas = masks.sum((1, 2))
     winners: list[int] = []
     for row in np.argsort(-weights, kind="stable"):
-        for other in winners:
-            if classes[other] != classes[row]:
-                shared = int((masks[other] & masks[row]).sum())
-                if shared > rival_iou * (areas[other] + areas[row] - shared):
+        for winner in winners:
+            if classes[winner] != classes[row]:
+                shared = int((masks[winner] & masks[row]).sum())
+                if shared > rival_iou * (areas[winner] + areas[row] - shared):
                     break
         else:
             winners.append(int(row))

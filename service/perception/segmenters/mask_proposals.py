@@ -158,11 +158,11 @@ def propose_masks(
     return ViewMasks(bits, proposals.quality, width, height, prompts)
 
 
-def boxes_to_prompt(objects: Detections, others: Detections, settings: PerceptionSettings) -> NDArray[np.float32]:
-    """Boxes of `objects`, then those of `others` that overlap no earlier one above `rival_iou`."""
-    boxes = np.concatenate([objects.boxes, others.boxes])
+def boxes_to_prompt(objects: Detections, candidates: Detections, settings: PerceptionSettings) -> NDArray[np.float32]:
+    """Boxes of `objects`, then those of `candidates` that overlap no earlier one above `rival_iou`."""
+    boxes = np.concatenate([objects.boxes, candidates.boxes])
     first = np.full(len(objects), 2.0, np.float32)
-    rows = nms(boxes, np.concatenate([first, others.scores]), settings.rival_iou)
+    rows = nms(boxes, np.concatenate([first, candidates.scores]), settings.rival_iou)
     added = np.array([row for row in rows if row >= len(objects)], np.intp)
     return np.concatenate([objects.boxes, boxes[added]])
 

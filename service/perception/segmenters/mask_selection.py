@@ -42,7 +42,7 @@ def box_agreement(mask: NDArray[np.bool_], box: NDArray[np.floating[Any]]) -> fl
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     if not len(columns):
         return 0.0
-    own = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float32)
-    inner = np.clip(np.minimum(own[2:], box[2:]) - np.maximum(own[:2], box[:2]), 0, None).prod()
-    union = (own[2:] - own[:2]).prod() + np.clip(box[2:] - box[:2], 0, None).prod() - inner
+    bounds = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float32)
+    inner = np.clip(np.minimum(bounds[2:], box[2:]) - np.maximum(bounds[:2], box[:2]), 0, None).prod()
+    union = (bounds[2:] - bounds[:2]).prod() + np.clip(box[2:] - box[:2], 0, None).prod() - inner
     return float(inner / max(union, 1e-6))

@@ -45,10 +45,10 @@ def object_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
     cut = picture[int(top * down) : ceil(bottom * down), int(left * across) : ceil(right * across)]
     scale = side / max(bottom - top, right - left)
     size = max(1, round((right - left) * scale)), max(1, round((bottom - top) * scale))
-    shown = cv2.resize(cut, size, interpolation=cv2.INTER_AREA if cut.shape[1] > size[0] else cv2.INTER_CUBIC)
+    cell = cv2.resize(cut, size, interpolation=cv2.INTER_AREA if cut.shape[1] > size[0] else cv2.INTER_CUBIC)
     grown = cv2.resize(mask[top:bottom, left:right].astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     lines, _ = cv2.findContours((grown > 0.5).astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    drawn = np.ascontiguousarray(shown, dtype=np.uint8)
+    drawn = np.ascontiguousarray(cell, dtype=np.uint8)
     cv2.drawContours(drawn, lines, -1, _OUTLINE, 1)
     return drawn
 

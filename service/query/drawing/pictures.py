@@ -94,12 +94,12 @@ def objects_picture(rgb: U8, object_ids: NDArray[np.uint16], names: Mapping[int,
 def tinted_picture(rgb: U8, object_ids: NDArray[np.uint16], tints: Sequence[Tint], dimming: float) -> U8:
     """Tints objects (last tint wins) and dims the rest by `dimming`, uint8 [H, W, 3]."""
     size = 1 + max([int(object_ids.max(initial=0)), *(number for tint in tints for number in tint.object_ids)])
-    own, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
+    weights, added = np.full((size, 1), 1.0 - dimming, np.float32), np.zeros((size, 3), np.float32)
     for tint in tints:
         rows = list(tint.object_ids)
-        own[rows] = 1.0 - tint.strength
+        weights[rows] = 1.0 - tint.strength
         added[rows] = 255.0 * tint.strength * np.array(tint.color, np.float32)
-    mixed = rgb * own[object_ids]
+    mixed = rgb * weights[object_ids]
     mixed += added[object_ids]
     return np.asarray(mixed.round().astype(np.uint8))
 

@@ -59,11 +59,11 @@ class Renderer:
 
     def relabeled(self, scene: Scene) -> Renderer:
         """Returns a renderer of a scene with the same Gaussians and other labels."""
-        other = copy.copy(self)
-        other._classes = len(scene.dictionary) + 1
-        other._labels = label_blend(scene, self._device, self._labels)
-        other._objects = None
-        return other
+        renderer = copy.copy(self)
+        renderer._classes = len(scene.dictionary) + 1
+        renderer._labels = label_blend(scene, self._device, self._labels)
+        renderer._objects = None
+        return renderer
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """Renders colors on black, uint8 [H, W, 3]."""

@@ -57,8 +57,8 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
     confidence = drawn.alpha / (1 + (spread / (RELATIVE_SPREAD * depth.clamp_min(1e-6))) ** 2)
 
     def array(values: Tensor) -> F32:
-        shown = there if values.dim() == 2 else there[..., None]
-        return np.asarray(torch.where(shown, values, 0.0).to(torch.float32).cpu().numpy())
+        mask = there if values.dim() == 2 else there[..., None]
+        return np.asarray(torch.where(mask, values, 0.0).to(torch.float32).cpu().numpy())
 
     return ViewGeometry(
         depth=array(depth),

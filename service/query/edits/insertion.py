@@ -45,8 +45,8 @@ def insert_objects(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         )
     ids = edited_objects(source, edit)
     check_no_parts(source.objects.table, ids)
-    own = replace(edit, label=None, object_ids=ids)
-    rows = edited_rows(source, own)
+    source_edit = replace(edit, label=None, object_ids=ids)
+    rows = edited_rows(source, source_edit)
     first = next_object_id(here.objects)
     if first + len(ids) - 1 > MAX_OBJECT_ID:
         raise LimitExceededError(

@@ -59,8 +59,8 @@ def edited_objects(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
     everything = (*objects.present, *objects.present_parts)
     ids = tuple(obj.id for obj in everything if obj.name and dictionary.id_of(obj.name) == label_id)
     if not ids:
-        told = f"nothing in this version bears the label {str(edit.label)[:80]!r}"
-        raise NotFoundError(told, field="label", hint="List the scene's objects.")
+        message = f"nothing in this version bears the label {str(edit.label)[:80]!r}"
+        raise NotFoundError(message, field="label", hint="List the scene's objects.")
     return ids
 
 
@@ -131,13 +131,13 @@ def with_label(
     Case, plural and spelling variants of a known name are that name. A kind becomes an alias of the form name + kind
     ("Oskar teddy bear"), found like any name with that ending; so two names may be of one kind."""
     text = checked_name(name, "name")
-    others: list[tuple[str, str]] = []
+    alias_words: list[tuple[str, str]] = []
     for field, words in (("aliases", aliases), ("kinds", kinds)):
         if len(words) > MAX_ALIASES:
             raise LimitExceededError(f"{len(words)} {field}", field=field, limit=f"{MAX_ALIASES} {field}")
-        own = [(f"{field}[{number}]", checked_name(word, f"{field}[{number}]")) for number, word in enumerate(words)]
-        others += [
-            (place, word if field == "aliases" else checked_name(f"{text} {word}", place)) for place, word in own
+        pairs = [(f"{field}[{number}]", checked_name(word, f"{field}[{number}]")) for number, word in enumerate(words)]
+        alias_words += [
+            (place, word if field == "aliases" else checked_name(f"{text} {word}", place)) for place, word in pairs
         ]
     entries = list(scene.dictionary.entries)
     label_id = scene.dictionary.id_of(text)
@@ -145,7 +145,7 @@ def with_label(
         entries.append(DictionaryEntry(text))
         scene = index.with_label(scene, entries[-1], _grown(scene.head))
     entry = entries[label_id - 1 if label_id else -1]
-    for place, alias in others:
+    for place, alias in alias_words:
         owner = Dictionary(tuple(entries)).id_of(alias)
         if owner is None:
             entry = replace(entry, aliases=(*entry.aliases, alias))

@@ -90,9 +90,9 @@ def make_prompted_object(
     scene, new_id = with_new_object(scene, piece)
     if not label:
         return scene
-    *others, new = scene.objects.table
+    *objects, new = scene.objects.table
     named = replace(new, name=label, source="person", probability=1.0)
-    return with_look_alikes(replace(scene, objects=replace(scene.objects, table=(*others, named))), (new_id,))
+    return with_look_alikes(replace(scene, objects=replace(scene.objects, table=(*objects, named))), (new_id,))
 
 
 def _check_missing(edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:

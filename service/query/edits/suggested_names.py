@@ -18,7 +18,7 @@ MAX_SUGGESTED = 1_000
 """Names in one edit."""
 _MAX_ALIASES = 20
 _MAX_SOURCE = 60
-_OWN = (OWN_SOURCE, TAG_SOURCE, "person")
+_OWN_SOURCES = (OWN_SOURCE, TAG_SOURCE, "person")
 """Names of the scene's own sources in answers."""
 
 
@@ -34,22 +34,22 @@ def suggest_names(objects: SceneObjects, suggested: Sequence[SuggestedName]) -> 
         raise LimitExceededError(
             f"{len(suggested)} names", field="suggestions", limit=f"{MAX_SUGGESTED} names", hint="Send several batches."
         )
-    objects.check_all([each.object_id for each in suggested], "suggestions")
-    told: defaultdict[int, list[Suggestion]] = defaultdict(list)
-    for number, each in enumerate(suggested):
+    objects.check_all([suggestion.object_id for suggestion in suggested], "suggestions")
+    by_object: defaultdict[int, list[Suggestion]] = defaultdict(list)
+    for number, name in enumerate(suggested):
         field = f"suggestions[{number}]"
-        told[each.object_id].append(_checked(each, field))
-        own = sum(other.source == each.source.strip() for other in told[each.object_id])
-        if own > MOST_SUGGESTED:
+        by_object[name.object_id].append(_checked(name, field))
+        count = sum(entry.source == name.source.strip() for entry in by_object[name.object_id])
+        if count > MOST_SUGGESTED:
             raise LimitExceededError(
-                f"{own} names of one source for object {each.object_id}", field=field, limit=f"{MOST_SUGGESTED} names"
+                f"{count} names of one source for object {name.object_id}", field=field, limit=f"{MOST_SUGGESTED} names"
             )
 
     def changed(obj: Object) -> Object:
-        new = told.get(obj.id, [])
-        sources = {each.source for each in new}
-        kept = [suggestion for suggestion in obj.suggestions if suggestion.source not in sources]
-        return replace(obj, suggestions=ranked_suggestions([*new, *kept])) if new else obj
+        new = by_object.get(obj.id, [])
+        sources = {suggestion.source for suggestion in new}
+        rest = [suggestion for suggestion in obj.suggestions if suggestion.source not in sources]
+        return replace(obj, suggestions=ranked_suggestions([*new, *rest])) if new else obj
 
     scene = objects.scene
     parts = scene.objects.parts
@@ -58,23 +58,25 @@ def suggest_names(objects: SceneObjects, suggested: Sequence[SuggestedName]) -> 
     return replace(scene, objects=replace(scene.objects, table=tuple(map(changed, scene.objects.table)), parts=parts))
 
 
-def _checked(each: SuggestedName, field: str) -> Suggestion:
+def _checked(suggestion: SuggestedName, field: str) -> Suggestion:
     source, model = (
         checked_name(text, f"{field}.{name}") if text or name == "source" else ""
-        for name, text in (("source", each.source), ("model", each.model))
+        for name, text in (("source", suggestion.source), ("model", suggestion.model))
     )
-    if source in _OWN or len(source) > _MAX_SOURCE:
+    if source in _OWN_SOURCES or len(source) > _MAX_SOURCE:
         raise InvalidInputError(
             f"a source {source[:80]!r}",
             field=f"{field}.source",
-            limit=f"1 to {_MAX_SOURCE} characters, and neither {' nor '.join(_OWN)}",
+            limit=f"1 to {_MAX_SOURCE} characters, and neither {' nor '.join(_OWN_SOURCES)}",
             hint="Say who suggests the name.",
         )
-    if not 0.0 <= each.probability <= 1.0:
-        raise InvalidInputError(f"a probability of {each.probability}", field=f"{field}.probability", limit="0 to 1")
-    if len(each.aliases) > _MAX_ALIASES:
-        raise LimitExceededError(
-            f"{len(each.aliases)} aliases", field=f"{field}.aliases", limit=f"{_MAX_ALIASES} aliases"
+    if not 0.0 <= suggestion.probability <= 1.0:
+        raise InvalidInputError(
+            f"a probability of {suggestion.probability}", field=f"{field}.probability", limit="0 to 1"
         )
-    aliases = tuple(checked_name(word, f"{field}.aliases[{n}]") for n, word in enumerate(each.aliases))
-    return Suggestion(checked_name(each.name, f"{field}.name"), each.probability, source, model, aliases)
+    if len(suggestion.aliases) > _MAX_ALIASES:
+        raise LimitExceededError(
+            f"{len(suggestion.aliases)} aliases", field=f"{field}.aliases", limit=f"{_MAX_ALIASES} aliases"
+        )
+    aliases = tuple(checked_name(word, f"{field}.aliases[{n}]") for n, word in enumerate(suggestion.aliases))
+    return Suggestion(checked_name(suggestion.name, f"{field}.name"), suggestion.probability, source, model, aliases)

@@ -70,7 +70,7 @@ class Vocabulary:
     @cached_property
     def _by_sense(self) -> Mapping[int, str]:
         senses = {name: solid_senses(self.lexicon.senses(name))[:1] for name in self.names} if self.lexicon else {}
-        return {sense.id: name for name, own in senses.items() for sense, _ in own}
+        return {sense.id: name for name, name_senses in senses.items() for sense, _ in name_senses}
 
     def word_for(self, text: str) -> str:
         """Finds the name that a model would use for such an object; "" for none.
@@ -82,7 +82,7 @@ class Vocabulary:
         known = [self._dictionary.entries[label_id - 1].label for label_id in ids if label_id]
         for sense, _ in solid_senses(self.lexicon.senses(text))[:1] if self.lexicon else ():
             above = self.lexicon.wider(sense.id) if self.lexicon and sense.lexical_class in _LIVING else (sense.id,)
-            known += [self._by_sense.get(each, "") for each in above]
+            known += [self._by_sense.get(sense_id, "") for sense_id in above]
         return next(filter(None, known), "")
 
     def knows(self, text: str) -> bool:
@@ -127,22 +127,26 @@ def with_absence_judged(
     here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of an object
     clearly of a color."""
     answer, remarks = ranked.answer, ranked.remarks
-    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(ranked.asked))):
+    if remarks.no_question or not (
+        _is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(ranked.noun_phrase))
+    ):
         return ranked
-    asked = ranked.asked
+    text = ranked.noun_phrase
     fitting = [
         obj
         for obj in names.present
         if (not obj.name or obj.guessed)
         and obj.id in names.lengths
-        and _may_be(obj, names.lengths[obj.id], asked, vocabulary)
+        and _may_be(obj, names.lengths[obj.id], text, vocabulary)
     ]
     if all(obj.name for obj in fitting):
         return ranked
     figures = {match: match.relevancy if match.probability is None else match.probability for match in answer.matches}
-    matches = tuple(each._replace(relevant=False) for each in sorted(answer.matches, key=lambda one: -figures[one]))
-    nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other=False)
-    word = vocabulary.word_for(asked)
+    matches = tuple(
+        match._replace(relevant=False) for match in sorted(answer.matches, key=lambda match: -figures[match])
+    )
+    nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other_object=False)
+    word = vocabulary.word_for(text)
     seen = names.labels.id_of(word) if word else None
     if word and not (seen and names.labels.entries[seen - 1].views):
         missed = 1.0 - found_share(word)
@@ -156,7 +160,7 @@ def with_absence_judged(
     colored = {
         obj.id: max((color_share(obj.id, basic_name(color)) for color in colors), default=1.0) for obj in fitting
     }
-    may_be = _likeliest(asked, answer, fitting, names, vocabulary, colored)
+    may_be = _likeliest(text, answer, fitting, names, vocabulary, colored)
     offered = replace(nothing, presence=presence, probability=None, object_ids=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)
 
@@ -164,7 +168,7 @@ def with_absence_judged(
 def _is_absent(ranked: Ranked) -> bool:
     """True if nothing bears the name, apart from a phrase's conditions."""
     of_conditions = ranked.answer.phrase is not None and not ranked.remarks.head
-    return (ranked.verdict == "absent" or ranked.remarks.other) and not of_conditions
+    return (ranked.verdict == "absent" or ranked.remarks.other_object) and not of_conditions
 
 
 def _is_weak(ranked: Ranked, names: ObjectNames) -> bool:
@@ -177,7 +181,7 @@ def _is_weak(ranked: Ranked, names: ObjectNames) -> bool:
 
 
 def _likeliest(
-    asked: str,
+    text: str,
     answer: Answer,
     fitting: Sequence[Object],
     names: ObjectNames,
@@ -186,26 +190,26 @@ def _likeliest(
 ) -> tuple[int, ...]:
     """Ranks candidates by size, color, surface, suggestions and near names."""
     near = {match.label_id: match.probability or 0.0 for match in answer.matches}
-    usual, lies_on = _USUAL_LARGE_M if is_furniture(asked) else USUAL_M, vocabulary.surfaces_of(asked)
+    usual, lies_on = _USUAL_LARGE_M if is_furniture(text) else USUAL_M, vocabulary.surfaces_of(text)
     comes_near = [label_id for label_id in near if near[label_id] >= _NEAR]
     likely = {object_id: near[label_id] for label_id in comes_near for object_id in names.by_label.get(label_id, ())}
     for obj in fitting:
         off = math.log(names.lengths[obj.id] / usual) / _SPREAD
-        own = [
+        suggestions = [
             (near.get(names.dictionary.id_of(suggestion.name) or 0, 0.0), suggestion.probability)
             for suggestion in obj.suggestions
         ]
-        other = obj.probability if obj.name else sum(sure * (1.0 - alike) for alike, sure in own)
-        weight = math.exp(-off * off / 2) * obj.consensus * (1.0 - min(other, _MOST)) * (colored[obj.id] + _FAINT)
+        doubt = obj.probability if obj.name else sum(sure * (1.0 - alike) for alike, sure in suggestions)
+        weight = math.exp(-off * off / 2) * obj.consensus * (1.0 - min(doubt, _MOST)) * (colored[obj.id] + _FAINT)
         kind = 1.0 if not obj.surface and not lies_on else _ON if obj.surface in lies_on else _OFF
-        alike = max((alike for alike, _ in own), default=near.get(names.labels.id_of(obj.name) or 0, 0.0))
+        alike = max((alike for alike, _ in suggestions), default=near.get(names.labels.id_of(obj.name) or 0, 0.0))
         likely[obj.id] = _NAMELESS * weight * kind + alike
-    return tuple(sorted(likely, key=lambda each: (-likely[each], each))[:_MOST_OFFERED])
+    return tuple(sorted(likely, key=lambda object_id: (-likely[object_id], object_id))[:_MOST_OFFERED])
 
 
-def _may_be(obj: Object, length: float, asked: str, vocabulary: Vocabulary) -> bool:
+def _may_be(obj: Object, length: float, text: str, vocabulary: Vocabulary) -> bool:
     """True if an object of this length in meters may be what is asked for."""
-    if is_furniture(asked):
+    if is_furniture(text):
         return length >= _LEAST_LARGE_M
-    flat = bool(obj.surface) and vocabulary.class_of(asked) in _ROUND
+    flat = bool(obj.surface) and vocabulary.class_of(text) in _ROUND
     return _LEAST_M <= length <= _MOST_M and not flat

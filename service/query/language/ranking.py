@@ -221,8 +221,8 @@ class Ranker:
         if judged.verdict == "related":
             standing[standing] = [_stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
         judged = self._without_suggested(judged)
-        shown = scores.similarity if by_similarity else scores.relevancy
-        figure = shown if belief is None else belief.entries
+        figures = scores.similarity if by_similarity else scores.relevancy
+        figure = figures if belief is None else belief.entries
         order = np.lexsort((np.arange(len(primary)), -second, -primary, -figure, ~judged.relevant))
         nothing = judged.verdict == "absent"
         is_word = None if self._meanings is None else self._meanings.is_word
@@ -263,9 +263,9 @@ class Ranker:
             unchecked = " ".join(words for words in (before, unchecked) if words)
         ids = np.flatnonzero(standing & judged.relevant) + 1
         compared = context.related is not None or meant is not None
-        other = meant is None and (judged.verdict, relation) == ("related", "related")
-        other = other and self._is_other(text, int(order[0]))
-        remarks = Remarks(unchecked, unread, other=other, calibrated=compared)
+        is_other = meant is None and (judged.verdict, relation) == ("related", "related")
+        is_other = is_other and self._is_other(text, int(order[0]))
+        remarks = Remarks(unchecked, unread, other_object=is_other, calibrated=compared)
         return Ranked(answer, verdict, judged.named, frozenset(ids.tolist()), remarks)
 
     def _is_other(self, text: str, row: int) -> bool:
@@ -399,9 +399,9 @@ def _answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: C
     if comparison is None:
         return "related", None
     relations = comparison.relations
-    if comparison.compounds.kept[row]:
+    if comparison.compounds.same_kind[row]:
         return "kind_of", "question"
-    if comparison.compounds.feigned[row] or comparison.compounds.other[row]:
+    if comparison.compounds.feigned[row] or comparison.compounds.other_name[row]:
         return "related", None
     if not comparison.meaning.whole:  # only the head is known: what is added to it makes a kind of it
         below = relations.same[row] > 0 or relations.narrower[row] > 0

@@ -107,7 +107,7 @@ def _at_pixel(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> Located:
     if met[0] is None:
         raise nothing
     depth, spread = met[0]
-    beside = [depth if one is None else one[0] for one in met]
+    beside = [depth if surface is None else surface[0] for surface in met]
     slopes = (beside[1] - beside[2]) / 2, (beside[3] - beside[4]) / 2
     length = float(np.linalg.norm(rays[0]))
     ray = rays[0] / length

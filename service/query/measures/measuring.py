@@ -49,14 +49,14 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
     sides: tuple[Length, ...] = ()
     if len(located) == 2:
         distance = _length(index, *_nearest(index, located[0], located[1], extents))
-        if any(one.is_object for one in located):
+        if any(place.is_object for place in located):
             center_distance = _length(index, *apart(*located))
     elif located[0].is_object:
         measured = extents[located[0].object_id]
         box = measured.box
         sides = tuple(_length(index, *side) for side in zip(box.size, measured.deviations, strict=True))
     return Measurement(
-        places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.object_id) for one in located),
+        places=tuple(LocatedPlace(vector3(place.point), place.plus_minus, place.object_id) for place in located),
         distance=distance,
         center_distance=center_distance,
         sides=sides,
@@ -84,22 +84,22 @@ def _middle(object_id: int, extents: ObjectExtents) -> Located:
 
 
 def _nearest(
-    index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ObjectExtents]
+    index: SceneIndex, start: Located, end: Located, extents: Mapping[int, ObjectExtents]
 ) -> tuple[float, float]:
     """Distance and deviation between places; of objects from their nearest Gaussian."""
-    if not one.is_object and not other.is_object:
-        return apart(one, other)
-    if one.is_object and one.object_id == other.object_id and other.is_object:
+    if not start.is_object and not end.is_object:
+        return apart(start, end)
+    if start.is_object and start.object_id == end.object_id and end.is_object:
         return 0.0, 0.0
     means = index.scene.gaussians.means.astype(np.float64)
-    sets = [extents[place.object_id].rows if place.is_object else None for place in (one, other)]
-    points = [one.point[None] if sets[0] is None else means[sets[0]]]
-    points.append(other.point[None] if sets[1] is None else means[sets[1]])
+    sets = [extents[place.object_id].rows if place.is_object else None for place in (start, end)]
+    points = [start.point[None] if sets[0] is None else means[sets[0]]]
+    points.append(end.point[None] if sets[1] is None else means[sets[1]])
     distances, near = cKDTree(points[1]).query(points[0])
     first = int(np.argmin(distances))
     ends = [
         place if rows is None else _surface(index, int(rows[at]), place.object_id)
-        for place, rows, at in zip((one, other), sets, (first, int(near[first])), strict=True)
+        for place, rows, at in zip((start, end), sets, (first, int(near[first])), strict=True)
     ]
     return apart(ends[0], ends[1])
 
@@ -110,13 +110,13 @@ def _surface(index: SceneIndex, row: int, object_id: int) -> Located:
     return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, object_id)
 
 
-def apart(one: Located, other: Located) -> tuple[float, float]:
+def apart(start: Located, end: Located) -> tuple[float, float]:
     """Distance of points and its deviation √(uᵀ (Σ₁ + Σ₂) u) along u.
 
     For coinciding points, the deviation in the least certain direction."""
-    offset = other.point - one.point
+    offset = end.point - start.point
     value = float(np.linalg.norm(offset))
-    covariance = one.covariance + other.covariance
+    covariance = start.covariance + end.covariance
     if value == 0:
         return 0.0, float(np.linalg.eigvalsh(covariance)[-1].clip(0)) ** 0.5
     direction = offset / value

@@ -73,9 +73,7 @@ def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
     chosen: list[tuple[NextPhoto, F64]] = []
     for pose, target, near, reason, says in candidates:
         place, reach = pose[:3, 3], float(np.linalg.norm(target - pose[:3, 3]))
-        if _crowded(points, place, target) or any(
-            np.linalg.norm(place - other) < _APART * reach for _, other in chosen
-        ):
+        if _crowded(points, place, target) or any(np.linalg.norm(place - spot) < _APART * reach for _, spot in chosen):
             continue
         posed = replace(near, world_from_camera=pose, name="")
         advice = _sentence(near, place, target, says or f"look at {_called(_name_at(index, solid, points, target))}")
@@ -96,7 +94,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
     if unseen.hides and unseen.middle is not None:
         target = np.array(unseen.middle)
         near = min(cameras, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
-        behind = next((called[each] for each in unseen.behind if called.get(each)), "")
+        behind = next((called[object_id] for object_id in unseen.behind if called.get(object_id)), "")
         opaque, _ = hiding_points(index.scene, solid, index.objects.owner[solid])
         around = target + _AROUND * float(np.ptp(opaque, axis=0).max())
         for turn, nearer in product(_TURNS_DEG, _NEARER):
@@ -132,14 +130,14 @@ def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
     order = np.argsort(angles, kind="stable")
     ring = [*order, order[0]]
     gaps = []
-    for one, other in pairwise(ring):
-        width = (angles[other] - angles[one]) % 360 if one != other else 360.0
-        gaps.append((float(width), int(one), int(other)))
-    for width, one, other in sorted(gaps, key=lambda gap: -gap[0]):
+    for start, end in pairwise(ring):
+        width = (angles[end] - angles[start]) % 360 if start != end else 360.0
+        gaps.append((float(width), int(start), int(end)))
+    for width, start, end in sorted(gaps, key=lambda gap: -gap[0]):
         if width < _GAP_DEG:
             return
         step = min(_STEP_DEG, width / 2)
-        edges = ((one, step), (other, -step)) if width > 2 * _STEP_DEG else ((one, step),)
+        edges = ((start, step), (end, -step)) if width > 2 * _STEP_DEG else ((start, step),)
         for edge, turn in edges:
             place = focus + Rotation.from_rotvec(np.radians(turn) * up).apply(offsets[edge])
             yield look_at(place, focus, up), focus, cameras[edge], "gap", ""
@@ -172,12 +170,12 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
         if not views:
             continue
         near = min(views, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
-        others = np.stack([posed.world_from_camera[:3, 3] for posed in cameras])
+        positions = np.stack([posed.world_from_camera[:3, 3] for posed in cameras])
         places = [
             target + Rotation.from_rotvec(np.radians(turn) * up).apply(near.world_from_camera[:3, 3] - target)
             for turn in (_STEP_DEG, -_STEP_DEG)
         ]
-        place = max(places, key=lambda one: float(np.linalg.norm(others - one, axis=1).min()))
+        place = max(places, key=lambda spot: float(np.linalg.norm(positions - spot, axis=1).min()))
         yield look_at(place, target, up), target, near, "few_directions", ""
 
 

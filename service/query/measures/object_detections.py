@@ -36,47 +36,51 @@ def carrier_of(objects: SceneObjects, object_id: int) -> Support | None:
     None if nothing is clear, and for a floor, a wall or a ceiling itself. Cancellable; LimitExceededError for too many
     pairs."""
     by_id = {obj.id: obj for obj in objects.present}
-    one = objects.measures.shape(object_id)
-    if one is None or by_id[object_id].surface in ("floor", *_FLAT):
+    subject = objects.measures.shape(object_id)
+    if subject is None or by_id[object_id].surface in ("floor", *_FLAT):
         return None
     stacks = Stacks(objects.measures, by_id, PairBudget())
-    others = [shape for other in by_id if other != object_id and (shape := objects.measures.shape(other)) is not None]
-    below = [other for other in others if by_id[other.id].surface not in _FLAT and _may_carry(one, other)]
-    best = _clearest(judged for other in below for judged in _carried(stacks, one, other))
+    shapes = [shape for key in by_id if key != object_id and (shape := objects.measures.shape(key)) is not None]
+    below = [shape for shape in shapes if by_id[shape.id].surface not in _FLAT and _may_carry(subject, shape)]
+    best = _clearest(judged for shape in below for judged in _carried(stacks, subject, shape))
     if best is None:
-        walls = [other for other in others if by_id[other.id].surface in _FLAT and _overlapping(one, other)]
-        best = _clearest((other.id, "on", stacks.rests_on(one, other)) for other in walls)
+        walls = [wall for wall in shapes if by_id[wall.id].surface in _FLAT and _overlapping(subject, wall)]
+        best = _clearest((wall.id, "on", stacks.rests_on(subject, wall)) for wall in walls)
     if best is None:
         return None
     carrier, relation, clear = best
     return Support(carrier, by_id[carrier].name, relation, clear)
 
 
-def _carried(stacks: Stacks, one: ObjectShape, other: ObjectShape) -> Iterator[tuple[int, SupportRelation, Judged]]:
+def _carried(stacks: Stacks, subject: ObjectShape, base: ObjectShape) -> Iterator[tuple[int, SupportRelation, Judged]]:
     check_cancelled()
-    yield other.id, "on", stacks.direct(one, other)
+    yield base.id, "on", stacks.direct(subject, base)
     # A table top's blurred surface may enclose what lies on it, so flat objects carry "on" only.
-    flat = other.high - other.low < _FLAT_SHARE * other.width
-    yield other.id, "on" if flat else "in", is_in(one, other)
+    flat = base.high - base.low < _FLAT_SHARE * base.width
+    yield base.id, "on" if flat else "in", is_in(subject, base)
 
 
 def _clearest(judged: Iterator[tuple[int, SupportRelation, Judged]]) -> tuple[int, SupportRelation, float] | None:
-    holding = [(carrier, relation, each.clearness) for carrier, relation, each in judged if each.clearness >= _HOLDS]
-    return max(holding, key=lambda each: each[2], default=None)
+    holding = [
+        (carrier, relation, judgement.clearness)
+        for carrier, relation, judgement in judged
+        if judgement.clearness >= _HOLDS
+    ]
+    return max(holding, key=lambda candidate: candidate[2], default=None)
 
 
-def _may_carry(one: ObjectShape, other: ObjectShape) -> bool:
+def _may_carry(subject: ObjectShape, base: ObjectShape) -> bool:
     """True if the outlines overlap and the other begins below the top."""
-    return other.low < one.high and bool(
-        (one.bounds[0] <= other.bounds[1]).all() and (other.bounds[0] <= one.bounds[1]).all()
+    return base.low < subject.high and bool(
+        (subject.bounds[0] <= base.bounds[1]).all() and (base.bounds[0] <= subject.bounds[1]).all()
     )
 
 
-def _overlapping(one: ObjectShape, wall: ObjectShape) -> bool:
+def _overlapping(subject: ObjectShape, wall: ObjectShape) -> bool:
     """True if a wall is nearer along each axis than the object is wide."""
-    reach = one.width
+    reach = subject.width
     low, high = wall.bounds[0] - reach, wall.bounds[1] + reach
-    return bool((one.bounds[0] <= high).all() and (low <= one.bounds[1]).all())
+    return bool((subject.bounds[0] <= high).all() and (low <= subject.bounds[1]).all())
 
 
 F64 = NDArray[np.float64]
@@ -97,12 +101,12 @@ def detections_of(
     up = index.objects.measures.up
     seen = _views_of(index)
     carriers = {obj.id: carrier_of(index.objects, obj.id) for obj in listed} if up is not None else {}
-    made = []
+    detections = []
     for obj in listed:
         check_cancelled()
-        made.append(_detection(index, obj, table[obj.id], carriers.get(obj.id), seen.get(obj.id, ())))
+        detections.append(_detection(index, obj, table[obj.id], carriers.get(obj.id), seen.get(obj.id, ())))
     return DetectionList(
-        tuple(made),
+        tuple(detections),
         next_page_token,
         version,
         scene.frame_id,
@@ -218,8 +222,8 @@ def rotation_covariance(
 
 def _views_of(index: SceneIndex) -> Mapping[int, tuple[str, ...]]:
     """Names of the cameras (at most 256) that see each object, best first; cached."""
-    kept = index.objects.views_of_objects
-    if not kept and index.objects.present:
+    cache = index.objects.views_of_objects
+    if not cache and index.objects.present:
         scene = index.scene
         ids = [obj.id for obj in index.objects.present]
         rows = [np.flatnonzero(index.objects.owner == object_id) for object_id in ids]
@@ -229,8 +233,8 @@ def _views_of(index: SceneIndex) -> Mapping[int, tuple[str, ...]]:
         for object_id, row in zip(ids, scores, strict=True):
             least = _SEES * row.max(initial=0.0)
             order = [number for number in (-row).argsort(kind="stable").tolist() if row[number] > 0]
-            kept[object_id] = tuple(views[number].name for number in order if row[number] >= least)
-    return kept
+            cache[object_id] = tuple(views[number].name for number in order if row[number] >= least)
+    return cache
 
 
 def _named(names: Sequence[str], numbers: Sequence[int]) -> tuple[str, ...]:

@@ -55,11 +55,11 @@ def best_view_of_each(index: SceneIndex, object_ids: Sequence[int]) -> Mapping[i
     seen: dict[int, list[ObjectView]] = {}
     for name in sorted({name for object_id in object_ids for name in seen_by.get(object_id, ())}):
         check_cancelled()
-        shown = index.objects.map(small_view(cameras[name]))
-        for each in object_ids:
-            if name in seen_by.get(each, ()) and (mask := shown == each).any():
-                seen.setdefault(each, []).append(_view(name, mask))
-    return {each: max(views, key=_worth) for each, views in seen.items()}
+        object_map = index.objects.map(small_view(cameras[name]))
+        for target_id in object_ids:
+            if name in seen_by.get(target_id, ()) and (mask := object_map == target_id).any():
+                seen.setdefault(target_id, []).append(_view(name, mask))
+    return {object_id: max(views, key=_worth) for object_id, views in seen.items()}
 
 
 def _view(name: str, mask: NDArray[np.bool_]) -> ObjectView:

@@ -65,15 +65,15 @@ def lab_of(rgb: F64) -> F64:
     return np.stack([lightness, 500 * (f[..., 0] - f[..., 1]), 200 * (f[..., 1] - f[..., 2])], axis=-1)
 
 
-def color_distance(one: F64, other: F64) -> F64:
+def color_distance(first: F64, second: F64) -> F64:
     """CIE94 (CIE 116-1995), symmetric by the chromas' geometric mean; lightness counts half.
 
     k_L = 2, because light and shadow change lightness more than an object's color does."""
-    chroma_1, chroma_2 = np.hypot(one[..., 1], one[..., 2]), np.hypot(other[..., 1], other[..., 2])
+    chroma_1, chroma_2 = np.hypot(first[..., 1], first[..., 2]), np.hypot(second[..., 1], second[..., 2])
     mean = np.sqrt(chroma_1 * chroma_2)
     chroma = chroma_1 - chroma_2
-    hue = np.maximum(((one - other)[..., 1:] ** 2).sum(axis=-1) - chroma**2, 0.0)
-    lightness = (one - other)[..., 0] / _KL
+    hue = np.maximum(((first - second)[..., 1:] ** 2).sum(axis=-1) - chroma**2, 0.0)
+    lightness = (first - second)[..., 0] / _KL
     return np.asarray(np.sqrt(lightness**2 + (chroma / (1 + 0.045 * mean)) ** 2 + hue / (1 + 0.015 * mean) ** 2))
 
 
@@ -98,8 +98,8 @@ def color_clearness(lab: F64, spread: float, share: float, name: str, shade: str
     """
     name = basic_name(name)
     distances = _distances(lab)
-    own, clearness = float(distances[name]), float(_nearer(distances, name))
-    if own > _FARTHEST:
+    distance, clearness = float(distances[name]), float(_nearer(distances, name))
+    if distance > _FARTHEST:
         clearness = min(clearness, 0.0)
     if shade and clearness > 0:
         lighter = (lab[0] - _LIGHT) if shade == "light" else (_DARK - lab[0])
@@ -108,7 +108,7 @@ def color_clearness(lab: F64, spread: float, share: float, name: str, shade: str
         clearness = float(np.clip(clearness, -0.99, 0.99))
     if share >= _NOT_DENIED:
         clearness = max(clearness, -0.99)
-    return own, clearness
+    return distance, clearness
 
 
 def basic_name(name: str) -> str:
@@ -125,8 +125,8 @@ def _nearer(distances: Mapping[str, F64], name: str) -> F64:
     """Margins by which a color is nearer to a name than to non-overlapping names."""
     rivals = [
         distance
-        for other, distance in distances.items()
-        if other != name and other not in _OVERLAPS and other not in _OVERLAPS.get(name, ())
+        for rival, distance in distances.items()
+        if rival != name and rival not in _OVERLAPS and rival not in _OVERLAPS.get(name, ())
     ]
     return np.asarray((np.min(rivals, axis=0) - distances[name]) / _MARGIN)
 

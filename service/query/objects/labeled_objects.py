@@ -49,12 +49,12 @@ def labeled_objects(scene: Scene, labels: GaussianLabels) -> Objects:
     means = scene.gaussians.means
     free = np.flatnonzero((owner == 0) & (labels.classes > 0) & np.isfinite(means).all(axis=1))
     for label_id in np.unique(labels.classes[free]).tolist():
-        own = np.flatnonzero((owner > 0) & (labels.classes == label_id))
+        member_rows = np.flatnonzero((owner > 0) & (labels.classes == label_id))
         rest = free[labels.classes[free] == label_id]
-        if len(own):
-            distance, nearest = cKDTree(means[own]).query(means[rest])
-            reach = _REACH * np.exp(scene.gaussians.log_scales[own].max(axis=1))
-            owner[rest] = np.where(distance <= reach[nearest], owner[own[nearest]], 0)
+        if len(member_rows):
+            distance, nearest = cKDTree(means[member_rows]).query(means[rest])
+            reach = _REACH * np.exp(scene.gaussians.log_scales[member_rows].max(axis=1))
+            owner[rest] = np.where(distance <= reach[nearest], owner[member_rows[nearest]], 0)
     counts = np.maximum(np.rint(_SURE_PX * UNIT * labels.confidence.astype(np.float64)), 1).astype(np.int64)
     rows = np.arange(len(owner))
     # Gaussians without a label count as none in masks, if any view has seen them.
@@ -79,8 +79,8 @@ def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64)
     chosen = order[sums[order] >= _MIN_SHARE * sums.max()][:_MAX_OBJECTS_A_LABEL]
     place = np.full(len(sums), -1)
     place[chosen] = np.arange(len(chosen))
-    kept = place[component]
-    by_part = kept.argsort(kind="stable")
-    counts = np.bincount(kept[kept >= 0], minlength=len(chosen))
-    sorted_members = members[by_part[(kept < 0).sum() :]]
+    places = place[component]
+    by_part = places.argsort(kind="stable")
+    counts = np.bincount(places[places >= 0], minlength=len(chosen))
+    sorted_members = members[by_part[(places < 0).sum() :]]
     return np.split(sorted_members, np.cumsum(counts)[:-1])

@@ -50,20 +50,20 @@ class SceneHistory:
 
     def last_seen(self, object_id: int) -> datetime | None:
         """Time of the last photo of an object; None if unknown."""
-        seen = [each.at for each in self.sightings(object_id) if not each.missing]
+        seen = [sighting.at for sighting in self.sightings(object_id) if not sighting.missing]
         return seen[-1] if seen else None
 
     def missing_since(self, object_id: int) -> datetime | None:
         """Start of the current run of failed searches; None if not missing."""
         since: datetime | None = None
-        for each in self.sightings(object_id):
-            since = (since or each.at) if each.missing else None
+        for sighting in self.sightings(object_id):
+            since = (since or sighting.at) if sighting.missing else None
         return since
 
     def seen_in(self, object_id: int) -> str:
         """Id of an object's last observation; "" for the capture."""
-        own = self.sightings(object_id)
-        return own[-1].observation_id if own else ""
+        sightings = self.sightings(object_id)
+        return sightings[-1].observation_id if sightings else ""
 
 
 def scene_history(scene: Scene) -> SceneHistory:
@@ -72,16 +72,16 @@ def scene_history(scene: Scene) -> SceneHistory:
     placed = [
         replace(in_frame(observation, frame), meters=scene.scale == "METRIC") for observation in scene.observations
     ]
-    observations = tuple(sorted(placed, key=lambda each: each.seen_at))
+    observations = tuple(sorted(placed, key=lambda observation: observation.seen_at))
     made_at = scene.facts.newest_photo_at
     found: dict[int, list[Sighting]] = {}
-    for each in observations:
-        changed = {change.object_id: change for change in each.changes if change.object_id}
-        for object_id in {*each.looked_at, *changed}:
-            found.setdefault(object_id, []).append(Sighting(each.seen_at, each.id, changed.get(object_id)))
+    for visit in observations:
+        changed = {change.object_id: change for change in visit.changes if change.object_id}
+        for object_id in {*visit.looked_at, *changed}:
+            found.setdefault(object_id, []).append(Sighting(visit.seen_at, visit.id, changed.get(object_id)))
     ordered = {
-        object_id: tuple(sorted((*own, *_by_capture(made_at)), key=lambda each: each.at))
-        for object_id, own in found.items()
+        object_id: tuple(sorted((*sightings, *_by_capture(made_at)), key=lambda sighting: sighting.at))
+        for object_id, sightings in found.items()
     }
     return SceneHistory(made_at, observations, ordered)
 

@@ -123,8 +123,12 @@ class SceneObjects:
     def groups(self) -> Mapping[int, ObjectGroup]:
         """Groups with at least two present members, by id, with these members."""
         here = {obj.id for obj in self.present}
-        own = {group.id: tuple(member for member in group.members if member in here) for group in self.table.groups}
-        return {each.id: replace(each, members=own[each.id]) for each in self.table.groups if len(own[each.id]) > 1}
+        members = {group.id: tuple(member for member in group.members if member in here) for group in self.table.groups}
+        return {
+            group.id: replace(group, members=members[group.id])
+            for group in self.table.groups
+            if len(members[group.id]) > 1
+        }
 
     @cached_property
     def measures(self) -> ObjectMeasures:
@@ -137,7 +141,7 @@ class SceneObjects:
         present, parts = (
             tuple(replace(obj, picture=b"") for obj in objects) for objects in (self.present, self.present_parts)
         )
-        counts = {each.id: int(self.counts[each.id]) for each in present}
+        counts = {obj.id: int(self.counts[obj.id]) for obj in present}
         counts |= {part.id: int(self.part_counts[part.id]) for part in parts}
         return ObjectNames(
             self.scene.dictionary,
@@ -146,7 +150,7 @@ class SceneObjects:
             self.scene.facts.searched_names,
             counts=counts,
             searched_for=self.scene.facts.searched_for or (),
-            boxes={each: extent.box for each, extent in self.extents.items()},
+            boxes={object_id: extent.box for object_id, extent in self.extents.items()},
             metric=self.scene.scale == "METRIC",
         )
 
@@ -191,12 +195,12 @@ class SceneObjects:
 
     def with_members(self, ids: Sequence[int], field: str = "object_ids") -> tuple[int, ...]:
         """Expands group ids to members; raises NotFoundError for unknown ids."""
-        self.check_all([each for each in ids if each not in self.groups], field)
+        self.check_all([object_id for object_id in ids if object_id not in self.groups], field)
         return self._members(ids)
 
     def _members(self, ids: Sequence[int]) -> tuple[int, ...]:
-        own = [self.groups[each].members if each in self.groups else (each,) for each in ids]
-        return tuple(dict.fromkeys(member for members in own for member in members))
+        expansions = [self.groups[object_id].members if object_id in self.groups else (object_id,) for object_id in ids]
+        return tuple(dict.fromkeys(member for members in expansions for member in members))
 
     def map(self, posed: PosedCamera) -> ObjectMap:
         """Object of each pixel, uint16 [H, W], 0 for none; cached."""
@@ -267,7 +271,12 @@ class SceneObjects:
         if missing:
             gaussians, solid = self.scene.gaussians, solid_rows(self.scene.gaussians)
             owners = (self.owner, self.part_owner) if self.present_parts else (self.owner,)
-            groups = {each: rows for owner in owners for each, rows in grouped_rows(owner, solid) if each in missing}
+            groups = {
+                object_id: rows
+                for owner in owners
+                for object_id, rows in grouped_rows(owner, solid)
+                if object_id in missing
+            }
             views = best_views(self.scene, [*groups.values()], masses(gaussians.log_scales, gaussians.logit_opacities))
             self._best_views.update(zip(groups, views, strict=True))
         return self._best_views
@@ -305,14 +314,17 @@ class SceneObjects:
 
 def listed_suggestions(obj: Object, trust: Trust) -> tuple[NameSuggestion, ...]:
     """Suggested names of an object as listed in answers, most probable first."""
-    return tuple(_told(each) for each in merged_suggestions(obj, trust))
+    return tuple(_name_suggestion(name) for name in merged_suggestions(obj, trust))
 
 
-def _told(name: MergedName) -> NameSuggestion:
-    said_by = tuple(SuggestionSource(each.source or OWN_SOURCE, each.model, each.probability) for each in name.told)
+def _name_suggestion(name: MergedName) -> NameSuggestion:
+    said_by = tuple(
+        SuggestionSource(suggestion.source or OWN_SOURCE, suggestion.model, suggestion.probability)
+        for suggestion in name.suggestions
+    )
     return NameSuggestion(name.name, name.probability, "", name.aliases, said_by)
 
 
-def _same_members(one: Objects, other: Objects) -> bool:
-    parts = [None if objects.parts is None else objects.parts.membership for objects in (one, other)]
-    return one.membership is other.membership and parts[0] is parts[1]
+def _same_members(first: Objects, second: Objects) -> bool:
+    parts = [None if objects.parts is None else objects.parts.membership for objects in (first, second)]
+    return first.membership is second.membership and parts[0] is parts[1]

@@ -211,9 +211,9 @@ def extents_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Extent]:
     opacities = logistic(gaussians.logit_opacities)
     extents = {}
     for object_id, rows in grouped_rows(owner, solid_rows(gaussians)):
-        own = _bounded(weights[rows])
-        middle = vector3(np.average(means[rows], axis=0, weights=own))
-        extents[object_id] = Extent(oriented_box(means[rows], own, up), middle, float(opacities[rows].sum()))
+        object_weights = _bounded(weights[rows])
+        middle = vector3(np.average(means[rows], axis=0, weights=object_weights))
+        extents[object_id] = Extent(oriented_box(means[rows], object_weights, up), middle, float(opacities[rows].sum()))
     return extents
 
 

@@ -58,7 +58,7 @@ def pick_pixel(objects: SceneObjects, posed: PosedCamera, pixel: Pixel) -> tuple
         objects,
         object_id,
         part_id if part_id in part_ids else 0,
-        lambda each: float(objects.mask(posed, (each,))[around].mean()),
+        lambda candidate: float(objects.mask(posed, (candidate,))[around].mean()),
     )
 
 
@@ -76,13 +76,13 @@ def pick_box(objects: SceneObjects, posed: PosedCamera, box: PixelBox) -> tuple[
     left, top = int(box.left), int(box.top)
     right, bottom = max(int(np.ceil(box.right)), left + 1), max(int(np.ceil(box.bottom)), top + 1)
 
-    def overlap(each: int) -> float:
-        mask = objects.mask(posed, (each,))
+    def overlap(candidate: int) -> float:
+        mask = objects.mask(posed, (candidate,))
         inside = int(mask[top:bottom, left:right].sum())
         return inside / (int(mask.sum()) + (right - left) * (bottom - top) - inside)
 
-    shown = np.unique(objects.map(posed)[top:bottom, left:right])
-    object_id = max((int(each) for each in shown if each), key=overlap, default=0)
+    ids = np.unique(objects.map(posed)[top:bottom, left:right])
+    object_id = max((int(candidate) for candidate in ids if candidate), key=overlap, default=0)
     if not object_id:
         raise _nothing("in the box", "box")
     part_id = max(_part_ids(objects, object_id), key=overlap, default=0)
@@ -100,21 +100,21 @@ def pick_point(objects: SceneObjects, point: Vector3) -> tuple[PickedLevel, ...]
         objects,
         object_id,
         part_id if part_id in _part_ids(objects, object_id) else 0,
-        lambda each: float(objects.rows((each,))[near].mean()),
+        lambda candidate: float(objects.rows((candidate,))[near].mean()),
     )
 
 
-def chosen_level(levels: Sequence[PickedLevel], asked: AskedLevel) -> PickedLevel:
+def chosen_level(levels: Sequence[PickedLevel], level_name: AskedLevel) -> PickedLevel:
     """Selects the requested level (or raises NotFoundError), or the likeliest; objects win ties."""
-    if asked == "likeliest":
+    if level_name == "likeliest":
         return max(levels, key=lambda level: (level.probability, level.level == "object"))
-    for each in levels:
-        if each.level == asked:
-            return each
+    for option in levels:
+        if option.level == level_name:
+            return option
     raise NotFoundError(
-        f"there is no {asked} at this place",
+        f"there is no {level_name} at this place",
         field="level",
-        hint=f"There is: {', '.join(each.level for each in levels)}.",
+        hint=f"There is: {', '.join(level.level for level in levels)}.",
     )
 
 
@@ -127,7 +127,7 @@ def _levels(objects: SceneObjects, object_id: int, part_id: int, agreement: Agre
     # Of several groups, take the one with the highest consensus, then the smallest.
     group = max(
         (group for group in objects.groups.values() if object_id in group.members),
-        key=lambda one: (one.consensus, -len(one.members)),
+        key=lambda candidate: (candidate.consensus, -len(candidate.members)),
         default=None,
     )
     scores: dict[tuple[PickLevel, int], float] = {("object", object_id): consensus[object_id]}
@@ -136,13 +136,14 @@ def _levels(objects: SceneObjects, object_id: int, part_id: int, agreement: Agre
     if group is not None:
         scores["group", group.id] = group.consensus
     scores = {
-        (level, each): _MEANT[level] * max(sure, _LEAST) * agreement(each) for (level, each), sure in scores.items()
+        (level, level_id): _MEANT[level] * max(sure, _LEAST) * agreement(level_id)
+        for (level, level_id), sure in scores.items()
     }
     total = sum(scores.values())
     members = () if group is None else group.members
     return tuple(
-        PickedLevel(level, each, members if level == "group" else (), score / total)
-        for (level, each), score in scores.items()
+        PickedLevel(level, level_id, members if level == "group" else (), score / total)
+        for (level, level_id), score in scores.items()
     )
 
 

@@ -41,7 +41,7 @@ _TRIM = 0.01
 
 def surface_kind(name: str, kind: SurfaceKind = "") -> SurfaceKind:
     """Kind of surface of an object or label: the stored one, else a boundary's name."""
-    return kind or next((each for each in _BOUNDARIES if label_key(name) == each), "")
+    return kind or next((boundary for boundary in _BOUNDARIES if label_key(name) == boundary), "")
 
 
 def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) -> UnseenSpace:
@@ -70,8 +70,8 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
     if place is None:
         return ALL_SEEN
     usual = _usual_size(points, of, surfaces)
-    seen, *others = _looks(scene, rows, of, surfaces, [place, *_grids_of_objects(points, of, surfaces)])
-    hollows = [hollow for each in others if (hollow := _inside(each, scene.cameras))]
+    seen, *insides = _looks(scene, rows, of, surfaces, [place, *_grids_of_objects(points, of, surfaces)])
+    hollows = [hollow for inside in insides if (hollow := _inside(inside, scene.cameras))]
     metric, (share, behind, middle) = scene.scale == "METRIC", _between(seen, usual)
     if not share and not hollows:
         return ALL_SEEN
@@ -79,7 +79,7 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
         share,
         behind,
         middle,
-        hollows=tuple(sorted(hollows, key=lambda each: -each.volume)),
+        hollows=tuple(sorted(hollows, key=lambda hollow: -hollow.volume)),
         meter=1.0 if metric else usual / USUAL_M,
         in_meters=metric,
     )
@@ -93,7 +93,7 @@ class _Looked:
     seen: NDArray[np.int64]  # int64 [K], how many photos see the cube
     hidden: NDArray[np.int64]  # how many have it in the picture behind something
     outside: NDArray[np.int64]  # in how many of these that is a floor, a ceiling or a wall
-    own: NDArray[np.int64]  # in how many it is the grid's object
+    of_object: NDArray[np.int64]  # in how many it is the grid's object
     behind: NDArray[np.int64]  # the last object that was before it, and is none of those; 0 for none
 
 
@@ -102,12 +102,12 @@ def _looks(
 ) -> list[_Looked]:
     """Counts the views of the cubes of some grids; `of`: objects of the Gaussians `rows`."""
     boundary = np.zeros(int(of.max(initial=0)) + 1, np.bool_)
-    boundary[[each for each, kind in surfaces.items() if kind in _BOUNDARIES and each < len(boundary)]] = True
+    boundary[[number for number, kind in surfaces.items() if kind in _BOUNDARIES and number < len(boundary)]] = True
     counts = [len(grid.middles) for grid in grids]
     middles = np.concatenate([grid.middles for grid in grids])
     widths = np.repeat([grid.width for grid in grids], counts)
     inside_of = np.repeat([grid.object_id for grid in grids], counts)
-    seen, hidden, outside, own, behind = np.zeros((5, len(middles)), np.int64)
+    seen, hidden, outside, self_hidden, behind = np.zeros((5, len(middles)), np.int64)
     opaque, whose = hiding_points(scene, rows, of)
     for posed in spread_views(scene.cameras):
         sight = SightLines(posed, opaque)
@@ -117,11 +117,11 @@ def _looks(
         hiding, by = ahead[~visible], whose[sight.front[cell[~visible]]]
         hidden[hiding] += 1
         outside[hiding] += boundary[by]
-        own[hiding] += by == inside_of[hiding]
+        self_hidden[hiding] += by == inside_of[hiding]
         behind[hiding[~boundary[by]]] = by[~boundary[by]]
     ends = np.cumsum(counts)[:-1]
-    parts = (np.split(values, ends) for values in (seen, hidden, outside, own, behind))
-    return [_Looked(*each) for each in zip(grids, *parts, strict=True)]
+    parts = (np.split(values, ends) for values in (seen, hidden, outside, self_hidden, behind))
+    return [_Looked(*row) for row in zip(grids, *parts, strict=True)]
 
 
 def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vector3 | None]:
@@ -139,7 +139,7 @@ def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vect
 
 def _inside(obj: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
     """Unseen piece of an object's inside with the largest ball; None for none."""
-    pieces = _pieces_of(obj.grid, _most_around(obj.grid, (obj.seen == 0) & (2 * obj.own >= obj.hidden)))
+    pieces = _pieces_of(obj.grid, _most_around(obj.grid, (obj.seen == 0) & (2 * obj.of_object >= obj.hidden)))
     best = int(pieces.widths.argmax())
     if not best or not obj.hidden.any():
         return None
@@ -160,9 +160,13 @@ def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
 
 def _grids_of_objects(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[_CubeGrid]:
     """Cubes of the largest objects that are no surfaces."""
-    groups = [(each, points[rows]) for each, rows in grouped_rows(of, np.arange(len(of))) if not surfaces.get(each)]
+    groups = [
+        (object_id, points[rows])
+        for object_id, rows in grouped_rows(of, np.arange(len(of)))
+        if not surfaces.get(object_id)
+    ]
     groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
-    grids = (_cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_OBJECTS])
+    grids = (_cube_grid(object_points, object_id, _ACROSS) for object_id, object_points in groups[:_MOST_OBJECTS])
     return [grid for grid in grids if grid is not None]
 
 
@@ -193,8 +197,8 @@ def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> fl
     """Median length of the objects along their longest axis; 0 without objects."""
     sizes = [
         np.ptp(np.quantile(points[rows], [_TRIM, 1 - _TRIM], axis=0), axis=0).max()
-        for each, rows in grouped_rows(of, np.arange(len(of)))
-        if not surfaces.get(each)
+        for object_id, rows in grouped_rows(of, np.arange(len(of)))
+        if not surfaces.get(object_id)
     ]
     return float(np.median(sizes)) if sizes else 0.0
 
@@ -261,8 +265,8 @@ def _pieces_of(grid: _CubeGrid, marked: _Mask) -> _Pieces:
     whole[grid.inside] = marked
     numbers, count = ndimage.label(whole)
     within = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1, 1:-1][grid.inside]
-    own = numbers[grid.inside].astype(np.int64)
-    deepest = [0, *(int(np.where(own == number, within, 0).argmax()) for number in range(1, count + 1))]
+    cube_numbers = numbers[grid.inside].astype(np.int64)
+    deepest = [0, *(int(np.where(cube_numbers == number, within, 0).argmax()) for number in range(1, count + 1))]
     widths = (2 * within[deepest] - 1) * grid.width
     widths[0] = 0.0
-    return _Pieces(own, widths, tuple(Vector3(*grid.middles[row].tolist()) for row in deepest))
+    return _Pieces(cube_numbers, widths, tuple(Vector3(*grid.middles[row].tolist()) for row in deepest))

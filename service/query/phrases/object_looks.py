@@ -63,7 +63,7 @@ class ObjectLooks:
         if self.model is None or not self:
             return {}
         ratio = ratios_of(self._rows @ self.model.encoder.encode([text])[0], self.model.ratio)
-        known = np.clip([before[each] for each in self._ids], 1 - _LIKELIEST, _LIKELIEST)
+        known = np.clip([before[object_id] for object_id in self._ids], 1 - _LIKELIEST, _LIKELIEST)
         together = logistic(np.log(known / (1 - known)) + ratio)
         return dict(zip(self._ids, together.tolist(), strict=True))
 

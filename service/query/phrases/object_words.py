@@ -57,14 +57,14 @@ class ObjectWords:
 
         shape = measures.shape(object_id)
         named = [obj for obj in self.names.present if obj.name and not obj.surface and obj.id != object_id]
-        others = [(each, other) for each in named if (other := measures.shape(each.id)) is not None]
-        if shape is None or not others:
+        neighbors = [(obj, other_shape) for obj in named if (other_shape := measures.shape(obj.id)) is not None]
+        if shape is None or not neighbors:
             return ""
         middle = shape.center
-        others.sort(key=lambda each: float(np.linalg.norm(each[1].center - middle)))
+        neighbors.sort(key=lambda pair: float(np.linalg.norm(pair[1].center - middle)))
         judge = is_near if measures.up is None else is_next_to
-        judged = [(judge(shape, other).clearness, each.name) for each, other in others[:_NEIGHBORS]]
-        clearness, name = max(judged, key=lambda each: each[0])
+        judged = [(judge(shape, other_shape).clearness, obj.name) for obj, other_shape in neighbors[:_NEIGHBORS]]
+        clearness, name = max(judged, key=lambda pair: pair[0])
         if clearness < 1:
             return ""
         alone = sum(obj.name == name for obj in self.names.present) == 1

@@ -124,9 +124,13 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
     by_label = {match.label_id: match.probability for match in answer.matches}
     unknown = 1.0 / (1 + len(objects.present))
     meant = {obj.id: by_label.get(objects.dictionary.id_of(obj.name) or 0) for obj in objects.present}
-    before = {each: unknown if likely is None else likely for each, likely in meant.items()}
+    before = {object_id: unknown if likely is None else likely for object_id, likely in meant.items()}
     likely = scene.looks.likely(noun_phrase(answer.text), before)
-    ids = tuple(sorted((each for each in likely if likely[each] >= RATHER), key=lambda each: -likely[each]))
+    ids = tuple(
+        sorted(
+            (object_id for object_id in likely if likely[object_id] >= RATHER), key=lambda object_id: -likely[object_id]
+        )
+    )
     related = answer.probability or 0.0 if plain.verdict in _CLOSE else 0.0
     if not ids or likely[ids[0]] <= related:
         return plain
@@ -158,7 +162,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     spoken = {name for reading in question.readings for name in _names_in(reading)}
     groups = sorted(spoken - {""})
     ranked = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
-    named = {name: _named(name, each, scene) for name, each in ranked.items()}
+    named = {name: _named(name, ranking, scene) for name, ranking in ranked.items()}
     if "" in spoken:
         ids = objects_in_room(objects.present, scene.open_measures())
         if question.of_writing:
@@ -205,8 +209,8 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         for witness in solved.witnesses
         if witness.measure == READ and witness.value and witness.clearness > 0
     ]
-    likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
-    doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
+    likely = min((*(group.likely for group in spoken_of), *read), default=1.0)
+    doubt = next((group.doubt for group in spoken_of if group.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), objects, likely, doubt)
 
 
@@ -214,16 +218,16 @@ def closest_kind(plain: Ranked, scene: AskedScene) -> Ranked:
     """Falls back to a name's last words or a toy: "black bear" to teddy."""
     if plain.verdict != "absent":
         return plain
-    asked = noun_phrase(plain.answer.text)
-    _, head = split_modifiers(asked)
-    toys = [hyponym for hyponym in scene.names.match(asked).hyponyms if hyponym in scene.objects.table]
+    phrase = noun_phrase(plain.answer.text)
+    _, head = split_modifiers(phrase)
+    toys = [hyponym for hyponym in scene.names.match(phrase).hyponyms if hyponym in scene.objects.table]
     toys = [toy for toy in toys if is_toy(scene.objects.table[toy].label)]
-    if not toys and head == label_key(asked):  # it was ranked already
+    if not toys and head == label_key(phrase):  # it was ranked already
         return plain
     (found,) = scene.rank((scene.objects.table[toys[0]].label if toys else head,))
     if not found.standing:
         return plain
-    unchecked = label_key(asked).removesuffix(head).strip()
+    unchecked = label_key(phrase).removesuffix(head).strip()
     relation: tuple[Related, RelationSubject | None] = ("related", None) if unchecked else ("kind_of", "label")
     answer = replace(found.answer, text=plain.answer.text, relation=relation[0], relation_subject=relation[1])
     verdict: Verdict = "related" if found.verdict == "exact" else found.verdict
@@ -255,7 +259,7 @@ def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
     """Ids of the objects shown, and of those they were compared with."""
-    return {*phrase.object_ids, *(other for witness in phrase.witnesses for other in witness.others)}
+    return {*phrase.object_ids, *(object_id for witness in phrase.witnesses for object_id in witness.compared_ids)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
@@ -293,9 +297,11 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     Readings about absent objects, and empty ones if another has results, are discarded."""
     first = readings[0]
     sensible = [reading for reading in readings if reading.refusal is None or reading.refusal.reason not in _NOT_MEANT]
-    some = [each for each in sensible if each.objects or each.refusal is not None or question.asks == "count"]
+    some = [
+        reading for reading in sensible if reading.objects or reading.refusal is not None or question.asks == "count"
+    ]
     meant = some or sensible or [first]
-    outcomes = {(each.objects, frozenset(each.undecided), each.refusal) for each in meant}
+    outcomes = {(reading.objects, frozenset(reading.undecided), reading.refusal) for reading in meant}
     if len(outcomes) == 1:
         return meant[0]
     part = " ".join(question.readings[0].said)
@@ -305,7 +311,8 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 def _about(answer: Answer, objects: ObjectNames, ids: tuple[int, ...]) -> Answer:
     """Undecided answer about some objects: their names first, without the ranking's probabilities."""
     order = {
-        objects.dictionary.id_of(name): -at for at, name in enumerate(objects.called[each] for each in reversed(ids))
+        objects.dictionary.id_of(name): -at
+        for at, name in enumerate(objects.called[object_id] for object_id in reversed(ids))
     }
 
     def place(match: Match) -> tuple[int, float]:

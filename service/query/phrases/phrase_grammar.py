@@ -175,8 +175,8 @@ def parse_question(
     most fourteen readings of four conditions."""
     text = without_address(text)
     asks: Asks = "count" if _COUNTING.match(text) else "objects"
-    asked = asked_of_writing(_COUNTING.sub("", text))
-    words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", asked) if asks == "count" else asked)).split()
+    question = asked_of_writing(_COUNTING.sub("", text))
+    words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", question) if asks == "count" else question)).split()
     if not words or len(words) > MAX_WORDS:
         return None
     parts, rest = _parts(words, written)
@@ -235,8 +235,8 @@ def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _P
             if not count or (end < len(words) and _marker_at(keys, end, after[:count])[0] is None):
                 count = len(after) if marker.kind == "says" else 0
             if count:
-                own = [word.strip(_EDGE) for word in after[:count]]
-                parts.append(_Part(_Marker("says"), said, own, joined=_without_joint(parts[-1])))
+                quoted_words = [word.strip(_EDGE) for word in after[:count]]
+                parts.append(_Part(_Marker("says"), said, quoted_words, joined=_without_joint(parts[-1])))
                 at += length + count
                 continue
             marker = _Marker("rest")
@@ -369,7 +369,7 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
         left = [left[-1], *left[:-1]]
     colors: list[ColorWord] = []
     sizes: list[SizeWord] = []
-    others: list[str] = []
+    modifiers: list[str] = []
     rank, number = None, None
     while left and (asking or len(left) > 1 or left[0].casefold() in _SUPERLATIVES):
         key = left[0].casefold()
@@ -390,12 +390,12 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
         elif key in ORDINALS and number is None and rank is None:
             number = ORDINALS[key]
         elif key in _UNMEASURED_MODIFIERS and after:
-            others.append(left[0])
+            modifiers.append(left[0])
         else:
             break
         left.pop(0)
     anything = not left or (len(left) == 1 and left[0].casefold() in _ANYTHING and not described)
-    head = "" if anything and not others else " ".join([*others, *left])
+    head = "" if anything and not modifiers else " ".join([*modifiers, *left])
     return _Group(
         Phrase(head, group, definite and label_key(head) == head.casefold(), tuple(colors), tuple(sizes), (), rank),
         number,

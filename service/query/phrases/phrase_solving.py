@@ -138,11 +138,11 @@ class PhraseSolver:
         try:
             objects, undecided = self._resolve(phrase, named)
         except _UndecidableError as error:
-            return Solved((), {}, self._kept(()), error.refusal, named)
+            return Solved((), {}, self._limited(()), error.refusal, named)
         refusal = next(iter(undecided.values())) if undecided and not objects else None
-        return Solved(objects, undecided, self._kept((*objects, *undecided)), refusal, named, self._doubt)
+        return Solved(objects, undecided, self._limited((*objects, *undecided)), refusal, named, self._doubt)
 
-    def _kept(self, object_ids: Iterable[int]) -> tuple[Witness, ...]:
+    def _limited(self, object_ids: Iterable[int]) -> tuple[Witness, ...]:
         """Keeps a limited number of witnesses, those of these objects first."""
         first = set(object_ids)
         ordered = sorted(self._witnesses, key=lambda witness: witness.object_id not in first)
@@ -164,12 +164,12 @@ class PhraseSolver:
         said = phrase.group.casefold().split() if named.whole else []
         for color in phrase.colors:
             if color.name not in said or color.negated:
-                self._each(state, color.text, partial(self._colored, color))
-        state.clear = dict(sorted(state.clear.items(), key=lambda each: -each[1]))  # the reddest of all that is red
+                self._judge_all(state, color.text, partial(self._colored, color))
+        state.clear = dict(sorted(state.clear.items(), key=lambda pair: -pair[1]))  # the reddest of all that is red
         self._take_closest(state, phrase)
         for size in phrase.sizes:
             if size.word not in said:
-                self._each(state, size.word, partial(self._sized, size, shapes))
+                self._judge_all(state, size.word, partial(self._sized, size, shapes))
         for condition in phrase.conditions:
             if isinstance(condition, Possession):
                 self._possession(state, condition)
@@ -182,16 +182,20 @@ class PhraseSolver:
         decided = tuple(object_id for object_id in state.left() if state.clear[object_id] >= 1)
         return decided, {object_id: state.why[object_id] for object_id in state.left() if object_id not in decided}
 
-    def _each(self, state: _State, part: str, judge: _Judge) -> None:
+    def _judge_all(self, state: _State, part: str, judge: _Judge) -> None:
         for object_id in state.left():
-            judged, others = judge(object_id)
+            judged, compared_ids = judge(object_id)
             state.take(object_id, judged, part)
-            self._witness(part, object_id, others, judged.measured)
+            self._witness(part, object_id, compared_ids, judged.measured)
 
-    def _witness(self, part: str, object_id: int, others: tuple[int, ...], measured: Sequence[Measured]) -> None:
-        for each in measured:
-            unit = self.unit if each.unit == "length" else each.unit
-            self._witnesses.append(Witness(part, object_id, others, each.measure, each.value, unit, each.clearness))
+    def _witness(self, part: str, object_id: int, compared_ids: tuple[int, ...], measured: Sequence[Measured]) -> None:
+        for measurement in measured:
+            unit = self.unit if measurement.unit == "length" else measurement.unit
+            self._witnesses.append(
+                Witness(
+                    part, object_id, compared_ids, measurement.measure, measurement.value, unit, measurement.clearness
+                )
+            )
 
     def _colored(self, word: ColorWord, object_id: int) -> tuple[Judged, tuple[int, ...]]:
         color = self.measures.color(object_id)
@@ -204,7 +208,9 @@ class PhraseSolver:
     def _take_closest(self, state: _State, phrase: Phrase) -> None:
         """If nothing clearly has a color, takes the closest, with a doubt."""
         left = (
-            {} if any(color.negated for color in phrase.colors) else {each: state.clear[each] for each in state.left()}
+            {}
+            if any(color.negated for color in phrase.colors)
+            else {object_id: state.clear[object_id] for object_id in state.left()}
         )
         if near := _closest_in_color(left, len(state.clear), not phrase.head):
             state.clear |= dict.fromkeys(left, -1.0) | dict.fromkeys(near, 1.0)
@@ -214,9 +220,9 @@ class PhraseSolver:
         self, word: SizeWord, shapes: Mapping[int, ObjectShape], object_id: int
     ) -> tuple[Judged, tuple[int, ...]]:
         self._check_vertical(word.by, word.word)
-        others = tuple(other for other in shapes if other != object_id)
-        judged = _is_large(word.by, word.more, shapes[object_id], [shapes[other] for other in others])
-        return judged, others
+        rival_ids = tuple(rival_id for rival_id in shapes if rival_id != object_id)
+        judged = _is_large(word.by, word.more, shapes[object_id], [shapes[rival_id] for rival_id in rival_ids])
+        return judged, rival_ids
 
     def _relation(self, state: _State, relation: Relation) -> None:
         kind, part = relation.kind, relation.text
@@ -225,14 +231,14 @@ class PhraseSolver:
         if relation.is_of_pose and self.asker is None:
             raise _UndecidableError("pose_needed", part)
         if not relation.anchors:
-            self._each(state, part, lambda object_id: (self._by_asker(object_id, relation), ()))
+            self._judge_all(state, part, lambda object_id: (self._by_asker(object_id, relation), ()))
             return
         anchors = [self._anchors(anchor) for anchor in relation.anchors]
         if kind == "between":
-            self._each(state, part, lambda object_id: self._between(object_id, relation, anchors))
+            self._judge_all(state, part, lambda object_id: self._between(object_id, relation, anchors))
             return
-        ids, one = anchors[0], relation.anchors[0].definite
-        self._each(state, part, lambda object_id: self._related(object_id, relation, ids, one))
+        ids, only_one = anchors[0], relation.anchors[0].definite
+        self._judge_all(state, part, lambda object_id: self._related(object_id, relation, ids, only_one))
 
     def _anchors(self, phrase: Phrase) -> tuple[int, ...]:
         """Resolves the objects that a relation refers to, or raises _UndecidableError."""
@@ -257,7 +263,7 @@ class PhraseSolver:
         best = max(judged, key=lambda anchor: judged[anchor].clearness)
         result = judged[best]
         if only_one and len(judged) > 1:
-            least = min(each.clearness for each in judged.values())
+            least = min(judgement.clearness for judgement in judged.values())
             if result.clearness >= 1 and least < 1:
                 result = Judged(0.0, result.measured, "ambiguous_referent")
         return negated(result, relation.negated), (best,)
@@ -270,14 +276,14 @@ class PhraseSolver:
         return self._pairs[key]
 
     def _judged(self, object_id: int, anchor: int, relation: Relation) -> Judged:
-        one, other = self.measures.shape(object_id), self.measures.shape(anchor)
-        assert one is not None and other is not None
+        subject, anchor_shape = self.measures.shape(object_id), self.measures.shape(anchor)
+        assert subject is not None and anchor_shape is not None
         if relation.kind in SEEN_FROM:
             assert self.asker is not None
-            return is_seen(relation.kind, one, other, self.asker)
+            return is_seen(relation.kind, subject, anchor_shape, self.asker)
         if relation.kind == "on":
-            return self._stacks.rests_on(one, other)
-        return PAIRS[relation.kind](one, other)
+            return self._stacks.rests_on(subject, anchor_shape)
+        return PAIRS[relation.kind](subject, anchor_shape)
 
     def _between(
         self, object_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]
@@ -285,7 +291,7 @@ class PhraseSolver:
         pairs = (
             list(combinations(anchors[0], 2))
             if len(anchors) == 1
-            else [(one, other) for one in anchors[0] for other in anchors[1] if one != other]
+            else [(first, second) for first in anchors[0] for second in anchors[1] if first != second]
         )
         if not pairs:
             raise _UndecidableError("referent_absent", relation.text)
@@ -293,22 +299,22 @@ class PhraseSolver:
         if not pairs:
             return Judged(-10.0), ()
         shape = self.measures.shape
-        one = shape(object_id)
+        subject = shape(object_id)
         judged: dict[tuple[int, int], Judged] = {}
         for first, second in pairs:
             self._budget.spend()
             ends = shape(first), shape(second)
-            assert one is not None and ends[0] is not None and ends[1] is not None
-            judged[first, second] = is_between(one, ends[0], ends[1], self.measures.up is not None)
+            assert subject is not None and ends[0] is not None and ends[1] is not None
+            judged[first, second] = is_between(subject, ends[0], ends[1], self.measures.up is not None)
         best = max(judged, key=lambda pair: judged[pair].clearness)
         return negated(judged[best], relation.negated), best
 
     def _by_asker(self, object_id: int, relation: Relation) -> Judged:
-        one = self.measures.shape(object_id)
-        assert one is not None and self.asker is not None
+        subject = self.measures.shape(object_id)
+        assert subject is not None and self.asker is not None
         if relation.kind not in SEEN_FROM:
             return Judged(0.0, (), "not_measured")
-        return negated(is_seen(relation.kind, one, None, self.asker), relation.negated)
+        return negated(is_seen(relation.kind, subject, None, self.asker), relation.negated)
 
     def _says(self, state: _State, says: Says) -> None:
         """Judges writing; photos may not show it, so its absence everywhere is undecided."""
@@ -321,7 +327,7 @@ class PhraseSolver:
             measured = (Measured(READ, bearing.get(object_id, 0.0), "share", clear),)
             return negated(Judged(clear, measured), says.negated), ()
 
-        self._each(state, says.text, judge)
+        self._judge_all(state, says.text, judge)
 
     def _possession(self, state: _State, possession: Possession) -> None:
         """Judges parts, and objects in or on an object.
@@ -329,13 +335,17 @@ class PhraseSolver:
         Absence is decided only for "with", if the object is elsewhere or all parts have other names; never for
         contents.
         """
-        owned = [object_id for object_id in self._named(possession.phrase).ids if self.measures.shape(object_id)]
+        thing_ids = [object_id for object_id in self._named(possession.phrase).ids if self.measures.shape(object_id)]
 
         def judge(object_id: int) -> tuple[Judged, tuple[int, ...]]:
-            own = tuple(part for part in owned if part in self.objects and self.objects[part].parent == object_id)
-            if own or (object_id in self.objects and self.objects[object_id].parent in owned):
-                return negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), own
-            judged, other = self._with_other(object_id, [each for each in owned if not self._parent(each)])
+            part_ids = tuple(
+                part for part in thing_ids if part in self.objects and self.objects[part].parent == object_id
+            )
+            if part_ids or (object_id in self.objects and self.objects[object_id].parent in thing_ids):
+                return negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), part_ids
+            judged, compared_ids = self._with_other(
+                object_id, [thing_id for thing_id in thing_ids if not self._parent(thing_id)]
+            )
             if judged.clearness < 1:
                 parts = [part for part in self.objects.values() if part.parent == object_id]
                 denied = judged.clearness <= -1 or (bool(parts) and all(part.name for part in parts))
@@ -343,23 +353,25 @@ class PhraseSolver:
                     judged = Judged(0.0, judged.measured, "not_measured")
                 elif judged.clearness > -1:
                     judged = Judged(-2.0, (Measured("part", 0.0, "", -2.0),))
-            return negated(judged, possession.negated), other
+            return negated(judged, possession.negated), compared_ids
 
-        self._each(state, possession.text, judge)
+        self._judge_all(state, possession.text, judge)
 
-    def _with_other(self, object_id: int, owned: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
+    def _with_other(self, object_id: int, thing_ids: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
         """Judges if one of these objects is in or on it."""
-        one = self.measures.shape(object_id)
-        assert one is not None
+        holder = self.measures.shape(object_id)
+        assert holder is not None
         judged = {}
-        for each in owned if self.measures.up is not None else ():
-            shape = self.measures.shape(each)
-            if shape is not None and each != object_id:
+        for thing_id in thing_ids if self.measures.up is not None else ():
+            shape = self.measures.shape(thing_id)
+            if shape is not None and thing_id != object_id:
                 self._budget.spend()
-                judged[each] = max(is_in(shape, one), self._stacks.direct(shape, one), key=lambda each: each.clearness)
+                judged[thing_id] = max(
+                    is_in(shape, holder), self._stacks.direct(shape, holder), key=lambda judgement: judgement.clearness
+                )
         if not judged:
             return Judged(0.0, (), "not_measured"), ()
-        nearest = max(judged, key=lambda each: judged[each].clearness)
+        nearest = max(judged, key=lambda thing: judged[thing].clearness)
         return judged[nearest], (nearest,)
 
     def _parent(self, object_id: int) -> int:
@@ -374,29 +386,29 @@ class PhraseSolver:
             raise _UndecidableError("pose_needed", rank.text)
         anchors: list[ObjectShape] = []
         if rank.anchors:
-            others = self._anchors(rank.anchors[0])
-            if rank.anchors[0].definite and len(others) > 1:
+            referents = self._anchors(rank.anchors[0])
+            if rank.anchors[0].definite and len(referents) > 1:
                 raise _UndecidableError("ambiguous_referent", rank.text)
-            anchors = [shape for each in others if (shape := self.measures.shape(each)) is not None]
+            anchors = [shape for referent in referents if (shape := self.measures.shape(referent)) is not None]
         self._budget.spend(len(state.left()) * len(anchors))
         sure = [object_id for object_id in state.left() if state.clear[object_id] >= 1]
         answers = []
         for candidates in (sure, state.left()):
-            own = {anchor.id for anchor in anchors}
-            ids = [object_id for object_id in candidates if object_id not in own or rank.by != "distance"]
-            may_be = [shapes[each] for each in ids]
+            anchor_ids = {anchor.id for anchor in anchors}
+            ids = [object_id for object_id in candidates if object_id not in anchor_ids or rank.by != "distance"]
+            may_be = [shapes[object_id] for object_id in ids]
             place, judged = _ranked(rank.by, rank.descending, rank.number, may_be, anchors, self.asker)
             answers.append((None if place is None else ids[place], judged))
-        (first, judged), (other, clear) = answers
-        if first is None and other is None and judged.clearness >= 1 and clear.clearness >= 1:
+        (first, judged), (second, clear) = answers
+        if first is None and second is None and judged.clearness >= 1 and clear.clearness >= 1:
             return (), {}
         if first is not None:
             self._witness(rank.text, first, tuple(anchor.id for anchor in anchors), judged.measured)
-        if first != other:
+        if first != second:
             unsure = next((object_id for object_id in state.left() if object_id not in sure), None)
             why = Refusal("too_close", rank.text) if unsure is None else state.why[unsure]
             return (), dict.fromkeys(state.left(), why)
-        least = min((judged, clear), key=lambda each: each.clearness)
+        least = min((judged, clear), key=lambda judgement: judgement.clearness)
         if first is None or least.clearness < 1:
             return (), {object_id: Refusal(least.reason, rank.text) for object_id in state.left()}
         return (first,), {}
@@ -406,17 +418,20 @@ class PhraseSolver:
             raise _UndecidableError("vertical_unknown", part)
 
 
-def _is_large(by: SizeKind, more: bool, one: ObjectShape, others: Sequence[ObjectShape]) -> Judged:
+def _is_large(by: SizeKind, more: bool, subject: ObjectShape, rivals: Sequence[ObjectShape]) -> Judged:
     """Judges if an object is large (or small) compared with the median of the others."""
-    if not others:
+    if not rivals:
         return Judged(0.0, (), "nothing_to_compare")
-    own, rest = np.array(_SIZES[by](one)), np.array([_SIZES[by](other) for other in others])
-    ratios = np.log(np.maximum(own, 1e-12) / np.maximum(np.median(rest, axis=0), 1e-12)) * (1 if more else -1)
+    sizes, rest = np.array(_SIZES[by](subject)), np.array([_SIZES[by](rival) for rival in rivals])
+    ratios = np.log(np.maximum(sizes, 1e-12) / np.maximum(np.median(rest, axis=0), 1e-12)) * (1 if more else -1)
     measured = tuple(
         Measured(by, float(value), "length", clearness(float(ratio), _LARGE, _NOT_LARGE))
-        for value, ratio in zip(own, ratios, strict=True)
+        for value, ratio in zip(sizes, ratios, strict=True)
     )
-    least, most = min(each.clearness for each in measured), max(each.clearness for each in measured)
+    least, most = (
+        min(measurement.clearness for measurement in measured),
+        max(measurement.clearness for measurement in measured),
+    )
     return Judged(least if least > 0 else min(most, 0.0), measured)
 
 
@@ -425,9 +440,9 @@ def _closest_in_color(clear: Mapping[int, float], among: int, anything: bool) ->
 
     `clear` has the clearness of those of `among` objects that are not denied the color; `anything`: of any kind."""
     most = max(clear.values(), default=1.0)
-    near = sorted(clear, key=lambda each: -clear[each])
+    near = sorted(clear, key=lambda object_id: -clear[object_id])
     if 0 < most < 1:
-        return tuple(each for each in near if clear[each] > max(most - _CLOSEST, 0.0))
+        return tuple(object_id for object_id in near if clear[object_id] > max(most - _CLOSEST, 0.0))
     only = anything or (len(near) == 1 and among > 1)  # the others of its kind are denied the color
     return tuple(near) if only and most < 0 else ()
 
@@ -459,25 +474,25 @@ def _ranked(
         value = float(values[place, column])
         if by == "elevation":
             apart = [
-                2 * abs(value - float(values[other, 0])) / _heights(shapes[place], shapes[other]) for other in beside
+                2 * abs(value - float(values[rival, 0])) / _heights(shapes[place], shapes[rival]) for rival in beside
             ]
         else:
-            apart = [_log_ratio(value, float(values[other, column])) / _RATIO for other in beside]
-        clear = min((min(each, 10.0) for each in apart), default=10.0)
+            apart = [_log_ratio(value, float(values[rival, column])) / _RATIO for rival in beside]
+        clear = min((min(gap, 10.0) for gap in apart), default=10.0)
         clear = clear if order[number - 1] == place else -0.5
         measured.append(Measured(by, value, "length", clear))
-    clears = [each.clearness for each in measured]
+    clears = [measurement.clearness for measurement in measured]
     clear = float(np.mean(clears)) if min(clears) >= 0 else min(clears)
     return place, Judged(clear if clear >= 1 else min(clear, 0.99), tuple(measured))
 
 
-def _heights(one: ObjectShape, other: ObjectShape) -> float:
+def _heights(first: ObjectShape, second: ObjectShape) -> float:
     """Mean height of two objects; the scale of differences in elevation."""
-    return max((one.high - one.low + other.high - other.low) / 2, 1e-12)
+    return max((first.high - first.low + second.high - second.low) / 2, 1e-12)
 
 
-def _log_ratio(one: float, other: float) -> float:
-    return abs(float(np.log(max(one, 1e-9) / max(other, 1e-9))))
+def _log_ratio(first: float, second: float) -> float:
+    return abs(float(np.log(max(first, 1e-9) / max(second, 1e-9))))
 
 
 def _values(
@@ -488,12 +503,12 @@ def _values(
     if by == "elevation":
         return (float(shape.center[2]),)
     if anchors:
-        others = [anchor for anchor in anchors if anchor.id != shape.id]
-        if not others:
+        referents = [anchor for anchor in anchors if anchor.id != shape.id]
+        if not referents:
             return (0.0, 0.0)
         return (
-            min(gap_between(shape, other) for other in others),
-            min(float(np.linalg.norm(shape.center - other.center)) for other in others),
+            min(gap_between(shape, referent) for referent in referents),
+            min(float(np.linalg.norm(shape.center - referent.center)) for referent in referents),
         )
     assert asker is not None
     nearest = float(shape.tree.query(asker.position)[0])
@@ -515,7 +530,7 @@ def _from_left(descending: bool, number: int, shapes: Sequence[ObjectShape], ask
     place = order[number - 1]
     beside = [order[at] for at in (number - 2, number) if 0 <= at < len(order)]
     gaps = [
-        abs(middles[place] - middles[other]) / max(_APART * (halves[place] + halves[other]), 1e-12) for other in beside
+        abs(middles[place] - middles[rival]) / max(_APART * (halves[place] + halves[rival]), 1e-12) for rival in beside
     ]
     clear = min((float(gap) for gap in gaps), default=10.0)
     angle = float(np.degrees(np.arctan(middles[place])))

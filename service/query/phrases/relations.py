@@ -80,37 +80,37 @@ def clearness(value: float, holds: float, fails: float) -> float:
 
 def all_of(*measured: Measured) -> Judged:
     """Conjunction: as clear as the least clear measurement."""
-    return Judged(min(each.clearness for each in measured), measured)
+    return Judged(min(measurement.clearness for measurement in measured), measured)
 
 
-def gap_between(one: ObjectShape, other: ObjectShape) -> float:
+def gap_between(first: ObjectShape, second: ObjectShape) -> float:
     """Distance between the surfaces of two objects."""
-    small, large = sorted((one, other), key=lambda shape: len(shape.points))
+    small, large = sorted((first, second), key=lambda shape: len(shape.points))
     return float(large.tree.query(small.points)[0].min())
 
 
-def is_on(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_on(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if one object rests on another's surface, but not in it."""
-    overlap = _overlap(one, other)
-    surface = _surface_below(one, other)
+    overlap = _overlap(subject, anchor)
+    surface = _surface_below(subject, anchor)
     if surface is None:
-        return all_of(_share(overlap), Measured("gap", one.low - other.high, "length", -_MOST))
-    tolerance = _tolerance(one, other)
-    gap = one.low - surface
+        return all_of(_share(overlap), Measured("gap", subject.low - anchor.high, "length", -_MOST))
+    tolerance = _tolerance(subject, anchor)
+    gap = subject.low - surface
     rests = Measured("gap", gap, "length", clearness(abs(gap), tolerance, 2 * tolerance))
     judged = all_of(_share(overlap), rests)
-    if judged.clearness > -1 and (inside := is_in(one, other)).clearness > -1:
+    if judged.clearness > -1 and (inside := is_in(subject, anchor)).clearness > -1:
         return Judged(min(judged.clearness, -inside.clearness), (*judged.measured, *inside.measured))
     return judged
 
 
-def is_in(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_in(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if one object is within another's outline, below its rim and walled in."""
-    overlap = float((other.outside(one.points[:, :2]) <= 0).mean())
-    depth = (other.high - one.low) / max(one.high - one.low, np.finfo(np.float64).tiny)
-    middle = np.median(one.points[:, :2], axis=0)
-    higher = other.points[:, 2] > one.low + 0.25 * (one.high - one.low)
-    beside = other.points[higher & (other.points[:, 2] < one.high)][:, :2] - middle
+    overlap = float((anchor.outside(subject.points[:, :2]) <= 0).mean())
+    depth = (anchor.high - subject.low) / max(subject.high - subject.low, np.finfo(np.float64).tiny)
+    middle = np.median(subject.points[:, :2], axis=0)
+    higher = anchor.points[:, 2] > subject.low + 0.25 * (subject.high - subject.low)
+    beside = anchor.points[higher & (anchor.points[:, 2] < subject.high)][:, :2] - middle
     sectors = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
     enclosed = len(np.unique(sectors)) / _SECTORS if higher.mean() > _STRAYS else 0.0
     return all_of(
@@ -120,33 +120,33 @@ def is_in(one: ObjectShape, other: ObjectShape) -> Judged:
     )
 
 
-def is_under(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_under(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if one object is below another, with overlapping outlines."""
-    overlap = _overlap(one, other)
-    over = _around(other, one)
-    above = over[over > (one.low + one.high) / 2]
+    overlap = _overlap(subject, anchor)
+    over = _around(anchor, subject)
+    above = over[over > (subject.low + subject.high) / 2]
     if len(above) <= _STRAYS * len(over):
-        return all_of(_share(overlap), Measured("gap", other.low - one.high, "length", -_MOST))
-    gap = float(np.quantile(above, 0.05)) - one.high
-    tolerance = _tolerance(one, other)
+        return all_of(_share(overlap), Measured("gap", anchor.low - subject.high, "length", -_MOST))
+    gap = float(np.quantile(above, 0.05)) - subject.high
+    tolerance = _tolerance(subject, anchor)
     judged = all_of(_share(overlap), Measured("gap", gap, "length", clearness(gap, -tolerance, -2 * tolerance)))
-    if judged.clearness > -1 and (inside := is_in(one, other)).clearness > -1:
+    if judged.clearness > -1 and (inside := is_in(subject, anchor)).clearness > -1:
         return Judged(min(judged.clearness, -inside.clearness), (*judged.measured, *inside.measured))
     return judged
 
 
-def is_above(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_above(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if the other object is below."""
-    return is_under(other, one)
+    return is_under(anchor, subject)
 
 
-def is_next_to(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_next_to(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if two objects are near for their sizes, level, and not stacked."""
-    gap = gap_between(one, other)
-    ratio = gap / _common_size(one, other)
-    heights = min(one.high - one.low, other.high - other.low)
-    level = (min(one.high, other.high) - max(one.low, other.low)) / max(heights, np.finfo(np.float64).tiny)
-    overlap = _overlap(one, other)
+    gap = gap_between(subject, anchor)
+    ratio = gap / _common_size(subject, anchor)
+    heights = min(subject.high - subject.low, anchor.high - anchor.low)
+    level = (min(subject.high, anchor.high) - max(subject.low, anchor.low)) / max(heights, np.finfo(np.float64).tiny)
+    overlap = _overlap(subject, anchor)
     return all_of(
         Measured("gap", gap, "length", clearness(ratio, 0.6, 1.2)),
         Measured("level", level, "share", clearness(level, 0.3, 0.05)),
@@ -154,41 +154,41 @@ def is_next_to(one: ObjectShape, other: ObjectShape) -> Judged:
     )
 
 
-def is_near(one: ObjectShape, other: ObjectShape) -> Judged:
+def is_near(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if two objects are near each other for their sizes."""
-    gap = gap_between(one, other)
-    return all_of(Measured("gap", gap, "length", clearness(gap / _common_size(one, other), 1.0, 2.0)))
+    gap = gap_between(subject, anchor)
+    return all_of(Measured("gap", gap, "length", clearness(gap / _common_size(subject, anchor), 1.0, 2.0)))
 
 
-def is_between(one: ObjectShape, first: ObjectShape, second: ObjectShape, level: bool) -> Judged:
+def is_between(subject: ObjectShape, first: ObjectShape, second: ObjectShape, level: bool) -> Judged:
     """Judges if an object is between others: a nearly straight angle between their nearest places."""
     count = 2 if level else 3
-    middle = one.points[:, :count].mean(axis=0)
+    middle = subject.points[:, :count].mean(axis=0)
     towards = []
-    for other in (first, second):
-        offsets = other.points[:, :count] - middle
+    for end in (first, second):
+        offsets = end.points[:, :count] - middle
         offset = offsets[(offsets**2).sum(axis=1).argmin()]
         towards.append(offset / max(float(np.linalg.norm(offset)), np.finfo(np.float64).tiny))
     angle = float(np.degrees(np.arccos(np.clip(towards[0] @ towards[1], -1.0, 1.0))))
     return all_of(Measured("angle", angle, "deg", clearness(angle, 145.0, 115.0)))
 
 
-def is_seen(kind: RelationKind, one: ObjectShape, other: ObjectShape | None, asker: Asker) -> Judged:
+def is_seen(kind: RelationKind, subject: ObjectShape, anchor: ObjectShape | None, asker: Asker) -> Judged:
     """Judges left, right, in front and behind as the asker sees them.
 
     Directions are level and relative to the line from the asker to the other object: left and right as in the asker's
-    picture, in front is nearer. Offsets are relative to the sizes of the objects in that direction. If `other` is None
+    picture, in front is nearer. Offsets are relative to the sizes of the objects in that direction. If `anchor` is None
     it is the asker: in front is where the asker looks."""
-    start = asker.position if other is None else other.points.mean(axis=0)
-    line = asker.forward if other is None else start - asker.position
+    start = asker.position if anchor is None else anchor.points.mean(axis=0)
+    line = asker.forward if anchor is None else start - asker.position
     line = line - (line @ asker.up) * asker.up
     length = float(np.linalg.norm(line))
-    if length < 1e-9 or (other is not None and not _in_front(asker, one, other, length)):
+    if length < 1e-9 or (anchor is not None and not _in_front(asker, subject, anchor, length)):
         return Judged(0.0, (), "out_of_view")
     forward = line / length
     right = np.cross(forward, asker.up)
-    across, along = (_offset(one, other, start, axis) for axis in (right, forward))
-    toward = -along if (kind == "in_front_of") != (other is None) else along
+    across, along = (_offset(subject, anchor, start, axis) for axis in (right, forward))
+    toward = -along if (kind == "in_front_of") != (anchor is None) else along
     direction, aside = {"left_of": (-across, along), "right_of": (across, along)}.get(kind, (toward, across))
     angle = float(np.degrees(np.arctan2(abs(aside), direction)))
     return all_of(
@@ -208,31 +208,32 @@ PAIRS: Mapping[RelationKind, Callable[[ObjectShape, ObjectShape], Judged]] = {
 """Relations between two objects that do not depend on the asker."""
 
 
-def _in_front(asker: Asker, one: ObjectShape, other: ObjectShape, length: float) -> bool:
+def _in_front(asker: Asker, subject: ObjectShape, anchor: ObjectShape, length: float) -> bool:
     """True if both are ahead of an asker outside of the other one."""
-    ahead = [float((shape.points.mean(axis=0) - asker.position) @ asker.forward) for shape in (one, other)]
-    return min(ahead) > 0 and length > other.width / 2
+    ahead = [float((shape.points.mean(axis=0) - asker.position) @ asker.forward) for shape in (subject, anchor)]
+    return min(ahead) > 0 and length > anchor.width / 2
 
 
-def _offset(one: ObjectShape, other: ObjectShape | None, start: F64, axis: F64) -> float:
+def _offset(subject: ObjectShape, anchor: ObjectShape | None, start: F64, axis: F64) -> float:
     """Offset of centers along an axis, in sums of half extents."""
-    ends = [np.quantile(shape.points @ axis, [0.02, 0.98]) for shape in (one, other) if shape is not None]
+    ends = [np.quantile(shape.points @ axis, [0.02, 0.98]) for shape in (subject, anchor) if shape is not None]
     middles = [float(low + high) / 2 for low, high in ends]
     half = sum(float(high - low) / 2 for low, high in ends)
-    second = float(start @ axis) if other is None else middles[1]
+    second = float(start @ axis) if anchor is None else middles[1]
     return (middles[0] - second) / max(half, np.finfo(np.float64).tiny)
 
 
-def _common_size(one: ObjectShape, other: ObjectShape) -> float:
+def _common_size(first: ObjectShape, second: ObjectShape) -> float:
     """Geometric mean of the boxes' diagonals, so that long walls do not dominate."""
-    sizes = float(np.linalg.norm(one.size)) * float(np.linalg.norm(other.size))
+    sizes = float(np.linalg.norm(first.size)) * float(np.linalg.norm(second.size))
     return max(float(np.sqrt(sizes)), np.finfo(np.float64).tiny)
 
 
-def _overlap(one: ObjectShape, other: ObjectShape) -> float:
+def _overlap(first: ObjectShape, second: ObjectShape) -> float:
     """Larger share of one object's points within the other's outline."""
     return max(
-        float((other.outside(one.points[:, :2]) <= 0).mean()), float((one.outside(other.points[:, :2]) <= 0).mean())
+        float((second.outside(first.points[:, :2]) <= 0).mean()),
+        float((first.outside(second.points[:, :2]) <= 0).mean()),
     )
 
 
@@ -240,34 +241,37 @@ def _share(overlap: float) -> Measured:
     return Measured("overlap", overlap, "share", clearness(overlap, 0.4, 0.15))
 
 
-def _tolerance(one: ObjectShape, other: ObjectShape) -> float:
-    own = _REST * min(one.high - one.low, one.width)
-    return max(own, _REST_DEVIATIONS * max(one.deviation, other.deviation), np.finfo(np.float64).tiny)
+def _tolerance(first: ObjectShape, second: ObjectShape) -> float:
+    slack = _REST * min(first.high - first.low, first.width)
+    return max(slack, _REST_DEVIATIONS * max(first.deviation, second.deviation), np.finfo(np.float64).tiny)
 
 
-def _around(one: ObjectShape, other: ObjectShape) -> F64:
+def _around(subject: ObjectShape, anchor: ObjectShape) -> F64:
     """Heights of an object's points in the other's outline, or half its width around.
 
     The surface right below an object is unseen."""
-    reach = max(other.width / 2, _SPACINGS * one.spacing)
-    return np.asarray(one.points[other.outside(one.points[:, :2]) <= reach, 2])
+    reach = max(anchor.width / 2, _SPACINGS * subject.spacing)
+    return np.asarray(subject.points[anchor.outside(subject.points[:, :2]) <= reach, 2])
 
 
-def _surface_below(one: ObjectShape, other: ObjectShape) -> float | None:
+def _surface_below(subject: ObjectShape, anchor: ObjectShape) -> float | None:
     """Height of the other's surface around and below one object; None for none.
 
     The nearest of several quantiles, as the highest points may be strays."""
-    heights = _around(other, one)
-    below = heights[heights < (one.low + one.high) / 2]
+    heights = _around(anchor, subject)
+    below = heights[heights < (subject.low + subject.high) / 2]
     if len(below) > _STRAYS * len(heights):
         surfaces = np.quantile(below, _SURFACES)
-        return float(surfaces[np.abs(surfaces - one.low).argmin()])
-    return other.high if other.high < (one.low + one.high) / 2 and _overlap(one, other) > 0 else None
+        return float(surfaces[np.abs(surfaces - subject.low).argmin()])
+    return anchor.high if anchor.high < (subject.low + subject.high) / 2 and _overlap(subject, anchor) > 0 else None
 
 
 def negated(judged: Judged, denied: bool) -> Judged:
     """Negates a judgement if the phrase denies it."""
     if not denied:
         return judged
-    measured = tuple(Measured(each.measure, each.value, each.unit, -each.clearness) for each in judged.measured)
+    measured = tuple(
+        Measured(measurement.measure, measurement.value, measurement.unit, -measurement.clearness)
+        for measurement in judged.measured
+    )
     return Judged(-judged.clearness, measured, judged.reason)

@@ -45,46 +45,46 @@ class Stacks:
     budget: PairBudget  # of pairs
     _direct: dict[tuple[int, int], Judged] = field(default_factory=dict)
 
-    def direct(self, one: ObjectShape, other: ObjectShape) -> Judged:
+    def direct(self, shape: ObjectShape, support: ObjectShape) -> Judged:
         """Judges if one object rests on another, see `is_on`; cached."""
-        key = (one.id, other.id)
+        key = (shape.id, support.id)
         if key not in self._direct:
             self.budget.spend()
-            self._direct[key] = is_on(one, other)
+            self._direct[key] = is_on(shape, support)
         return self._direct[key]
 
-    def rests_on(self, one: ObjectShape, other: ObjectShape) -> Judged:
+    def rests_on(self, shape: ObjectShape, support: ObjectShape) -> Judged:
         """Judges if one object is on another, or hangs on a wall or ceiling.
 
         A hanging object touches it while nothing else carries it. Undecided if something between rests on the other."""
-        surface = self.objects[other.id].surface if other.id in self.objects else ""
+        surface = self.objects[support.id].surface if support.id in self.objects else ""
         if surface in ("wall", "ceiling"):
-            return self._hangs_on(one, other)
-        direct = self.direct(one, other)
-        if direct.clearness <= -1 and self._carried(one, other, _MOST_BETWEEN):
+            return self._hangs_on(shape, support)
+        direct = self.direct(shape, support)
+        if direct.clearness <= -1 and self._carried(shape, support, _MOST_BETWEEN):
             return Judged(0.0, direct.measured, "indirect")
         return direct
 
-    def _hangs_on(self, one: ObjectShape, wall: ObjectShape) -> Judged:
-        gap = gap_between(one, wall)
-        near = _DEVIATIONS * max(one.deviation, wall.deviation) + _TOUCHING * one.width
+    def _hangs_on(self, shape: ObjectShape, wall: ObjectShape) -> Judged:
+        gap = gap_between(shape, wall)
+        near = _DEVIATIONS * max(shape.deviation, wall.deviation) + _TOUCHING * shape.width
         touches = Measured("gap", gap, "length", clearness(gap, near, 3 * near))
         carried = touches.clearness > -1 and any(
-            self.direct(one, carrier).clearness >= 1
+            self.direct(shape, carrier).clearness >= 1
             for carrier in self._carriers()
-            if carrier.id not in (one.id, wall.id)
+            if carrier.id not in (shape.id, wall.id)
         )
         return Judged(min(touches.clearness, -1.0) if carried else touches.clearness, (touches,))
 
-    def _carried(self, one: ObjectShape, other: ObjectShape, most: int) -> bool:
+    def _carried(self, shape: ObjectShape, support: ObjectShape, most: int) -> bool:
         """True if an object may rest on the other through at most `most` objects."""
-        if most == 0 or one.low <= other.low or not _may_touch(one, other):
+        if most == 0 or shape.low <= support.low or not _may_touch(shape, support):
             return False
         for carrier in self._carriers():
-            if carrier.id in (one.id, other.id) or carrier.low > one.high or not _may_touch(one, carrier):
+            if carrier.id in (shape.id, support.id) or carrier.low > shape.high or not _may_touch(shape, carrier):
                 continue
-            carries = max(self.direct(one, carrier).clearness, is_in(one, carrier).clearness) > -1
-            if carries and (self.direct(carrier, other).clearness > -1 or self._carried(carrier, other, most - 1)):
+            carries = max(self.direct(shape, carrier).clearness, is_in(shape, carrier).clearness) > -1
+            if carries and (self.direct(carrier, support).clearness > -1 or self._carried(carrier, support, most - 1)):
                 return True
         return False
 
@@ -95,6 +95,6 @@ class Stacks:
         return [shape for object_id in ids if (shape := self.measures.shape(object_id)) is not None]
 
 
-def _may_touch(one: ObjectShape, other: ObjectShape) -> bool:
+def _may_touch(first: ObjectShape, second: ObjectShape) -> bool:
     """True if the outlines along the axes overlap."""
-    return bool((one.bounds[0] <= other.bounds[1]).all() and (other.bounds[0] <= one.bounds[1]).all())
+    return bool((first.bounds[0] <= second.bounds[1]).all() and (second.bounds[0] <= first.bounds[1]).all())

@@ -50,14 +50,14 @@ class WrittenWords:
 
         Lines and order do not matter; the least probable word counts. Numbers must be equal; other words may differ in
         one letter of five, which lowers the probability by that share."""
-        asked = tuple(_WORD.findall(text.casefold()))
-        if not asked:
+        words = tuple(_WORD.findall(text.casefold()))
+        if not words:
             return {}
         likely = {
-            obj: min(max(probability * _likeness(word, own) for probability, own in lines) for word in asked)
+            obj: min(max(probability * _likeness(word, line) for probability, line in lines) for word in words)
             for obj, lines in self._lines
         }
-        return dict(sorted(((each, own) for each, own in likely.items() if own), key=lambda each: -each[1]))
+        return dict(sorted(((obj, chance) for obj, chance in likely.items() if chance), key=lambda pair: -pair[1]))
 
     def leading(self, words: Sequence[str]) -> int:
         """Largest number of leading words that are written on one object."""
@@ -70,15 +70,15 @@ class WrittenWords:
 
 
 def _words(read: ObjectRead) -> tuple[str, ...]:
-    own = _WORD.findall(read.text.casefold())
-    return (*_KINDS[read.kind], *own, "".join(own))
+    words = _WORD.findall(read.text.casefold())
+    return (*_KINDS[read.kind], *words, "".join(words))
 
 
-def _likeness(word: str, others: Sequence[str]) -> float:
+def _likeness(word: str, words: Sequence[str]) -> float:
     """Likeness of a word to the closest of others, 0..1."""
-    if word in others:
+    if word in words:
         return 1.0
     if any(letter.isdigit() for letter in word):
         return 0.0
-    difference = min((text_difference(word, other, _ALIKE) for other in others), default=1.0)
+    difference = min((text_difference(word, other_word, _ALIKE) for other_word in words), default=1.0)
     return 1.0 - difference if difference <= _ALIKE else 0.0

@@ -98,7 +98,7 @@ def _sees(known: OccupancyMap, place: F64, box: Box) -> bool:
     inside = ((cells >= 0) & (cells < [width, depth])).all(axis=1)
     line, tops = line[inside], known.tops[cells[inside, 1], cells[inside, 0]].astype(np.float64)
     # The object does not hide itself: ignore cells inside its box that are no higher than it.
-    own = (_distances(line[:, :2], box, 2 * known.resolution) == 0) & (tops <= target[2] + known.resolution)
+    in_object = (_distances(line[:, :2], box, 2 * known.resolution) == 0) & (tops <= target[2] + known.resolution)
     # Heights are sampled a cell apart, so a cell that nearly reaches the top of the band counts as going above it.
     tops[tops > known.floor + known.height - 2 * known.resolution] = np.inf
-    return bool((own | (line[:, 2] > tops)).all())
+    return bool((in_object | (line[:, 2] > tops)).all())

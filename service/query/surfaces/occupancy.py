@@ -84,7 +84,7 @@ def check_map_frame(scene: Scene) -> None:
 def occupancy_map(
     views: Sequence[SurfaceView],
     floors: Collection[int],  # ids of floor objects; the one with the most points counts
-    others: Mapping[int, str],  # names of objects that are no floors, by id
+    other_names: Mapping[int, str],  # names of objects that are no floors, by id
     *,
     resolution: float,  # width of a cell, meters
     height: float,  # of the robot, meters above the floor
@@ -108,7 +108,7 @@ def occupancy_map(
         raise InvalidInputError(f"a height of {height} m", field="height", hint=f"Meters, above {LOW:g}.")
     samples, _ = surface_points(views, cell=resolution, most=most_points)
     floor, source = _floor(samples, floors)
-    doubt = "" if source == "surface" else _doubt(samples, views, floor, others)
+    doubt = "" if source == "surface" else _doubt(samples, views, floor, other_names)
     above = samples.points[:, 2] - floor
     band = samples.points[(above > CLEARANCE) & (above <= height)].astype(np.float64)
     standing, places = np.unique(_keys(band[:, :2], resolution), return_inverse=True)
@@ -159,13 +159,13 @@ def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, Flo
     return float(np.median(heights[np.abs(numbers - best) <= 1])), "lowest_level"
 
 
-def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, others: Mapping[int, str]) -> str:
+def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, other_names: Mapping[int, str]) -> str:
     """Reason to doubt the floor: another object's surface, or too near the cameras."""
     level = samples.objects[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
     ids, counts = np.unique(level, return_counts=True)
     most = int(ids[counts.argmax()]) if len(ids) else 0
-    if most in others and 2 * counts.max() > len(level):
-        return f"it is the upper side of object {most}, {others[most]!r}"
+    if most in other_names and 2 * counts.max() > len(level):
+        return f"it is the upper side of object {most}, {other_names[most]!r}"
     below = meters_below([view.posed for view in views], np.array([0.0, 0.0, 1.0]), floor)
     return f"it lies {below:.2f} m below the cameras, as table tops do" if below < LEAST_BELOW else ""
 
@@ -190,11 +190,11 @@ def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:
     counts[leaves < enters] = 0
     parts = [np.zeros(0, np.int64)]
     for some in _chunks(counts):
-        own = np.repeat(some, counts[some])
+        ray_ids = np.repeat(some, counts[some])
         first = np.repeat(np.cumsum(counts[some]) - counts[some], counts[some])
-        share = (np.arange(len(own)) - first) / np.maximum(counts[own] - 1, 1)
-        along = leaves[own] - share * (leaves[own] - enters[own])
-        parts.append(np.unique(_keys(eye[:2] + along[:, None] * rays[own, :2], resolution)))
+        share = (np.arange(len(ray_ids)) - first) / np.maximum(counts[ray_ids] - 1, 1)
+        along = leaves[ray_ids] - share * (leaves[ray_ids] - enters[ray_ids])
+        parts.append(np.unique(_keys(eye[:2] + along[:, None] * rays[ray_ids, :2], resolution)))
     return np.concatenate(parts)
 
 

@@ -131,10 +131,10 @@ def _quads(keys: I64, inside: NDArray[np.bool_], vertex: I64, axis: int) -> I64:
     return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
 
 
-def _places(keys: I64, others: I64) -> I64:
-    """Index of each of `others` in the ascending `keys`, int64; −1 if missing."""
-    places = np.minimum(np.searchsorted(keys, others), max(len(keys) - 1, 0))
-    return np.where(keys[places] == others, places, -1) if len(keys) else np.full(len(others), -1, np.int64)
+def _places(keys: I64, queries: I64) -> I64:
+    """Index of each of `queries` in the ascending `keys`, int64; −1 if missing."""
+    places = np.minimum(np.searchsorted(keys, queries), max(len(keys) - 1, 0))
+    return np.where(keys[places] == queries, places, -1) if len(keys) else np.full(len(queries), -1, np.int64)
 
 
 def _around(points: F32, voxel: float) -> I64:

@@ -91,13 +91,13 @@ def _findings(quality: Mapping[str, Any], facts: SceneFacts, cameras: Sequence[P
             "Leave out blurred photos, and do not mix cameras or zoom.",
         )
     # A default time budget is no promise: training may exceed it to reach the minimum steps.
-    asked = _number(quality, "time_budget_s") if facts.time_asked_s is not None else None
+    budget = _number(quality, "time_budget_s") if facts.time_asked_s is not None else None
     took = _number(quality, "train_seconds")
-    if asked and took is not None and took > _OVERRUN * asked:
+    if budget and took is not None and took > _OVERRUN * budget:
         yield Finding(
             "TOOK_LONGER",
             "fair",
-            f"Training took {took:.0f} s in place of {asked:.0f} s, to reach the fewest steps that make a scene.",
+            f"Training took {took:.0f} s in place of {budget:.0f} s, to reach the fewest steps that make a scene.",
             "Give it more time, a smaller scene, or a machine that is less busy.",
         )
 

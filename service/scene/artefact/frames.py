@@ -42,6 +42,6 @@ def _scaled_alignment(alignment: Alignment | None, factor: float) -> Alignment |
     return replace(
         alignment,
         translation=(x * factor, y * factor, z * factor),
-        residuals=tuple(each * factor for each in alignment.residuals),
+        residuals=tuple(residual * factor for residual in alignment.residuals),
         rms=None if alignment.rms is None else alignment.rms * factor,
     )

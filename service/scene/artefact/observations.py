@@ -31,15 +31,17 @@ def in_frame(observation: Observation, frame: Similarity) -> Observation:
         observation,
         photos=tuple(photo._replace(camera=frame.camera(photo.camera)) for photo in observation.photos),
         changes=tuple(
-            each._replace(distance=each.distance * frame.scale, before=placed(each.before), after=placed(each.after))
-            for each in observation.changes
+            change._replace(
+                distance=change.distance * frame.scale, before=placed(change.before), after=placed(change.after)
+            )
+            for change in observation.changes
         ),
     )
 
 
 def observations_to_json(observations: Sequence[Observation]) -> list[dict[str, Any]]:
     """Converts observations to JSON values."""
-    return [to_plain(each) for each in observations]
+    return [to_plain(observation) for observation in observations]
 
 
 def observations_from_json(rows: Sequence[Mapping[str, Any]]) -> tuple[Observation, ...]:

@@ -47,10 +47,11 @@ def combined(lengths: Sequence[ScaledLength]) -> Scaling:
     meters)². The interval is s · exp(±1.96 σ).
     """
     variances = [
-        max((each.deviation / each.units) ** 2, _LEAST_DEVIATION**2) + (each.meters_deviation / each.meters) ** 2
-        for each in lengths
+        max((length.deviation / length.units) ** 2, _LEAST_DEVIATION**2)
+        + (length.meters_deviation / length.meters) ** 2
+        for length in lengths
     ]
-    scale, deviation = combined_ratio([each.meters / each.units for each in lengths], variances)
+    scale, deviation = combined_ratio([length.meters / length.units for length in lengths], variances)
     spread = math.exp(NORMAL_95 * deviation)
     return Scaling(scale, scale / spread, scale * spread, tuple(lengths))
 
@@ -77,7 +78,7 @@ def capture_scale_source(facts: SceneFacts) -> ScaleSource:
 
 def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:
     """Converts a scaling to JSON values."""
-    return None if scaling is None else {**asdict(scaling), "lengths": [asdict(each) for each in scaling.lengths]}
+    return None if scaling is None else {**asdict(scaling), "lengths": [asdict(length) for length in scaling.lengths]}
 
 
 def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
@@ -85,5 +86,5 @@ def scaling_from_json(row: Mapping[str, Any] | None) -> Scaling | None:
     if row is None:
         return None
     return Scaling(
-        row["meters_per_unit"], row["low"], row["high"], tuple(ScaledLength(**each) for each in row["lengths"])
+        row["meters_per_unit"], row["low"], row["high"], tuple(ScaledLength(**length) for length in row["lengths"])
     )

@@ -144,8 +144,8 @@ class Object:
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
-        assert all(0 <= each.probability <= 1 for each in self.suggestions)
-        assert all(0 <= each.probability <= 1 for each in self.reads)
+        assert all(0 <= suggestion.probability <= 1 for suggestion in self.suggestions)
+        assert all(0 <= read.probability <= 1 for read in self.reads)
 
     @property
     def said(self) -> tuple[SaidName, ...]:
@@ -154,9 +154,13 @@ class Object:
             return ()
         name = label_key(self.name)
         return tuple(
-            SaidName(each.source, each.probability, name in map(label_key, (each.name, *each.aliases)))
-            for each in self.suggestions
-            if each.source
+            SaidName(
+                suggestion.source,
+                suggestion.probability,
+                name in map(label_key, (suggestion.name, *suggestion.aliases)),
+            )
+            for suggestion in self.suggestions
+            if suggestion.source
         )
 
     @property

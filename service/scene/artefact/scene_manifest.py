@@ -31,8 +31,8 @@ from fastsplat_contract.photos.observations import Observation
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Words = Annotated[tuple[str, ...], Field(strict=False)]
 _Pair = Annotated[tuple[str, _Share], Field(strict=False)]
-_Told = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
-_Suggestion = _Pair | _Told
+_FullSuggestion = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
+_Suggestion = _Pair | _FullSuggestion
 """The source is omitted for suggestions of the scene's own models."""
 
 _Line = Annotated[str, Field(min_length=1, max_length=MAX_READ_CHARS)]
@@ -119,24 +119,24 @@ class _ObjectsRow(_StrictRow):
 
     @model_validator(mode="after")
     def _parts_are_of_objects(self) -> _ObjectsRow:
-        own = [obj.id for obj in self.table]
+        object_ids = [obj.id for obj in self.table]
         parts = [] if self.parts is None else self.parts.table
         ids = [part.id for part in parts]
-        if ids != sorted(set(ids)) or set(ids) & set(own):
+        if ids != sorted(set(ids)) or set(ids) & set(object_ids):
             raise ValueError("the parts' ids do not ascend, or are those of objects")
-        if any(obj.parent for obj in self.table) or not {part.parent for part in parts} <= set(own):
+        if any(obj.parent for obj in self.table) or not {part.parent for part in parts} <= set(object_ids):
             raise ValueError("a part is of no object, or an object of another")
         return self
 
     @model_validator(mode="after")
     def _groups_are_of_objects(self) -> _ObjectsRow:
-        own = {obj.id for obj in self.table}
+        object_ids = {obj.id for obj in self.table}
         parts = set() if self.parts is None else {part.id for part in self.parts.table}
         ids = [group.id for group in self.groups]
-        if ids != sorted(set(ids)) or set(ids) & (own | parts):
+        if ids != sorted(set(ids)) or set(ids) & (object_ids | parts):
             raise ValueError("the groups' ids do not ascend, or are those of objects or parts")
         for group in self.groups:
-            if list(group.members) != sorted(set(group.members)) or not set(group.members) <= own:
+            if list(group.members) != sorted(set(group.members)) or not set(group.members) <= object_ids:
                 raise ValueError(f"the members of group {group.id} do not ascend, or are no objects")
         return self
 
@@ -153,15 +153,15 @@ def _object_row(obj: Object) -> dict[str, Any]:
     for name in ("proposed_in", "missed_in", "reads"):
         if not row[name]:
             del row[name]
-    row["suggestions"] = [tuple(each) if each.source else each[:2] for each in obj.suggestions]
+    row["suggestions"] = [tuple(suggestion) if suggestion.source else suggestion[:2] for suggestion in obj.suggestions]
     return row
 
 
 def _object_of_row(row: _ObjectRow) -> Object:
     """Decodes the output of `_object_row`."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
-    suggestions = tuple(Suggestion(*each) for each in row.suggestions)
-    reads = tuple(ObjectRead(*each) for each in row.reads)
+    suggestions = tuple(Suggestion(*values) for values in row.suggestions)
+    reads = tuple(ObjectRead(*values) for values in row.reads)
     looks = None if row.looks is None else Looks(row.looks[0], base64.b64decode(row.looks[1]))
     return Object(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
 

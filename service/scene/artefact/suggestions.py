@@ -29,8 +29,8 @@ class SaidName(NamedTuple):
 
 def ranked_suggestions(suggestions: Iterable[Suggestion]) -> tuple[Suggestion, ...]:
     """Keeps the `MOST_SUGGESTED` most probable suggestions per source, most probable first."""
-    kept: list[Suggestion] = []
-    for each in sorted(suggestions, key=lambda one: -one.probability):
-        if sum(other.source == each.source for other in kept) < MOST_SUGGESTED:
-            kept.append(each)
-    return tuple(kept)
+    best: list[Suggestion] = []
+    for suggestion in sorted(suggestions, key=lambda suggestion: -suggestion.probability):
+        if sum(better.source == suggestion.source for better in best) < MOST_SUGGESTED:
+            best.append(suggestion)
+    return tuple(best)

@@ -57,7 +57,7 @@ def spz_bytes(gaussians: Gaussians, version: Literal[3, 4] = 3) -> bytes:
     if version == 3:
         return gzip.compress(b"".join([head, *parts]), _LEVEL, mtime=0)
     streams = [zstandard.ZstdCompressor(_ZSTD_LEVEL).compress(part) for part in parts]
-    table = [struct.pack("<QQ", len(own), len(part)) for own, part in zip(streams, parts, strict=True)]
+    table = [struct.pack("<QQ", len(stream), len(part)) for stream, part in zip(streams, parts, strict=True)]
     return b"".join([head, _HEADER_REST.pack(_HEADER.size + _HEADER_REST.size), *table, *streams])
 
 

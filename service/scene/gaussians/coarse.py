@@ -36,8 +36,8 @@ def coarse_scene(scene: SceneT, most: int = COARSE_GAUSSIANS) -> SceneT | None:
     # Systematic sampling: each run of rows, which are near in space, keeps as many as its shares sum to.
     offset = np.random.default_rng(_SEED).random()
     rows = np.flatnonzero(np.diff(np.floor(np.cumsum(shares) + offset), prepend=0.0) > 0)
-    kept = scene_of_rows(scene, rows)
-    return replace(kept, gaussians=_standing(kept.gaussians, opacities[rows], 1 / shares[rows]))
+    subset = scene_of_rows(scene, rows)
+    return replace(subset, gaussians=_standing(subset.gaussians, opacities[rows], 1 / shares[rows]))
 
 
 def _rate(covers: NDArray[np.float64], most: int) -> float:

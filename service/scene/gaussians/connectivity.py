@@ -74,9 +74,9 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
         return component
     left, right, distance = left[doubtful], right[doubtful], distance[doubtful]
     ends, place = np.unique(np.concatenate([left, right]), return_inverse=True)
-    turns, own = _rotations(quats[ends]), scales[ends]
+    turns, end_scales = _rotations(quats[ends]), scales[ends]
     towards = (means[right] - means[left]) / np.maximum(distance, np.finfo(np.float64).tiny)[:, None]
-    reach = sum(_deviation(own[side], turns[side], towards) for side in np.split(place, 2))
+    reach = sum(_deviation(end_scales[side], turns[side], towards) for side in np.split(place, 2))
     touch = distance <= _REACH * reach
     joined = _united(int(component.max()) + 1, component[left[touch]], component[right[touch]])
     return joined[component]
@@ -85,16 +85,16 @@ def _joined(means: F64, scales: F64, quats: NDArray[np.float32]) -> NDArray[np.i
 def _neighbor_pairs(means: F64) -> tuple[NDArray[np.int32], NDArray[np.int32], F64]:
     """Indices (ascending) and distances of points [K, 3] and their eight nearest neighbors."""
     count, tree = len(means), cKDTree(means)
-    own, others, distances = [], [], []
+    firsts, seconds, distances = [], [], []
     for start in range(0, count, _CHUNK):
         rows = np.arange(start, min(start + _CHUNK, count), dtype=np.int32)
         distance, near = tree.query(means[rows], k=min(_NEIGHBORS + 1, count))
         left, right = np.repeat(rows, near.shape[1]), near.astype(np.int32).ravel()
-        other = left != right
-        own.append(left[other])
-        others.append(right[other])
-        distances.append(distance.ravel()[other])
-    return np.concatenate(own), np.concatenate(others), np.concatenate(distances)
+        distinct = left != right
+        firsts.append(left[distinct])
+        seconds.append(right[distinct])
+        distances.append(distance.ravel()[distinct])
+    return np.concatenate(firsts), np.concatenate(seconds), np.concatenate(distances)
 
 
 def _usual_spacing(count: int, left: NDArray[np.int32], distance: F64) -> float:

@@ -32,9 +32,9 @@ def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
         along = offsets @ axis
         low, high = trimmed_ends(along, weights)
         inner &= (along >= low) & (along <= high)
-    kept = offsets[inner] if inner.any() else offsets
-    flat = np.stack([kept @ first, kept @ second], axis=1)
-    heights = kept @ third
+    inliers = offsets[inner] if inner.any() else offsets
+    flat = np.stack([inliers @ first, inliers @ second], axis=1)
+    heights = inliers @ third
     (x, y), (width, depth), degrees = _rectangle(flat)
     if width < depth:
         width, depth, degrees = depth, width, degrees + 90.0

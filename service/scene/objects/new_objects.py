@@ -52,8 +52,8 @@ def with_new_object(scene: ObjectScene, rows: NDArray[np.integer]) -> tuple[Obje
         replace(group, members=(*group.members, new_id)) if np.isin(owner[rows], group.members).all() else group
         for group in objects.groups
     )
-    made = replace(objects, table=table, membership=evidence, next_id=new_id + 1, parts=parts, groups=groups)
-    return replace(scene, objects=made), new_id
+    new_objects = replace(objects, table=table, membership=evidence, next_id=new_id + 1, parts=parts, groups=groups)
+    return replace(scene, objects=new_objects), new_id
 
 
 def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:

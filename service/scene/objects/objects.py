@@ -72,11 +72,11 @@ def merge_objects(scene: Scene, object_ids: Sequence[int]) -> Scene:
         InvalidInputError: fewer than two different objects.
     """
     objects = _objects_of(scene)
-    first, *others = (object_of(objects, object_id).id for object_id in dict.fromkeys(object_ids))
-    if not others:
+    first, *other_ids = (object_of(objects, object_id).id for object_id in dict.fromkeys(object_ids))
+    if not other_ids:
         raise InvalidInputError(f"{len(object_ids)} object to merge", field="object_ids", hint="Name two or more.")
-    reads = bounded_reads(read for each in (first, *others) for read in object_of(objects, each).reads)
-    merged = _relabeled(objects, others, first)
+    reads = bounded_reads(read for object_id in (first, *other_ids) for read in object_of(objects, object_id).reads)
+    merged = _relabeled(objects, other_ids, first)
     table = tuple(replace(obj, reads=reads) if obj.id == first else obj for obj in merged.table)
     return replace(scene, objects=replace(merged, table=table))
 
@@ -122,8 +122,8 @@ def _relabeled(objects: Objects, before: Sequence[int], after: int) -> Objects:
     table = tuple(obj for obj in objects.table if obj.id not in before)
     parts = objects.parts
     if parts is not None:
-        own = tuple(replace(part, parent=after) if part.parent in before else part for part in parts.table)
-        parts = replace(parts, table=own)
+        new_parts = tuple(replace(part, parent=after) if part.parent in before else part for part in parts.table)
+        parts = replace(parts, table=new_parts)
     membership = _renamed(objects.membership, before, after)
     groups = _regrouped(objects.groups, before, after)
     return replace(
@@ -133,12 +133,12 @@ def _relabeled(objects: Objects, before: Sequence[int], after: int) -> Objects:
 
 def _regrouped(groups: Sequence[ObjectGroup], before: Sequence[int], after: int) -> tuple[ObjectGroup, ...]:
     """Replaces `before` by `after` (0: nothing) in groups; drops duplicates and singletons."""
-    kept: dict[tuple[int, ...], ObjectGroup] = {}
+    by_members: dict[tuple[int, ...], ObjectGroup] = {}
     for group in groups:
-        members = tuple(sorted({after if each in before else each for each in group.members} - {0}))
+        members = tuple(sorted({after if member in before else member for member in group.members} - {0}))
         if len(members) >= 2:
-            kept.setdefault(members, replace(group, members=members))
-    return tuple(kept.values())
+            by_members.setdefault(members, replace(group, members=members))
+    return tuple(by_members.values())
 
 
 def _without_parts(objects: Objects, gone: Sequence[int]) -> Objects:

@@ -39,7 +39,7 @@ _LOOKS, _VISITS, _FEWEST_STEPS, _MOST_STEPS = 5, 2, 50, 200
 """Looks at the photos in a run; each comes after so many more visits of each photo, within these bounds of steps."""
 _EXPOSURE_SPREAD, _BALANCE_SPREAD = 0.12, 0.08
 """Standard deviations over the photos, EV, from which they are taken to differ."""
-_BEGUN_AT_FIRST, _BEGUN, _KEPT = 2.0, 1.25, 1.0
+_BEGUN_AT_FIRST, _BEGUN, _DROP_BELOW = 2.0, 1.25, 1.0
 """In times these. At the first look, of crude pictures, corrections begin above the first; later ones begin them above
 the second and drop those below the third."""
 _FIT_SHARE = 0.5
@@ -55,7 +55,7 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
     corrections = torch.zeros(len(views), 3)
     corrections[:, 0] = (exposures - exposures.nanmean()).nan_to_num()
     corrections = zero_mean(corrections)
-    if settings.photometric == "on" or _spread(corrections) > _KEPT:
+    if settings.photometric == "on" or _spread(corrections) > _DROP_BELOW:
         return {CORRECTIONS: corrections}
     return {FITS: torch.zeros(len(views), 4)}
 
@@ -80,7 +80,7 @@ class PhotometricTraining:
                 begin_corrections(state, len(known))
             elif look == _LOOKS:
                 _forget(state, FITS)
-        elif look > 1 and _spread(known) < _KEPT:
+        elif look > 1 and _spread(known) < _DROP_BELOW:
             _forget(state, CORRECTIONS, STEPS)
             if look < _LOOKS:
                 state.begin(FITS, known.detach().new_zeros(len(known), 4))

@@ -43,13 +43,13 @@ def display_ev(
         views: training views; they are compared at their smallest size.
         corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
     """
-    shown = []
+    samples = []
     for view, correction in zip(views, corrections, strict=True):
         frame = view.frames[0]
         rendering, target = _render(parameters, view, frame, backend), frame.target()
         both = torch.minimum(rendering.image, correct(target, -correction)).amax(dim=2)
-        shown.append(both[_measured(rendering, target, frame)])
-    values = torch.cat(shown)
+        samples.append(both[_measured(rendering, target, frame)])
+    values = torch.cat(samples)
     if not len(values):
         return 0.0
     brightest = values.kthvalue(max(1, math.ceil((1 - _BURNT_SHARE) * len(values)))).values

@@ -111,9 +111,11 @@ class EvidenceBlend:
             leading = torch.cat([leading, expected], dim=1)
         if not leading.shape[1]:
             return labels
-        own = splats.features.shape[1]
+        channels = splats.features.shape[1]
         image = rasterize(replace(splats, features=leading), viewmat, camera, backend=backend).image
-        return replace(labels, image=image[..., :own], relevancy=None if relevancy is None else image[..., own])
+        return replace(
+            labels, image=image[..., :channels], relevancy=None if relevancy is None else image[..., channels]
+        )
 
 
 def objects_blend(objects: Objects, codes: F32, device: torch.device) -> LabelBlend:
@@ -133,8 +135,8 @@ class _Renamed:
     def render(
         self, splats: Splats, viewmat: Tensor, camera: Camera, alpha_min: float, relevancy: F32 | None, backend: Backend
     ) -> LabelMap:
-        own = None if relevancy is None else relevancy[self._ids]
-        drawn = self._blend.render(splats, viewmat, camera, alpha_min=alpha_min, relevancy=own, backend=backend)
+        by_class = None if relevancy is None else relevancy[self._ids]
+        drawn = self._blend.render(splats, viewmat, camera, alpha_min=alpha_min, relevancy=by_class, backend=backend)
         return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
 
 

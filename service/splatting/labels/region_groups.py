@@ -151,20 +151,20 @@ def _pairs(weights: csr_array, inside: csr_array, seen_by: F32, whole: F32, owne
     sizes = np.zeros(count, np.int64)
     for start in range(0, count, _ROWS):
         common = weights[start : start + _ROWS] @ inside
-        own, other = start + np.repeat(np.arange(common.shape[0]), np.diff(common.indptr)), common.indices
-        here, there = seen_by[own, owner[other]], seen_by[other, owner[own]]
-        enough = (here / whole[own] > _ENOUGH) & (there / whole[other] > _ENOUGH)
+        rows, partners = start + np.repeat(np.arange(common.shape[0]), np.diff(common.indptr)), common.indices
+        here, there = seen_by[rows, owner[partners]], seen_by[partners, owner[rows]]
+        enough = (here / whole[rows] > _ENOUGH) & (there / whole[partners] > _ENOUGH)
         overlap = np.where(enough, common.data / np.maximum(here + there - common.data, 1e-12), 0.0)
-        kept = (overlap >= _LEAST) & (own != other)
-        columns.append(other[kept])
-        values.append(overlap[kept].astype(np.float64))
-        sizes += np.bincount(own[kept], minlength=count)
+        is_pair = (overlap >= _LEAST) & (rows != partners)
+        columns.append(partners[is_pair])
+        values.append(overlap[is_pair].astype(np.float64))
+        sizes += np.bincount(rows[is_pair], minlength=count)
     starts = np.concatenate([[0], np.cumsum(sizes)])
     shape = (count, count)
-    others = csr_array(
+    pair_matrix = csr_array(
         (np.concatenate([*values, np.zeros(0)]), np.concatenate([*columns, np.zeros(0, np.int32)]), starts), shape=shape
     )
-    return (others + eye_array(count, format="csr")).tocsr()
+    return (pair_matrix + eye_array(count, format="csr")).tocsr()
 
 
 def one_piece_each(regions: int, sums: LabelSums) -> csr_array:

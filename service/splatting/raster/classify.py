@@ -37,9 +37,9 @@ def label_map(
         if values is not None:
             shares = logits.sub_(best).exp_()
             expected[piece] = (values @ shares) / shares.sum(dim=0)
-    shown = torch.where(rendering.alpha >= alpha_min, classes.reshape(height, width), 0)
+    class_map = torch.where(rendering.alpha >= alpha_min, classes.reshape(height, width), 0)
     found = None if relevancy is None else expected.reshape(height, width)
-    return LabelMap(shown, rendering.alpha, found, rendering.image[..., :first], rendering.culled_non_finite)
+    return LabelMap(class_map, rendering.alpha, found, rendering.image[..., :first], rendering.culled_non_finite)
 
 
 def bands(rendering: Rendering, max_values: int) -> Iterator[tuple[slice, Rendering]]:

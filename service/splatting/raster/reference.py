@@ -226,10 +226,10 @@ def _weights(projected: _Projected, pixels: Tensor, settings: RasterSettings) ->
     white = torch.einsum("vij,pvj->pvi", projected.whiten, offsets)
     alpha = projected.opacities * torch.exp(-0.5 * (white * white).sum(dim=-1))
     drawn = torch.where(alpha < settings.alpha_min, 0.0, alpha.clamp(max=settings.alpha_max))
-    one = torch.ones(len(pixels), 1, dtype=torch.float64)
-    running = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
+    unit = torch.ones(len(pixels), 1, dtype=torch.float64)
+    running = torch.cat((unit, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
     # Transmittance never rises, so everything behind the Gaussian that would cross the limit is dropped as well.
     going = running[:, 1:] > settings.transmittance_min
     drawn = torch.where(going, drawn, 0.0)
-    transmittance = torch.cat((one, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
+    transmittance = torch.cat((unit, torch.cumprod(1.0 - drawn, dim=1)), dim=1)
     return drawn * transmittance[:, :-1], transmittance, transmittance[:, :-1]

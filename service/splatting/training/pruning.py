@@ -40,8 +40,8 @@ def max_contribution(
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
     most = np.zeros(len(gaussians))
     for viewmat, camera in views:
-        ones = torch.ones(camera.height, camera.width, 1, device=device)
-        filled = accumulate_weights(splats, viewmat.to(device), camera, ones, backend=backend)[:, 0]
+        unit_image = torch.ones(camera.height, camera.width, 1, device=device)
+        filled = accumulate_weights(splats, viewmat.to(device), camera, unit_image, backend=backend)[:, 0]
         most = np.maximum(most, filled.double().cpu().numpy())
     return most
 

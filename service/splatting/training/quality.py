@@ -46,8 +46,8 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
         inside &= valid
     if int(inside.sum()) < _MIN_FIT:
         return image.clamp(0, 1)
-    ones = clamped.new_ones(*clamped.shape[:2], 1)
-    colors = torch.cat([clamped, ones], dim=2)
+    constant = clamped.new_ones(*clamped.shape[:2], 1)
+    colors = torch.cat([clamped, constant], dim=2)
     rows = colors[inside]
     # A ridge of nearly nothing, so that a picture of one color has a solution too.
     gram = rows.T @ rows + 1e-9 * len(rows) * torch.eye(4, dtype=rows.dtype, device=rows.device)
@@ -79,9 +79,9 @@ def require_likeness(
         judged += held_out[:: math.ceil(len(held_out) / _JUDGED)]
     figures = []
     for row, image, target, valid in _pictures(parameters, judged, backend):
-        shown = image if rows is None else corrected_for(image, rows[row], target)
+        picture = image if rows is None else corrected_for(image, rows[row], target)
         mean = (target if valid is None else target[valid]).reshape(-1, 3).mean(dim=0).expand_as(target)
-        figures.append((psnr(shown, target, valid), psnr(mean, target, valid)))
+        figures.append((psnr(picture, target, valid), psnr(mean, target, valid)))
     if 2 * sum(found < min(mean, _UNLIKE_DB) for found, mean in figures) > len(figures):
         found, mean = np.median(figures, axis=0)
         raise TrainingDivergedError(

@@ -82,8 +82,8 @@ class Recorder:
     ) -> None:
         """Colors [H, W, 3] of a training step, what they are compared with, and the photo's correction [3], if any."""
         if not self._held_out and iteration % _PSNR_EVERY == 0 and frame.has_content:
-            shown = image if correction is None else corrected_for(image, correction.detach(), target)
-            self._psnr = psnr(shown, target, frame.valid)
+            picture = image if correction is None else corrected_for(image, correction.detach(), target)
+            self._psnr = psnr(picture, target, frame.valid)
 
     def after_step(self, state: SplatState, step: Step) -> None:
         """After a step and what densification made of it. What `progress` raises ends the run."""

@@ -48,8 +48,8 @@ def damaged_files(folder: Path, *names: str) -> Iterator[SceneFileError]:
         if name not in digests:
             yield SceneFileError(f"{DIGESTS} has no digest of {name}", field=DIGESTS, hint=_HINT)
         elif not _CHECKED.holds(folder / name, digests[name]):
-            told = f"{name} is damaged: it does not match its digest in {DIGESTS}"
-            yield SceneFileError(told, field=name, hint=_HINT)
+            message = f"{name} is damaged: it does not match its digest in {DIGESTS}"
+            yield SceneFileError(message, field=name, hint=_HINT)
 
 
 def _read(folder: Path) -> dict[str, str] | None:

@@ -174,9 +174,9 @@ def _copy_rows_in(source: Path, target: URL) -> None:
     """Fills a PostgreSQL database from a backup of any release; `ConflictError` unless it is empty."""
     live = open_engine(target)
     with tempfile.TemporaryDirectory(prefix="fastsplat-restore-") as folder:
-        own = Path(folder) / _SQLITE
-        shutil.copyfile(source, own)
-        saved = open_engine(URL.create("sqlite", database=str(own)))  # brings an older schema to this release's
+        database = Path(folder) / _SQLITE
+        shutil.copyfile(source, database)
+        saved = open_engine(URL.create("sqlite", database=str(database)))  # brings an older schema to this release's
         try:
             with transaction(saved.execution_options(read_only=True)) as reading, transaction(live) as writing:
                 if any(writing.execute(select(table).limit(1)).first() for table in (scenes, operations, api_keys)):
@@ -206,8 +206,8 @@ def _named_by(url: URL) -> tuple[list[str], list[str]]:
         with engine.connect() as connection:
             current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
             ready = {scene_id for scene_id, _ in current}
-            others = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
-            versions = {*map(tuple, current), *(tuple(row) for row in others if row[0] in ready)}
+            rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
+            versions = {*map(tuple, current), *(tuple(row) for row in rows if row[0] in ready)}
             needed = select(operations.c.upload_id).where(operations.c.state.in_(_UNFINISHED))
             uploads = sorted(set(connection.scalars(needed)))
     finally:

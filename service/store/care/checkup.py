@@ -26,7 +26,7 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, FastSplatError
 
 _LOST = "Restore a database that has it; or, if nobody needs it, remove the folder."
-_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_NON_OWNER_BITS = stat.S_IRWXG | stat.S_IRWXO
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
     """Checks permissions and free space of a data folder; uploads need `floor_bytes` free."""
     names = ("", "key", SQLITE_NAME)
     for path in (data_dir / name for name in names):
-        if path.exists() and path.stat().st_mode & _OTHERS:
+        if path.exists() and path.stat().st_mode & _NON_OWNER_BITS:
             mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
             yield Problem(path.name, f"other users may read it (mode {mode})", "Make it its owner's alone.", True)
     if not os.access(data_dir, os.W_OK):
@@ -75,7 +75,7 @@ def mend_folder(data_dir: Path) -> None:
     """Removes the access of all users but the owner from the data folder."""
     for path in (data_dir, *(data_dir / name for name in ("key", SQLITE_NAME))):
         if path.exists():
-            path.chmod(path.stat().st_mode & ~_OTHERS & 0o777)
+            path.chmod(path.stat().st_mode & ~_NON_OWNER_BITS & 0o777)
 
 
 def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatError]]) -> Iterator[Problem]:
@@ -105,8 +105,8 @@ def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatErr
             errors: tuple[Exception, ...] = (*digests, *(damage(folder) if read else ()))
         except (FastSplatError, OSError) as error:
             errors = (error,)
-        for each in errors:
-            yield Problem(place, f"{inner} of the scene is damaged: {each}", hint)
+        for fault in errors:
+            yield Problem(place, f"{inner} of the scene is damaged: {fault}", hint)
     there = set(store.blobs.ids("uploads"))
     for operation_id, upload_id in unfinished:
         if upload_id not in there:

@@ -63,20 +63,20 @@ def check_rows(
         rows = {
             table.name: connection.execute(select(*columns)).mappings().all() for table, columns in _COLUMNS.items()
         }
-    for table, column, other in _POINTING:
-        (key,) = other.primary_key.columns
-        there = {row[key.name] for row in rows[other.name]}
+    for table, column, target in _POINTING:
+        (key,) = target.primary_key.columns
+        there = {row[key.name] for row in rows[target.name]}
         for row in rows[table.name]:
             if row[column] not in there and _points(table, column, row, kept_since):
-                yield _problem(table, row, f"its {column} {row[column]!r} has no row in {other.name}")
+                yield _problem(table, row, f"its {column} {row[column]!r} has no row in {target.name}")
     versions = {(row["scene_id"], row["version"]) for row in rows[scene_versions.name]}
     for row in rows[scenes.name]:
         yield from _unreadable(scenes, row, lambda row: read_scene(SceneRecord(**row)))
         named = {version for scene_id, version in versions if scene_id == row["id"]}
         if named and row["version"] not in named:
             yield _problem(scenes, row, f"its current version {row['version']!r} has no row")
-        made = {_run_id(job) for job in rows[operations.name] if job["scene_id"] == row["id"]}
-        for version in sorted(folders.get(row["id"], frozenset()) - named - made - {row["version"]}):
+        run_ids = {_run_id(job) for job in rows[operations.name] if job["scene_id"] == row["id"]}
+        for version in sorted(folders.get(row["id"], frozenset()) - named - run_ids - {row["version"]}):
             hint = "Restore a database that has it; or, if nobody needs it, remove the folder."
             yield Problem(f"scenes/{row['id']}/{version}", "no row names this version: is it the right database?", hint)
     for row in rows[operations.name]:

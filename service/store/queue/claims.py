@@ -105,7 +105,7 @@ class JobQueue:
         oldest = {name: min(job.created_at for job in jobs) for name, jobs in mine.items()}
         turns = sorted(mine, key=lambda name: (active.get(name, 0), last.get(name, 0.0), oldest[name]))
         rounds = zip_longest(*(mine[name] for name in turns))
-        return [*begun, *(job for each in rounds for job in each if job is not None)]
+        return [*begun, *(job for jobs in rounds for job in jobs if job is not None)]
 
     def under_way(self) -> Sequence[OperationRecord]:
         """Lists the jobs that a worker has."""
@@ -135,8 +135,8 @@ class JobQueue:
 
     def owners(self) -> Mapping[str, float]:
         """Maps workers with unfinished jobs to the latest update of these, in seconds since 1970."""
-        owned = operations.c.state == "RUNNING", operations.c.worker != ""
-        latest = select(operations.c.worker, func.max(operations.c.updated_at)).where(*owned)
+        conditions = operations.c.state == "RUNNING", operations.c.worker != ""
+        latest = select(operations.c.worker, func.max(operations.c.updated_at)).where(*conditions)
         with self._reading() as connection:
             return dict(connection.execute(latest.group_by(operations.c.worker)).all())
 

@@ -200,8 +200,8 @@ class JobRepository(JobQueue):
             rows = connection.execute(unfinished).mappings().all()
         records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
         unreadable = frozenset(row["id"] for row in rows) - records.keys()
-        kept = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
-        return frozenset(run_ids) - kept
+        live_runs = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
+        return frozenset(run_ids) - live_runs
 
     def delete_ended(self, before: float) -> None:
         """Deletes operations without a scene that ended before a time, in seconds since 1970."""

@@ -130,9 +130,9 @@ class KeyRepository:
 
     def revoke_of_scene(self, scene_id: str, now: float) -> None:
         """Revokes the keys that are limited to this scene."""
-        own = update(api_keys).where(api_keys.c.scene_id == scene_id, api_keys.c.revoked_at.is_(None))
+        revocation = update(api_keys).where(api_keys.c.scene_id == scene_id, api_keys.c.revoked_at.is_(None))
         with transaction(self._engine) as connection:
-            connection.execute(own.values(revoked_at=now))
+            connection.execute(revocation.values(revoked_at=now))
 
 
 def _valid(now: float) -> ColumnElement[bool]:

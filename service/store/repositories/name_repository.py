@@ -137,7 +137,7 @@ class KnownNameRepository:
         """
         query = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within()).order_by(_ROWS.id)
         with self._reading() as connection:
-            return [(each, version) for each, version in connection.execute(query)]
+            return [(scene_id, version) for scene_id, version in connection.execute(query)]
 
     def all(self) -> Sequence[KnownNameRecord]:
         """Lists all names that count, newest first, without pictures."""

@@ -46,8 +46,8 @@ def reserve(connection: Connection, project: str, scene_id: str, size: int) -> U
 
 
 def _usage(connection: Connection, project: str) -> Usage:
-    owned = quota_usage.join(scenes, scenes.c.id == quota_usage.c.scene_id)
-    counted = select(func.count(), func.coalesce(func.sum(quota_usage.c.bytes), 0)).select_from(owned)
+    scene_usage = quota_usage.join(scenes, scenes.c.id == quota_usage.c.scene_id)
+    counted = select(func.count(), func.coalesce(func.sum(quota_usage.c.bytes), 0)).select_from(scene_usage)
     count, size = connection.execute(counted.where(scenes.c.project == project)).one()
     waiting = select(func.count()).select_from(operations.join(scenes, operations.c.scene_id == scenes.c.id))
     jobs = connection.scalar(waiting.where(scenes.c.project == project, operations.c.state.in_(("QUEUED", "RUNNING"))))

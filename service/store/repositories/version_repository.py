@@ -186,7 +186,7 @@ class VersionRepository:
         """Makes the most recently current child of the current version current; returns it."""
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
-            records = [each for each in versions_of(connection, scene_id).values() if each.parent == scene.version]
+            records = [child for child in versions_of(connection, scene_id).values() if child.parent == scene.version]
             if not records:
                 raise ConflictError(
                     "there is nothing to redo: no version was made of the current one",

@@ -82,12 +82,10 @@ def _copy_rows(live: Connection, file: Path, bring: Callable[[Connection], None]
                     continue
                 source = tables.tables[name]
                 copy.exec_driver_sql(f"DELETE FROM {name}")
-                plain = table(name, *(column(each.name) for each in source.columns))
+                plain = table(name, *(column(col.name) for col in source.columns))
                 # JSON as text, as SQL NULL would otherwise become the JSON value "null".
-                shown = [
-                    cast(each, Text).label(each.name) if isinstance(each.type, JSON) else each for each in source.c
-                ]
-                for rows in live.execute(select(*shown)).mappings().partitions(_ROWS):
+                columns = [cast(col, Text).label(col.name) if isinstance(col.type, JSON) else col for col in source.c]
+                for rows in live.execute(select(*columns)).mappings().partitions(_ROWS):
                     copy.execute(insert(plain), [dict(row) for row in rows])
     finally:
         engine.dispose()

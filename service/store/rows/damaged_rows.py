@@ -55,28 +55,28 @@ def decodes(kind: str) -> Callable[[Callable[Concatenate[R, P], T]], Callable[Co
 
 def each_readable(items: Iterable[S], read: Callable[[S], T]) -> list[T]:
     """Applies `read` to each item; leaves out and logs those whose rows are damaged."""
-    made: list[T] = []
+    results: list[T] = []
     for item in items:
         try:
-            made.append(read(item))
+            results.append(read(item))
         except (SceneFileError, ArtefactError) as error:
             _log.warning("left out: %s", error.message)
-    return made
+    return results
 
 
 def first_readable(
     connection: Connection, query: Select[Any], limit: int, read: Callable[[RowMapping], T]
 ) -> Sequence[T]:
     """Reads the first `limit` readable rows of a query."""
-    made: list[T] = []
+    results: list[T] = []
     start = 0
-    while len(made) < limit:
-        rows = connection.execute(query.limit(limit - len(made)).offset(start)).mappings().all()
+    while len(results) < limit:
+        rows = connection.execute(query.limit(limit - len(results)).offset(start)).mappings().all()
         if not rows:
             break
-        made += each_readable(rows, read)
+        results += each_readable(rows, read)
         start += len(rows)
-    return made
+    return results
 
 
 def read_json(content: str | bytes) -> Any:

@@ -18,7 +18,7 @@ from fastsplat.service.store.rows.database import transaction
 from fastsplat.service.store.rows.schema import identity, operations, scenes
 from fastsplat_contract.errors import ConflictError
 
-_ONE = 1
+_ROW_NUMBER = 1
 _HINT = (
     "Set FASTSPLAT_DATABASE_URL, FASTSPLAT_DATA_DIR and FASTSPLAT_ARTEFACTS__URL to what belongs together, mount its "
     "disks, or restore a backup into an empty folder. Whoever means these two: fastsplat doctor --adopt"
@@ -61,7 +61,7 @@ def adopt(engine: Engine, blobs: Blobs) -> None:
     noted = blobs.keep_identity(uuid.uuid4().hex, replace=True)
     with transaction(engine) as connection:
         connection.execute(delete(identity))
-        connection.execute(insert(identity).values(number=_ONE, id=noted))
+        connection.execute(insert(identity).values(number=_ROW_NUMBER, id=noted))
 
 
 def _check_related(engine: Engine, blobs: Blobs) -> None:
@@ -85,7 +85,7 @@ def _stored(engine: Engine) -> str | None:
 def _store(engine: Engine, noted: str) -> str | None:
     try:
         with transaction(engine) as connection:
-            connection.execute(insert(identity).values(number=_ONE, id=noted))
+            connection.execute(insert(identity).values(number=_ROW_NUMBER, id=noted))
     except IntegrityError:  # another process was faster
         return _stored(engine)
     return noted

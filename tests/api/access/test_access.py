@@ -131,13 +131,13 @@ def test_health_is_open_and_reflection_is_not(locked: Faces, keys: dict[str, str
     health_pb2_grpc.HealthStub(locked.channel).Check(health_pb2.HealthCheckRequest())
     stub = reflection_pb2_grpc.ServerReflectionStub(locked.channel)
 
-    def asked() -> Iterator[reflection_pb2.ServerReflectionRequest]:
+    def requests() -> Iterator[reflection_pb2.ServerReflectionRequest]:
         yield reflection_pb2.ServerReflectionRequest(list_services="")
 
     with pytest.raises(grpc.RpcError) as caught:
-        list(stub.ServerReflectionInfo(asked()))
+        list(stub.ServerReflectionInfo(requests()))
     assert caught.value.code() == grpc.StatusCode.UNAUTHENTICATED
-    assert list(stub.ServerReflectionInfo(asked(), metadata=(("authorization", f"Bearer {keys['read']}"),)))
+    assert list(stub.ServerReflectionInfo(requests(), metadata=(("authorization", f"Bearer {keys['read']}"),)))
 
 
 def test_keys_are_never_logged(locked: Faces, keys: dict[str, str], caplog: pytest.LogCaptureFixture) -> None:
@@ -183,12 +183,12 @@ def test_without_keys_everybody_is_an_operator_of_the_default_project(faces: Fac
 
 
 def test_without_a_source_of_keys_nobody_gets_in() -> None:
-    async def asked() -> int:
+    async def requests() -> int:
         transport = httpx.ASGITransport(create_app(None, Settings()))
         async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
             return (await client.get("/v1/scenes", headers=_header(f"fsk_{'0' * 12}_{'x' * 43}"))).status_code
 
-    assert asyncio.run(asked()) == 401
+    assert asyncio.run(requests()) == 401
 
 
 _DISGUISED = (
@@ -210,11 +210,11 @@ def test_without_keys_no_origin_of_another_machine_can_be_allowed() -> None:
 
 
 def test_without_keys_a_page_of_this_machine_is_answered_whatever_its_name_for_it() -> None:
-    own = {"host": "127.0.0.1:8000", "sec-fetch-site": "cross-site"}
-    check_local({**own, "origin": "http://localhost:3000"})
+    local_headers = {"host": "127.0.0.1:8000", "sec-fetch-site": "cross-site"}
+    check_local({**local_headers, "origin": "http://localhost:3000"})
     for headers in ({}, *({"origin": origin} for origin in ("null", "https://app.example", *_DISGUISED))):
         with pytest.raises(PermissionDeniedError):
-            check_local({**own, **headers})
+            check_local({**local_headers, **headers})
     for host in ("localhost@evil.example", "[::1].evil.example:8000", "localhost:8000/evil"):
         with pytest.raises(PermissionDeniedError):
             check_local({"host": host})

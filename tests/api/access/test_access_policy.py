@@ -111,20 +111,21 @@ def test_what_nobody_decided_needs_an_operator() -> None:
 def test_every_caller_gets_of_every_call_what_its_rule_says(guarded: Guarded, caller: str) -> None:
     async def refusals() -> dict[str, str | None]:
         authenticator = Authenticator(guarded.service.admin.keys.valid, auth_enabled=True)
-        told: dict[str, str | None] = {}
+        codes: dict[str, str | None] = {}
         for name, rule in (*RULES.items(), ("no route", UNMATCHED), ("not decided", rule_of("not decided"))):
             try:
                 principal = await authenticator.authenticate(Credentials(guarded.keys[caller]), rule)
                 assert (principal is None) == (rule.role is None)
                 assert principal is None or principal.role == _CALLERS[caller]
-                told[name] = None
+                codes[name] = None
             except FastSplatError as error:
-                told[name] = error.reason
-        return told
+                codes[name] = error.reason
+        return codes
 
-    told = asyncio.run(refusals())
-    assert told == {
-        name: _refusal(RULES.get(name) or (UNMATCHED if name == "no route" else rule_of(name)), caller) for name in told
+    codes = asyncio.run(refusals())
+    assert codes == {
+        name: _refusal(RULES.get(name) or (UNMATCHED if name == "no route" else rule_of(name)), caller)
+        for name in codes
     }
 
 
@@ -156,7 +157,7 @@ def _let_in(guarded: Guarded, route: str, rule: Rule, caller: str) -> None:
     if caller == "uploader" and re.search("operation_id|upload_id", route):
         _assert_nothing_there(guarded, route, rule, caller)
         return
-    response = guarded.send(route, caller, guarded.ids_for(route, own=rule.role not in (None, "reader")))
+    response = guarded.send(route, caller, guarded.ids_for(route, fresh=rule.role not in (None, "reader")))
     assert response.status_code not in (401, 403, 404, 405), response.text
     assert "{" not in route or response.status_code != 422, response.text
 
@@ -165,7 +166,7 @@ def _assert_nothing_there(guarded: Guarded, route: str, rule: Rule, caller: str)
     """What is not the caller's is as if it were not there."""
     if "{" not in route:
         return
-    ids = guarded.ids_for(route, own=False)
+    ids = guarded.ids_for(route, fresh=False)
     response = guarded.send(route, caller, ids)
     nothing = guarded.send(route, caller, dict.fromkeys(ids, uuid.uuid4().hex))
     assert response.status_code == nothing.status_code == 404, caller
@@ -179,7 +180,7 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
     for caller in _refused(rule):
         error = guarded.call(name, caller, guarded.shared)
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
-    error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
+    error = guarded.call(name, str(rule.role), guarded.ids_for(name, fresh=rule.role != "reader"))
     if (
         error is not None
     ):  # nothing to undo, a capture without files, a scene whose z is not up, no captioner, no detector
@@ -188,12 +189,12 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
         assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene")
     if "suggester" in rule.also:
-        assert guarded.call(name, "suggester", guarded.ids_for(name, own=True)) is None
+        assert guarded.call(name, "suggester", guarded.ids_for(name, fresh=True)) is None
     if "uploader" in rule.also and not about_one(name):
         error = guarded.call(name, "uploader", guarded.shared)
         assert error is None or (name, error.code().name) == ("CreateScene", "INVALID_ARGUMENT")
     if about_one(name):
-        ids = guarded.ids_for(name, own=False)
+        ids = guarded.ids_for(name, fresh=False)
         for caller in ("stranger", "uploader") if "uploader" in rule.also else ("stranger",):
             error, nothing = (guarded.call(name, caller, of) for of in (ids, dict.fromkeys(ids, uuid.uuid4().hex)))
             assert error is not None and nothing is not None, caller
@@ -239,7 +240,7 @@ def test_an_operator_may_name_a_project_and_nobody_else_may_name_anothers(guarde
     assert look("operator", "default") == look("admin", "default") == 200
     assert look("operator", "elsewhere") == 404  # there is no such scene there
     assert look("stranger", "default") == look("operator", "nowhere") == look("admin", "elsewhere") == 404
-    made = guarded.faces.rest.get(
+    response = guarded.faces.rest.get(
         "/v1/scenes", headers={**guarded.header("operator"), "X-Fastsplat-Project": "elsewhere"}
     )
-    assert made.json()["scenes"] == []
+    assert response.json()["scenes"] == []

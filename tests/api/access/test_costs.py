@@ -144,39 +144,39 @@ def test_what_renders_runs_where_it_holds_up_no_question(
         return real(*arguments)
 
     monkeypatch.setattr(service._context.scenes, "open", noting)
-    asked = QueryRequest(scene_id, ("mug",))
+    question = QueryRequest(scene_id, ("mug",))
     masked = QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=frozenset({"mask2d"}))
     picture = PictureRequest(scene_id, "rgb", camera=turned(0.0))
     if protocol == "REST":
-        for request in (asked, masked):
+        for request in (question, masked):
             body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
             faces.rest.post(f"/v1/scenes/{scene_id}:query", json=body).raise_for_status()
         body = {name: value for name, value in to_plain(picture).items() if name != "scene_id"}
         faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).raise_for_status()
     else:
-        for call, sent in ((faces.rpc.Query, asked), (faces.rpc.Query, masked), (faces.rpc.RenderView, picture)):
+        for call, sent in ((faces.rpc.Query, question), (faces.rpc.Query, masked), (faces.rpc.RenderView, picture)):
             list(call(to_proto(sent)))
     assert threads == ["call", "call_background", "call_background"]
 
 
 def test_an_edit_that_waits_for_another_one_has_no_thread(
-    service: SceneService, api_settings: Settings, own: str
+    service: SceneService, api_settings: Settings, fresh_id: str
 ) -> None:
     edit = Edit("recolor", label="mug", color=Color(0.1, 0.2, 0.3))
 
     async def main() -> tuple[str, SceneVersion]:
         threads = Threads(LimitSettings(threads=1))
         try:
-            with service._store.blobs.exclusive(own):
-                waiting = asyncio.ensure_future(threads.call(lambda: service.versions.edit(own, [edit])))
+            with service._store.blobs.exclusive(fresh_id):
+                waiting = asyncio.ensure_future(threads.call(lambda: service.versions.edit(fresh_id, [edit])))
                 answers = [await threads.call(lambda: "answered") for _ in range(10) if not await asyncio.sleep(0.02)]
                 assert not waiting.done()
             return answers[-1], await waiting
         finally:
             await asyncio.to_thread(threads.close)
 
-    answer, made = asyncio.run(asyncio.wait_for(main(), 120))
-    assert answer == "answered" and made.edits == (edit,)
+    answer, version = asyncio.run(asyncio.wait_for(main(), 120))
+    assert answer == "answered" and version.edits == (edit,)
 
 
 def test_a_caller_has_a_smaller_share_while_another_calls() -> None:

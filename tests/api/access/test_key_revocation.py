@@ -254,8 +254,8 @@ def _status(place: _Place, key: str) -> int:
     ("call", "expires"), [*((call, False) for call in _CALLS), *((call, True) for call in _EXPIRING)]
 )
 def test_a_call_ends_with_its_key_and_others_go_on(place: _Place, call: str, expires: bool) -> None:
-    _, other = place.key()
-    watching = _watch(place, (("authorization", f"Bearer {other}"),))
+    _, secret = place.key()
+    watching = _watch(place, (("authorization", f"Bearer {secret}"),))
     begin = _CALLS[call]
     if expires:
         key, running = with_growing_limit(lambda lifetime_s: _begun(place, begin, lifetime_s), 2.0)
@@ -308,7 +308,7 @@ def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_en
 @pytest.mark.parametrize("new", ["key", "project"])
 def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None:
     """A call must not take a reading for its own that began before the call: it may lack what was made meanwhile."""
-    old, made, unknown = (f"fsk_{digit * 12}_{'s' * 43}" for digit in "123")
+    old, fresh, unknown = (f"fsk_{digit * 12}_{'s' * 43}" for digit in "123")
     keys, projects = {key_id_of(old)}, {"default"}
     readings = count()
     begun, go_on = threading.Event(), threading.Event()
@@ -318,7 +318,9 @@ def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None
             return self._by_id.get(key_id_of(key))
 
     def load() -> KeyRing:
-        ring = _Ring({each: KeyRecord(each, "name", "operator", "0" * 64, 0.0) for each in keys}, frozenset(projects))
+        ring = _Ring(
+            {key_id: KeyRecord(key_id, "name", "operator", "0" * 64, 0.0) for key_id in keys}, frozenset(projects)
+        )
         if next(readings) == 1:
             begun.set()
             assert go_on.wait(60)
@@ -333,9 +335,9 @@ def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None
         await call(old)
         looks_again = asyncio.create_task(call(unknown))
         await asyncio.to_thread(begun.wait)
-        keys.add(key_id_of(made))
+        keys.add(key_id_of(fresh))
         projects.add("new")
-        late = asyncio.create_task(call(made) if new == "key" else call(old, "new"))
+        late = asyncio.create_task(call(fresh) if new == "key" else call(old, "new"))
         for _ in range(3):
             await asyncio.sleep(0)  # it has come to where it waits for a reading, and one is under way
         go_on.set()

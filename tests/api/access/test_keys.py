@@ -60,11 +60,16 @@ def test_nobody_makes_a_key_of_a_higher_role(place: _Place, caller: Role, role: 
             assert refused.value.field == "role"
             assert [key.role for key in client.keys.all()] == ["admin"]
             return
-        made = client.keys.create("new", role, 3_600.0)
-    assert (made.key.name, made.key.role, made.key.project, made.key.state) == ("new", role, place.project, "VALID")
-    assert made.key.expires_at is not None and made.key.expires_at - made.key.created_at == timedelta(hours=1)
-    assert made.secret not in repr(made) and made.key.id in made.secret
-    with place.client(made.secret) as new:
+        new_key = client.keys.create("new", role, 3_600.0)
+    assert (new_key.key.name, new_key.key.role, new_key.key.project, new_key.key.state) == (
+        "new",
+        role,
+        place.project,
+        "VALID",
+    )
+    assert new_key.key.expires_at is not None and new_key.key.expires_at - new_key.key.created_at == timedelta(hours=1)
+    assert new_key.secret not in repr(new_key) and new_key.key.id in new_key.secret
+    with place.client(new_key.secret) as new:
         assert new.server_status().role == role
 
 
@@ -78,20 +83,20 @@ def test_an_answer_with_a_secret_is_kept_by_no_cache(place: _Place, path: str, b
 
 def test_a_secret_is_told_once_and_in_no_list(place: _Place) -> None:
     with place.client(place.new("admin")[1]) as client:
-        made = client.keys.create("robot")
+        new_key = client.keys.create("robot")
     response = place.faces.rest.get("/v1/keys", headers={"Authorization": f"Bearer {place.operator}"})
-    assert made.key.id in response.text and "fsk_" not in response.text
-    assert made.secret.rpartition("_")[2] not in response.text
+    assert new_key.key.id in response.text and "fsk_" not in response.text
+    assert new_key.secret.rpartition("_")[2] not in response.text
     assert all(record.hash not in response.text for record in place.service.admin.keys.all())
 
 
 def test_a_list_has_the_projects_keys_of_the_callers_role_at_most_page_by_page(place: _Place) -> None:
     admin_id, admin = place.new("admin")
-    others = {place.new("reader", place.elsewhere)[0], place.new("operator")[0]}
+    foreign_ids = {place.new("reader", place.elsewhere)[0], place.new("operator")[0]}
     with place.client(admin) as client:
-        made = [client.keys.create(f"robot {number}").key.id for number in range(5)]
+        key_ids = [client.keys.create(f"robot {number}").key.id for number in range(5)]
         listed = [key.id for key in client.keys.all()]
-        assert listed == [*reversed(made), admin_id] and not others & set(listed)
+        assert listed == [*reversed(key_ids), admin_id] and not foreign_ids & set(listed)
         first = place.faces.rest.get("/v1/keys?page_size=4", headers={"Authorization": f"Bearer {admin}"}).json()
         token = first["next_page_token"]
         rest = place.faces.rest.get(
@@ -109,8 +114,8 @@ def test_an_operator_makes_keys_of_a_project_it_names_and_nobody_else_does(place
     with place.client(place.operator, project=place.elsewhere) as operator:
         assert operator.keys.create("new", "admin").key.project == place.elsewhere
         metadata = (("authorization", f"Bearer {place.operator}"), ("x-fastsplat-project", place.elsewhere))
-        made = from_proto(NewKey, place.faces.rpc.CreateKey(pb.CreateKeyRequest(name="x"), metadata=metadata))
-        assert (made.key.project, made.key.role) == (place.elsewhere, "editor")
+        new_key = from_proto(NewKey, place.faces.rpc.CreateKey(pb.CreateKeyRequest(name="x"), metadata=metadata))
+        assert (new_key.key.project, new_key.key.role) == (place.elsewhere, "editor")
     with place.client(place.new("admin")[1], project=place.elsewhere) as admin, pytest.raises(NotFoundError):
         admin.keys.create("new")
 

@@ -72,11 +72,16 @@ class _Robot:
     ("texts", "rankings"), [(("mug", "moon"), 1), (("mug left of the ball", "how many objects are red"), 2)]
 )
 def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
-    faces: Faces, service: SceneService, own: str, texts: tuple[str], rankings: int, monkeypatch: pytest.MonkeyPatch
+    faces: Faces,
+    service: SceneService,
+    fresh_id: str,
+    texts: tuple[str],
+    rankings: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ranked, rank = list[TextQuery](), Ranker.rank
     monkeypatch.setattr(Ranker, "rank", lambda ranker, query: ranked.append(query) or rank(ranker, query))
-    request, version = _question(own, *texts, mask2d_encoding="png"), service.versions.resolve(own)
+    request, version = _question(fresh_id, *texts, mask2d_encoding="png"), service.versions.resolve(fresh_id)
     answered, cameras = threading.Semaphore(1), [turned(angle) for angle in 2 * _ANGLES]
     poses = (camera for camera in cameras if answered.acquire())  # a robot that waits for each answer misses none
     with client_of(faces) as client:
@@ -89,7 +94,7 @@ def test_poses_are_answered_as_a_query_would_by_one_ranking_a_version(
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
             assert {answer.version for answer in found.answers} == {version}
             if number == len(_ANGLES):
-                version = service.versions.edit(own, [Edit("name", object_ids=(1,), name="violin")]).version
+                version = service.versions.edit(fresh_id, [Edit("name", object_ids=(1,), name="violin")]).version
                 ranked.clear()
             answered.release()
 
@@ -117,11 +122,11 @@ class _Held(OwnQuestions):
     def __init__(self, service: SceneService) -> None:
         super().__init__(service)
         self.go = threading.Event()
-        self.asked: list[float] = []
+        self.angles_seen: list[float] = []
 
     def query(self, request: QueryRequest, subscription: Any = None) -> QueryOut:
         if request.cameras:
-            self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
+            self.angles_seen.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()
             try:
                 while not self.go.wait(0.01):
@@ -163,7 +168,7 @@ def test_of_a_burst_the_newest_pose_wins_and_every_other_number_is_announced(
     assert robot.next("response").sequence == last
     robot.next("done")
     assert list(robot.replies) == []
-    assert slow.asked == [pytest.approx(0.0), pytest.approx(np.sin(angles[-1]))]
+    assert slow.angles_seen == [pytest.approx(0.0), pytest.approx(np.sin(angles[-1]))]
 
 
 def _settle(robot: _Robot) -> None:

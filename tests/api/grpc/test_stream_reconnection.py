@@ -50,10 +50,10 @@ _QUICK = Reconnect(tries=2000, first_s=0.05, most_s=0.2)  # however slowly the s
 class _Pauses(Reconnect):
     """Tells of each pause before a new connection."""
 
-    told: Callable[[int], object] = print
+    report: Callable[[int], object] = print
 
     def pause(self, attempt: int) -> float:
-        self.told(attempt)
+        self.report(attempt)
         return super().pause(attempt)
 
 
@@ -233,7 +233,7 @@ def test_the_question_that_stands_is_asked_again(faces: Faces, line: Line, scene
 
 def test_tries_are_bounded(faces: Faces, line: Line, scene_id: str) -> None:
     attempts: list[int] = []
-    bounded = _Pauses(tries=3, first_s=0.01, most_s=0.02, told=attempts.append)
+    bounded = _Pauses(tries=3, first_s=0.01, most_s=0.02, report=attempts.append)
     with _client(faces, line) as client, pytest.raises(UnreachableError):
         _answers(client, _question(scene_id, "mug"), _Walk([0.0, 0.1], {2: line.take_down}), bounded)
     assert attempts == [0, 1, 2]
@@ -258,13 +258,13 @@ def test_a_server_that_refuses_the_key_or_lacks_the_scene_ends_the_stream(guarde
         line.bring_up()
 
     attempts: list[int] = []
-    told = _Pauses(tries=2000, first_s=0.05, most_s=0.2, told=attempts.append)
+    pauses = _Pauses(tries=2000, first_s=0.05, most_s=0.2, report=attempts.append)
     walk = _Walk([0.0, 0.1, 0.2], {2: revoked})
     with _client(guarded.faces, line, key) as client, pytest.raises(UnauthenticatedError):
-        _answers(client, _question(scene_id, "mug"), walk, told)
+        _answers(client, _question(scene_id, "mug"), walk, pauses)
     assert attempts == list(range(len(attempts))) and attempts
     with _client(guarded.faces, line, guarded.keys["reader"]) as client, pytest.raises(NotFoundError):
-        _answers(client, _question("none", "mug"), _Walk([0.0], {}), told)
+        _answers(client, _question("none", "mug"), _Walk([0.0], {}), pauses)
     line.take_down()
 
 
@@ -282,5 +282,5 @@ def test_an_error_of_the_poses_is_raised_as_it_is(client: Client, scene_id: str)
 
     found: list[int] = []
     with pytest.raises(ValueError, match="odometry"):
-        found.extend(each.sequence for each in client.stream_query(_question(scene_id, "mug"), poses()))
+        found.extend(answer.sequence for answer in client.stream_query(_question(scene_id, "mug"), poses()))
     assert found == [1]

@@ -29,26 +29,26 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
             seen = seen_with_errors(room.truth, seed)
             with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
                 said = suggest_by(client, room.scene_id, Captioner(server.url, model))
-            assert said.requests == len(sheets) and {each.object_id for each in said.names} == room.truth.keys()
-        listed = {each.id: each for each in client.objects(room.scene_id)}
-        assert not any(each.name for each in listed.values())
-        reached = [name in [told.name for told in listed[obj].suggestions] for obj, name in room.truth.items()]
+            assert said.requests == len(sheets) and {name.object_id for name in said.names} == room.truth.keys()
+        listed = {obj.id: obj for obj in client.objects(room.scene_id)}
+        assert not any(obj.name for obj in listed.values())
+        reached = [name in [guess.name for guess in listed[obj].suggestions] for obj, name in room.truth.items()]
         assert np.mean(reached) >= 0.95
-        (asked,) = client.query(room.scene_id, "banana")
-        assert asked.outcome == "probably_here"
+        (answer,) = client.query(room.scene_id, "banana")
+        assert answer.outcome == "probably_here"
 
 
 def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
     with client_of(room.faces) as client:
         sheets, before = list(client.contact_sheets(room.scene_id)), client.scene(room.scene_id).version
         with replayed(
-            sheets, lambda sheet: named(sheet, {each.object_id: "cat" for each in sheet.objects}, 1.0)
+            sheets, lambda sheet: named(sheet, {obj.object_id: "cat" for obj in sheet.objects}, 1.0)
         ) as server:
             said = suggest_by(client, room.scene_id, Captioner(server.url, "obeys"))
-        assert server.got and said.names == () and said.refused == said.shown
+        assert server.got and said.names == () and said.refused == said.objects
         assert client.scene(room.scene_id).version == before
-        (asked,) = client.query(room.scene_id, "cat")
-        assert asked.outcome == "cannot_say"  # objects without a name may be it
+        (answer,) = client.query(room.scene_id, "cat")
+        assert answer.outcome == "cannot_say"  # objects without a name may be it
 
 
 def test_the_command_asks_and_says_what_came(room: Nameless, tmp_path: Path) -> None:

@@ -44,8 +44,8 @@ def test_the_newest_picture_and_the_placed_cameras_are_shown(
     same = faces.rest.get(f"/v1/operations/{job}/preview.jpg", headers={"If-None-Match": answer.headers["etag"]})
     assert same.status_code == 304 and not same.content
     show_training(service, training, 2)
-    other = faces.rest.get(f"/v1/operations/{job}/preview.jpg", headers={"If-None-Match": answer.headers["etag"]})
-    assert other.status_code == 200 and other.content == picture(2)
+    response = faces.rest.get(f"/v1/operations/{job}/preview.jpg", headers={"If-None-Match": answer.headers["etag"]})
+    assert response.status_code == 200 and response.content == picture(2)
 
     placed = service.jobs.placed_cameras(job)
     assert placed.info == service.get_operation(job).placed and placed.info.placed == len(placed.cameras) == 2
@@ -131,13 +131,13 @@ def test_a_job_that_waits_says_how_many_are_ahead_and_for_how_long(
     show_training(service, trains, 1)
 
     def said() -> list[tuple[int | None, float | None]]:
-        told = [service.get_operation(job.operation_id) for job in jobs[1:]]
-        assert told == [client.operation(job.id) for job in told]
+        queue = [service.get_operation(job.operation_id) for job in jobs[1:]]
+        assert queue == [client.operation(job.id) for job in queue]
         ask = faces.rpc.GetOperation
-        assert told == [from_proto(Operation, ask(pb.GetOperationRequest(operation_id=job.id))) for job in told]
+        assert queue == [from_proto(Operation, ask(pb.GetOperationRequest(operation_id=job.id))) for job in queue]
         listed = {job.id: job for job in service.list_operations().operations}
-        assert told == [listed[job.id] for job in told]
-        return [(job.jobs_ahead, job.starts_in_s) for job in told]
+        assert queue == [listed[job.id] for job in queue]
+        return [(job.jobs_ahead, job.starts_in_s) for job in queue]
 
     store.workers.update_heartbeat("one", "a machine", 1)
     assert said() == [(1, 200.0), (2, 500.0), (3, None)]  # how long the second takes, nobody knows

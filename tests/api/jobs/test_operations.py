@@ -43,20 +43,24 @@ def _advance(service: SceneService, operation_id: str, fractions: list[float]) -
 
 
 def test_events_tell_every_change_until_the_job_is_done(client: Client, service: SceneService, queued: str) -> None:
-    told: list[Operation] = []
+    changes: list[Operation] = []
     events = client.watch(queued)
-    told.append(next(events))
+    changes.append(next(events))
     _advance(service, queued, [0.25])
-    told.append(next(events))
+    changes.append(next(events))
     service.cancel_operation(queued)
     claim = service._store.jobs.claim(queued)
     assert claim is not None
     service._store.jobs.cancelled(claim)
-    told += events
-    assert [operation.state for operation in (told[0], told[1], told[-1])] == ["QUEUED", "RUNNING", "CANCELLED"]
-    assert told[1].stages[0].fraction == 0.25
-    assert all(one != other for one, other in itertools.pairwise(told))
-    assert client.operation(queued) == told[-1]
+    changes += events
+    assert [operation.state for operation in (changes[0], changes[1], changes[-1])] == [
+        "QUEUED",
+        "RUNNING",
+        "CANCELLED",
+    ]
+    assert changes[1].stages[0].fraction == 0.25
+    assert all(before != after for before, after in itertools.pairwise(changes))
+    assert client.operation(queued) == changes[-1]
 
 
 def test_the_seconds_of_a_running_stage_alone_are_no_event_on_either_protocol(
@@ -154,10 +158,10 @@ def test_operations_are_listed_newest_first(
 ) -> None:
     every = list(client.operations())
     assert {operation.id for operation in every} >= {queued, service.get_scene(scene_id).operation_id}
-    assert [one.created_at for one in every] == sorted((one.created_at for one in every), reverse=True)
+    assert [job.created_at for job in every] == sorted((job.created_at for job in every), reverse=True)
     first = service.list_operations(1)
     second = service.list_operations(1, first.next_page_token)
-    assert [one.id for one in (*first.operations, *second.operations)] == [one.id for one in every[:2]]
+    assert [job.id for job in (*first.operations, *second.operations)] == [job.id for job in every[:2]]
     waiting = [operation.id for operation in every if operation.state == "QUEUED"]
     assert [operation.id for operation in client.operations("QUEUED")] == waiting and queued in waiting
     assert faces.rest.get("/v1/operations", params={"state": "LOST"}).status_code == 400

@@ -100,7 +100,7 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
     assert (said["outcome"], said["probability"]) == (answer.outcome, answer.probability)
     assert said["relation"] == answer.relation
     assert said["sentence"] == answer.sentence and said["scene"] == scene_id
-    assert [each["id"] for each in said["objects"]] == list(answer.object_ids)
+    assert [row["id"] for row in said["objects"]] == list(answer.object_ids)
     labels = [match.label for match in answer.matches if match.relevant]
     assert [said["label"], *said["alternatives"]] == (labels or [""])
     assert said["unnamed_objects"] == answer.searched.unnamed_objects
@@ -135,8 +135,8 @@ def test_where_an_object_is_and_how_large_and_how_far(faces: Faces, scene_id: st
 
 
 def test_a_count_is_of_the_leading_label(faces: Faces, scene_id: str) -> None:
-    one = _said(_call(faces, "find", text="mug", scene=scene_id))
-    assert one["count"] == len(one["counted"]) == 1 and one["label"] == "mug"
+    mug = _said(_call(faces, "find", text="mug", scene=scene_id))
+    assert mug["count"] == len(mug["counted"]) == 1 and mug["label"] == "mug"
     nothing = _said(_call(faces, "find", text="submarine", scene=scene_id))
     assert (nothing["outcome"], nothing["count"], nothing["places"]) == ("not_here", 0, [])
 
@@ -155,8 +155,8 @@ def test_relations_come_with_what_decided_them(
 ) -> None:
     said = _said(_call(faces, "relations", text=text, view=view, scene=scene_id))
     assert said["refusal"] == refusal and said["understood"]
-    assert refusal or [each["name"] for each in said["objects"]] == objects
-    assert refusal or any(each["clearness"] >= 1 for each in said["evidence"]) == bool(objects)
+    assert refusal or [row["name"] for row in said["objects"]] == objects
+    assert refusal or any(fact["clearness"] >= 1 for fact in said["evidence"]) == bool(objects)
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, text, asker_view=view or None)
     assert said["sentence"] == answer.sentence
@@ -183,7 +183,7 @@ def test_a_scene_is_described_and_its_objects_listed(faces: Faces, scene_id: str
         assert (low <= obj["center"]).all() and (obj["center"] <= high).all()
     few = _said(_call(faces, "list_objects", scene=scene_id, limit=1))
     assert len(few["objects"]) == 1 and few["more"] == len(listed["objects"]) - 1
-    assert [each["name"] for each in _said(_call(faces, "list_objects", scene=scene_id, name="Ball"))["objects"]] == [
+    assert [row["name"] for row in _said(_call(faces, "list_objects", scene=scene_id, name="Ball"))["objects"]] == [
         "ball"
     ]
 
@@ -195,7 +195,7 @@ def test_what_a_photo_shows_is_picked_by_shares_of_its_sides(faces: Faces, clien
     truth = client.pick(scene_id, "front.png", pixel=(15.5, 18.5))
     assert truth.mask is not None
     assert (picked["object"]["id"], picked["level"], picked["area"]) == (truth.object.id, "object", truth.mask.area)
-    assert sum(each["probability"] for each in picked["levels"]) == pytest.approx(1, abs=0.01)
+    assert sum(level["probability"] for level in picked["levels"]) == pytest.approx(1, abs=0.01)
     refused = _refusal(_call(faces, "pick_object", view="front.png", level="group", scene=scene_id, **place))
     assert "no group at this place" in refused
     assert "no view" in _refusal(_call(faces, "pick_object", view="nowhere", scene=scene_id, **place))
@@ -244,7 +244,7 @@ def test_a_name_is_given_and_found(guarded: Guarded) -> None:
     named = _said(_call(guarded.faces, "name_object", editor, object_id=obj, name="beaker", scene=scene_id))
     assert guarded.service.get_scene(scene_id).version == named["version"]
     found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
-    assert found["outcome"] == "here" and [each["id"] for each in found["objects"]] == [obj]
+    assert found["outcome"] == "here" and [row["id"] for row in found["objects"]] == [obj]
 
 
 def test_what_is_counted_is_what_is_removed_and_can_be_undone(guarded: Guarded) -> None:
@@ -281,7 +281,7 @@ def test_a_link_to_one_scene_shows_an_assistant_that_scene(guarded: Guarded) -> 
     scene_id = add_scene(guarded.service, guarded.settings, "shown")
     with client_of(guarded.faces, key=guarded.keys["admin"]) as admin:
         link = {"Authorization": f"Bearer {admin.keys.share(scene_id, 'for an assistant', 3600.0).secret}"}
-    assert [each["id"] for each in _said(_call(guarded.faces, "list_scenes", link))["scenes"]] == [scene_id]
+    assert [scene["id"] for scene in _said(_call(guarded.faces, "list_scenes", link))["scenes"]] == [scene_id]
     assert _said(_call(guarded.faces, "find", link, text="mug"))["scene"] == scene_id
 
 
@@ -289,7 +289,7 @@ def test_several_scenes_need_a_name(guarded: Guarded) -> None:
     ids = [add_scene(guarded.service, guarded.settings, "twin") for _ in range(2)]
     header = guarded.header("reader")
     refusal = _refusal(_call(guarded.faces, "find", header, text="mug", scene="twin"))
-    assert "2 scenes fit 'twin'" in refusal and all(each in refusal for each in ids)
+    assert "2 scenes fit 'twin'" in refusal and all(scene_id in refusal for scene_id in ids)
     assert "none was named" in _refusal(_call(guarded.faces, "find", header, text="mug"))
 
 
@@ -329,8 +329,8 @@ def test_standard_input_and_output_serve_the_same_tools(faces: Faces, scene_id: 
     assert tools == _TOOLS and json.dumps(_said(result)) == json.dumps(_said(over_http))
 
 
-def test_a_status_says_how_far_a_job_is(faces: Faces, own: str) -> None:
-    status = _said(_call(faces, "scene_status", scene=own))
+def test_a_status_says_how_far_a_job_is(faces: Faces, fresh_id: str) -> None:
+    status = _said(_call(faces, "scene_status", scene=fresh_id))
     assert (status["state"], status["job"], status["stage"], status["fraction"]) == (
         "READY",
         "SUCCEEDED",
@@ -343,4 +343,4 @@ def test_where_to_stand_next_is_what_rest_says(faces: Faces, scene_id: str) -> N
     said = _said(_call(faces, "photograph_next", scene=scene_id))
     with client_of(faces) as client:
         places = client.next_photos(scene_id)
-    assert [each["advice"] for each in said["photos"]] == [each.advice for each in places]
+    assert [photo["advice"] for photo in said["photos"]] == [place.advice for place in places]

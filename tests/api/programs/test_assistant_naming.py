@@ -40,9 +40,9 @@ def _said(result: CallToolResult) -> Any:
     return result.structured_content
 
 
-async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping[int, str]) -> tuple[int, list[int]]:
+async def _name_all(client: McpClient, scene_id: str, source: str, guesses: Mapping[int, str]) -> tuple[int, list[int]]:
     """Name a scene from its sheets; returns the number of calls, and the objects that the pictures showed."""
-    made, page, seen = 0, "", []
+    calls, page, seen = 0, "", []
     while True:
         result = await client.call_tool("unnamed_objects", {"scene": scene_id, "page": page})
         sheet = _said(result)
@@ -50,18 +50,18 @@ async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping
         assert isinstance(picture, ImageContent) and isinstance(text, TextContent)
         with Image.open(io.BytesIO(base64.b64decode(picture.data))) as image:
             assert image.format == "JPEG" and max(image.size) <= 768 and np.asarray(image).std() > 10
-        assert [each["number"] for each in sheet["objects"]] == list(range(1, len(sheet["objects"]) + 1))
-        seen += [each["id"] for each in sheet["objects"]]
+        assert [obj["number"] for obj in sheet["objects"]] == list(range(1, len(sheet["objects"]) + 1))
+        seen += [obj["id"] for obj in sheet["objects"]]
         names = [
-            {"object_id": each["id"], "name": told[each["id"]], "probability": 0.8}
-            for each in sheet["objects"]
-            if each["id"] in told
+            {"object_id": obj["id"], "name": guesses[obj["id"]], "probability": 0.8}
+            for obj in sheet["objects"]
+            if obj["id"] in guesses
         ]
         arguments = {"names": names, "source": source, "model": "stand-in", "scene": scene_id}
         assert _said(await client.call_tool("suggest_names", arguments))["suggested"] == len(names)
-        made, page = made + 2, sheet["next_page"]
+        calls, page = calls + 2, sheet["next_page"]
         if not page:
-            return made, seen
+            return calls, seen
 
 
 def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_without_a_person(room: Nameless) -> None:
@@ -73,19 +73,19 @@ def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_with
             return await _name_all(client, room.scene_id, source, seen_with_errors(room.truth, seed))
 
     for source, seed in _WRONG.items():
-        made, seen = asyncio.run(session(source, seed))
-        assert made <= 6 and len(seen) == len(set(seen)) and room.truth.keys() <= set(seen)
+        calls, seen = asyncio.run(session(source, seed))
+        assert calls <= 6 and len(seen) == len(set(seen)) and room.truth.keys() <= set(seen)
     with client_of(room.faces) as client:
-        listed = {each.id: each for each in client.objects(room.scene_id)}
-        assert not any(each.name for each in listed.values())
-        reached = [name in [told.name for told in listed[obj].suggestions] for obj, name in room.truth.items()]
+        listed = {obj.id: obj for obj in client.objects(room.scene_id)}
+        assert not any(obj.name for obj in listed.values())
+        reached = [name in [guess.name for guess in listed[obj].suggestions] for obj, name in room.truth.items()]
         assert np.mean(reached) >= 0.95
-        (asked,) = client.query(room.scene_id, "banana")
-        assert asked.outcome == "probably_here"
+        (answer,) = client.query(room.scene_id, "banana")
+        assert answer.outcome == "probably_here"
         # A person takes what both say, at once.
-        both = {each.id for each in listed.values() if each.suggestions and each.suggestions[0].probability >= 0.9}
-        assert {each.id for each in client.confirm_names(room.scene_id, least=0.9)} == both
-        named = {each.id: each.name for each in client.objects(room.scene_id) if each.name}
+        both = {obj.id for obj in listed.values() if obj.suggestions and obj.suggestions[0].probability >= 0.9}
+        assert {obj.id for obj in client.confirm_names(room.scene_id, least=0.9)} == both
+        named = {obj.id: obj.name for obj in client.objects(room.scene_id) if obj.name}
         right = [obj for obj, name in room.truth.items() if named.get(obj) == name]
         assert named.keys() == both and len(right) >= 0.95 * len(named) > 0.7 * len(room.truth)
 
@@ -97,7 +97,7 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
     version = guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))]).version
     said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("reader"), scene=scene_id))
     with client_of(guarded.faces, key=guarded.keys["reader"]) as client:
-        assert [each["id"] for each in said["objects"]] == _shown(client, scene_id) == [1]
+        assert [obj["id"] for obj in said["objects"]] == _objects_on_sheets(client, scene_id) == [1]
     guess = {"object_id": 1, "name": "moon", "probability": 0.7}
     arguments = {"names": [guess], "source": "eyes", "scene": scene_id}
     assert "PERMISSION_DENIED" in _refusal(_call(guarded.faces, "suggest_names", guarded.header("reader"), **arguments))
@@ -113,7 +113,7 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
     scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
     guarded.service.versions.edit(scene_id, [Edit("unname", object_ids=(1,))])
     said = _said(_call(guarded.faces, "unnamed_objects", guarded.header("suggester"), scene=scene_id))
-    assert [each["id"] for each in said["objects"]] == [1] and said["unit"] == "m"
+    assert [obj["id"] for obj in said["objects"]] == [1] and said["unit"] == "m"
     arguments = {"names": [{"object_id": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
     assert _said(_call(guarded.faces, "suggest_names", guarded.header("suggester"), **arguments))["suggested"] == 1
     for tool, more in (("unnamed_objects", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
@@ -127,5 +127,5 @@ def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_els
             client.name_objects(scene_id, 1, "moon")
 
 
-def _shown(client: Client, scene_id: str) -> list[int]:
-    return [each.object_id for sheet in client.contact_sheets(scene_id) for each in sheet.objects]
+def _objects_on_sheets(client: Client, scene_id: str) -> list[int]:
+    return [obj.object_id for sheet in client.contact_sheets(scene_id) for obj in sheet.objects]

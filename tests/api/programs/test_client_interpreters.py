@@ -69,7 +69,7 @@ def environments(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Calla
     """The interpreter of an environment of a version with the client and what its tests need."""
 
     @cache
-    def made(version: str) -> Path:
+    def environment(version: str) -> Path:
         base = interpreter(version)
         if base is None:
             pytest.skip(f"no Python {version} on this machine")
@@ -78,7 +78,7 @@ def environments(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Calla
         numpy = ["numpy==1.26.*"] if version == "3.12" else []
         return make_environment(base, folder / "venv", wheel, *numpy, "pytest", "hypothesis", pip=False)
 
-    return made
+    return environment
 
 
 @pytest.fixture(params=["3.10", "3.12", "3.13"])
@@ -104,9 +104,9 @@ def test_the_contract_and_the_client_pass_their_tests_on_each_and_with_the_numpy
         "no:cacheprovider",
         "tests",
     ]
-    own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     # Where CI is set, hypothesis has no deadlines.
-    environment = {**own, "PYTHONPATH": str(tmp_path), "CONTRACT_EXAMPLES": "2", "CI": "1"}
+    environment = {**variables, "PYTHONPATH": str(tmp_path), "CONTRACT_EXAMPLES": "2", "CI": "1"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     assert "skipped" not in done.stdout and " passed" in done.stdout
@@ -131,12 +131,12 @@ def test_it_talks_with_a_real_server(python: Path, faces: Faces, service: SceneS
     command = [python, "-I", "-c", _TALK, str(faces.rest.base_url), scene_id]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    report = json.loads(done.stdout)
     outputs = frozenset({"mask2d", "mask3d", "objects"})
     (truth,) = service.answers.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs)).answers
     assert truth.objects and truth.mask3d
     area = truth.masks[0].area
-    assert told["answer"] == [truth.outcome, truth.sentence, area, truth.objects[0].id, len(truth.mask3d)]
-    assert told["pixels"] == told["streamed"] == area > 0
-    assert told["labels"] == [row.label for row in service.list_labels(scene_id).labels]
-    assert told["refused"] == told["refused over gRPC"] == ["scene", True]
+    assert report["answer"] == [truth.outcome, truth.sentence, area, truth.objects[0].id, len(truth.mask3d)]
+    assert report["pixels"] == report["streamed"] == area > 0
+    assert report["labels"] == [row.label for row in service.list_labels(scene_id).labels]
+    assert report["refused"] == report["refused over gRPC"] == ["scene", True]

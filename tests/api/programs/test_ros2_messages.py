@@ -39,13 +39,13 @@ def scene_id(service: SceneService, api_settings: Settings) -> str:
 
 @pytest.fixture(scope="module")
 def aligned_id(service: SceneService, api_settings: Settings) -> str:
-    made = add_upright_scene(service, api_settings)
-    service.versions.edit(made, (Edit("align", alignment=Alignment("hall", _QUARTER)),), "", "")
-    return made
+    scene_id = add_upright_scene(service, api_settings)
+    service.versions.edit(scene_id, (Edit("align", alignment=Alignment("hall", _QUARTER)),), "", "")
+    return scene_id
 
 
 @pytest.fixture
-def shown(client: Client, scene_id: str) -> Snapshot:
+def snapshot(client: Client, scene_id: str) -> Snapshot:
     return read_snapshot(client, scene_id)
 
 
@@ -61,38 +61,38 @@ def _values(message: Any) -> tuple[float, ...]:
     return tuple(getattr(message, name) for name in ("x", "y", "z", "w") if hasattr(message, name))
 
 
-def test_every_field_of_a_detection_comes_back(shown: Snapshot, tmp_path: Path) -> None:
-    topics = write_bag(shown, tmp_path / "bag")
+def test_every_field_of_a_detection_comes_back(snapshot: Snapshot, tmp_path: Path) -> None:
+    topics = write_bag(snapshot, tmp_path / "bag")
     assert topics == list(TOPICS)  # without a transform: this scene was put into no map
     at, array = _read(tmp_path / "bag")["/fastsplat/detections"]
-    assert at == shown.stamp_ns == array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
-    assert array.header.frame_id == shown.detections.frame_id == "world"
-    assert [each.id for each in array.detections] == [str(each.object_id) for each in shown.detections.detections]
-    for sent, each in zip(array.detections, shown.detections.detections, strict=True):
-        assert each.box is not None and sent.header == array.header
+    assert at == snapshot.stamp_ns == array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
+    assert array.header.frame_id == snapshot.detections.frame_id == "world"
+    assert [sent.id for sent in array.detections] == [str(truth.object_id) for truth in snapshot.detections.detections]
+    for sent, truth in zip(array.detections, snapshot.detections.detections, strict=True):
+        assert truth.box is not None and sent.header == array.header
         for pose in (sent.bbox.center, *(result.pose.pose for result in sent.results)):
-            assert _values(pose.position) == tuple(each.box.center.position)
-            assert _values(pose.orientation) == tuple(each.box.center.orientation)
-        assert _values(sent.bbox.size) == tuple(each.box.size)
+            assert _values(pose.position) == tuple(truth.box.center.position)
+            assert _values(pose.orientation) == tuple(truth.box.center.orientation)
+        assert _values(sent.bbox.size) == tuple(truth.box.size)
         hypotheses = [(result.hypothesis.class_id, result.hypothesis.score) for result in sent.results]
-        others = [(name, probability) for name, probability, _ in each.alternatives]
-        assert hypotheses == [*([(each.label, each.probability)] if each.label else []), *others]
+        alternatives = [(name, probability) for name, probability, _ in truth.alternatives]
+        assert hypotheses == [*([(truth.label, truth.probability)] if truth.label else []), *alternatives]
         for result in sent.results:
             covariance = result.pose.covariance.reshape(6, 6)
-            known = ~np.isnan(each.covariance())
-            np.testing.assert_array_equal(covariance[known], each.covariance()[known])
+            known = ~np.isnan(truth.covariance())
+            np.testing.assert_array_equal(covariance[known], truth.covariance()[known])
             assert np.linalg.eigvalsh(covariance).min() >= 0
 
 
-def test_what_is_not_known_is_neither_sure_nor_zero(shown: Snapshot) -> None:
-    first = shown.detections.detections[0]
+def test_what_is_not_known_is_neither_sure_nor_zero(snapshot: Snapshot) -> None:
+    first = snapshot.detections.detections[0]
     round_object = dataclasses.replace(
         first, rotation_covariance=(), label="", probability=None, alternatives=(NameSuggestion("cup", 0.4),)
     )
     unseen = dataclasses.replace(first, object_id=99, box=None)
-    page = shown.detections._replace(detections=(round_object, unseen))
+    page = snapshot.detections._replace(detections=(round_object, unseen))
     (sent,) = messages.detection_array(_MAKE, page, 5).detections
-    assert [(each.hypothesis.class_id, each.hypothesis.score) for each in sent.results] == [("cup", 0.4)]
+    assert [(result.hypothesis.class_id, result.hypothesis.score) for result in sent.results] == [("cup", 0.4)]
     covariance = sent.results[0].pose.covariance.reshape(6, 6)
     np.testing.assert_allclose(covariance[3:, 3:], math.pi**2 / 3 * np.eye(3))
     assert not covariance[:3, 3:].any()
@@ -100,10 +100,10 @@ def test_what_is_not_known_is_neither_sure_nor_zero(shown: Snapshot) -> None:
         messages.detection_array(_MAKE, page._replace(meters=False), 5)
 
 
-def test_points_come_back_with_labels_and_objects(shown: Snapshot, tmp_path: Path) -> None:
-    write_bag(shown, tmp_path / "bag")
+def test_points_come_back_with_labels_and_objects(snapshot: Snapshot, tmp_path: Path) -> None:
+    write_bag(snapshot, tmp_path / "bag")
     cloud = _read(tmp_path / "bag")["/fastsplat/points"][1]
-    rows = messages.ply_rows(shown.points)
+    rows = messages.ply_rows(snapshot.points)
     kinds = {7: "<f4", 4: "<u2"}
     layout = np.dtype(
         {
@@ -123,11 +123,11 @@ def test_points_come_back_with_labels_and_objects(shown: Snapshot, tmp_path: Pat
     assert set(points["object"].tolist()) >= {1, 2}
 
 
-def test_the_map_is_what_map_server_makes_of_the_files(shown: Snapshot, tmp_path: Path) -> None:
-    write_bag(shown, tmp_path / "bag")
+def test_the_map_is_what_map_server_makes_of_the_files(snapshot: Snapshot, tmp_path: Path) -> None:
+    write_bag(snapshot, tmp_path / "bag")
     grid = _read(tmp_path / "bag")["/map"][1]
-    assert shown.floor_map is not None
-    with zipfile.ZipFile(io.BytesIO(shown.floor_map)) as files:
+    assert snapshot.floor_map is not None
+    with zipfile.ZipFile(io.BytesIO(snapshot.floor_map)) as files:
         facts = yaml.safe_load(files.read("map.yaml"))
         pixels = messages.pgm_pixels(files.read("map.pgm"))
     cells = grid.data.reshape(grid.info.height, grid.info.width)
@@ -142,8 +142,8 @@ def test_the_map_is_what_map_server_makes_of_the_files(shown: Snapshot, tmp_path
 def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
     client: Client, scene_id: str, aligned_id: str, tmp_path: Path
 ) -> None:
-    shown = read_snapshot(client, aligned_id)
-    assert write_bag(shown, tmp_path / "bag") == [*TOPICS, "/tf_static"]
+    snapshot = read_snapshot(client, aligned_id)
+    assert write_bag(snapshot, tmp_path / "bag") == [*TOPICS, "/tf_static"]
     read = _read(tmp_path / "bag")
     (transform,) = read["/tf_static"][1].transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("hall", "scene")
@@ -151,7 +151,7 @@ def test_the_map_is_the_parent_of_the_scene_as_it_was_trained(
     motion = Pose(
         Vector3(*_values(transform.transform.translation)), Quaternion(*_values(transform.transform.rotation))
     ).matrix()
-    before = {each.object_id: each.box for each in client.detections(scene_id)}
+    before = {detection.object_id: detection.box for detection in client.detections(scene_id)}
     for sent in read["/fastsplat/detections"][1].detections:
         trained = before[int(sent.id)]
         assert trained is not None
@@ -165,36 +165,36 @@ def test_a_scene_without_a_vertical_is_shown_without_a_map(
     tilted = Pose(Vector3(0.0, 0.0, 0.0), Quaternion(math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)))
     service.versions.edit(aligned_id, (Edit("align", alignment=Alignment("hall", tilted)),), "", "")
     try:
-        shown = read_snapshot(client, aligned_id)
-        assert shown.floor_map is None and "z axis" in shown.no_map
-        assert "/map" not in write_bag(shown, tmp_path / "bag")
+        snapshot = read_snapshot(client, aligned_id)
+        assert snapshot.floor_map is None and "z axis" in snapshot.no_map
+        assert "/map" not in write_bag(snapshot, tmp_path / "bag")
     finally:
         service.versions.undo(aligned_id)
 
 
-def test_what_answers_a_question_is_found_among_the_detections(client: Client, shown: Snapshot) -> None:
-    (answer,) = client.query(shown.scene.id, "mug", outputs=["objects"])
-    page = messages.found(shown.detections, answer)
-    assert [each.object_id for each in page.detections] == list(answer.object_ids) == [1]
-    (absent,) = client.query(shown.scene.id, "elephant", outputs=["objects"])
-    assert messages.found(shown.detections, absent).detections == ()
+def test_what_answers_a_question_is_found_among_the_detections(client: Client, snapshot: Snapshot) -> None:
+    (answer,) = client.query(snapshot.scene.id, "mug", outputs=["objects"])
+    page = messages.found(snapshot.detections, answer)
+    assert [detection.object_id for detection in page.detections] == list(answer.object_ids) == [1]
+    (absent,) = client.query(snapshot.scene.id, "elephant", outputs=["objects"])
+    assert messages.found(snapshot.detections, absent).detections == ()
 
 
-def test_pages_are_put_together(shown: Snapshot) -> None:
-    page: DetectionList = shown.detections
+def test_pages_are_put_together(snapshot: Snapshot) -> None:
+    page: DetectionList = snapshot.detections
     assert len(page.detections) == 2
-    one, two = (page._replace(detections=(each,), next_page_token="more") for each in page.detections)
-    assert messages.whole([one, two._replace(next_page_token="")]) == page
+    first, two = (page._replace(detections=(detection,), next_page_token="more") for detection in page.detections)
+    assert messages.whole([first, two._replace(next_page_token="")]) == page
 
 
 def test_the_command_writes_a_bag_of_a_server(
-    faces: Faces, shown: Snapshot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    faces: Faces, snapshot: Snapshot, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     server = str(faces.rest.base_url)
-    assert main([shown.scene.id, str(tmp_path / "bag"), "--server", server]) == 0
+    assert main([snapshot.scene.id, str(tmp_path / "bag"), "--server", server]) == 0
     assert capsys.readouterr().out.split() == list(TOPICS)
     assert set(_read(tmp_path / "bag")) == set(TOPICS)
-    assert main([shown.scene.id, str(tmp_path / "bag"), "--server", server]) == 1
+    assert main([snapshot.scene.id, str(tmp_path / "bag"), "--server", server]) == 1
     assert "is there already" in capsys.readouterr().err
     assert main(["0" * 32, str(tmp_path / "other"), "--server", server]) == 1
     assert capsys.readouterr().err.startswith(NotFoundError.reason)

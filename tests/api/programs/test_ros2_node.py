@@ -40,9 +40,9 @@ def parameters(faces: Faces, scene_id: str) -> dict[str, Any]:
 def node(parameters: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     install_fake_ros(monkeypatch, parameters)
     monkeypatch.delitem(sys.modules, "fastsplat_ros2.node", raising=False)
-    made = importlib.import_module("fastsplat_ros2.node").SceneNode()
-    yield made
-    made._client.close()
+    scene_node = importlib.import_module("fastsplat_ros2.node").SceneNode()
+    yield scene_node
+    scene_node._client.close()
     monkeypatch.delitem(sys.modules, "fastsplat_ros2.node", raising=False)
 
 
@@ -50,7 +50,7 @@ def _plain(message: Any) -> Any:
     if hasattr(message, "__dataclass_fields__"):
         return {name: _plain(getattr(message, name)) for name in message.__dataclass_fields__}
     if isinstance(message, list):
-        return [_plain(each) for each in message]
+        return [_plain(part) for part in message]
     return np.asarray(message).tolist()
 
 
@@ -88,7 +88,7 @@ def test_questions_are_answered_with_detections_or_refused_in_words(node: Any, c
     (answer,) = client.query(scene_id, "mug")
     said = vars(mug)
     assert (said["success"], said["outcome"], said["message"]) == (True, answer.outcome, answer.sentence)
-    assert [each.id for each in said["detections"].detections] == ["1"] and said["version"] == answer.version
+    assert [detection.id for detection in said["detections"].detections] == ["1"] and said["version"] == answer.version
     absent = vars(_find(node, "elephant"))
     assert absent["success"] and absent["outcome"] == "not_here" and absent["detections"].detections == []
     refused = vars(_find(node, ""))
@@ -98,10 +98,10 @@ def test_questions_are_answered_with_detections_or_refused_in_words(node: Any, c
 
 def test_a_scene_that_is_not_there_is_said_in_the_log(node: Any, parameters: dict[str, Any]) -> None:
     parameters["scene"] = "0" * 32
-    other = type(node)()
-    assert other.published == [] and other.log[0][1].startswith("NOT_FOUND")
-    assert vars(_find(other, "mug"))["success"] is False
-    other._client.close()
+    other_node = type(node)()
+    assert other_node.published == [] and other_node.log[0][1].startswith("NOT_FOUND")
+    assert vars(_find(other_node, "mug"))["success"] is False
+    other_node._client.close()
 
 
 def test_the_service_has_the_fields_that_the_node_fills() -> None:

@@ -57,10 +57,10 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
         scene_id = store_scene(service._store, scene, "made")
         edit = service.versions.edit
         assert not edit(scene_id, [name(1, "grandma's mug")]).asks_kind
-        asked = edit(scene_id, [name(2, "Oskar")], "the-request")
-        assert asked.asks_kind and edit(scene_id, [name(2, "Oskar")], "the-request") == asked
-        told = edit(scene_id, [name(2, "Oskar", "teddy bear")])
-        assert not told.asks_kind and told.edits[0].kinds == ("teddy bear",)
+        without_kind = edit(scene_id, [name(2, "Oskar")], "the-request")
+        assert without_kind.asks_kind and edit(scene_id, [name(2, "Oskar")], "the-request") == without_kind
+        with_kind = edit(scene_id, [name(2, "Oskar", "teddy bear")])
+        assert not with_kind.asks_kind and with_kind.edits[0].kinds == ("teddy bear",)
         assert not edit(scene_id, [name(3, "Oskar")]).asks_kind  # its kind is known by now
         (answer,) = service.answers.query(QueryRequest(scene_id, ("toy",))).answers
         assert answer.relation == "kind_of" and set(answer.object_ids) == {2, 3}

@@ -75,7 +75,7 @@ def test_each_outcome_has_one_sentence_everywhere(
     assert answer.outcome == outcome
     assert answer.sentence.startswith(said)
     (over_rpc,) = client.ask(QueryRequest(scene, (text,)), protocol="gRPC")
-    (of_all,) = (each for each in client.query("", text) if each.scene_id == scene)
+    (of_all,) = (answer for answer in client.query("", text) if answer.scene_id == scene)
     found = find(client, text, scene)
     assert over_rpc.sentence == of_all.sentence == found.sentence == answer.sentence
     assert over_rpc.outcome == of_all.outcome == found.outcome == outcome

@@ -133,14 +133,14 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             params = {"text": "mug", "encoding": encoding}
             packed = faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params)
             assert packed.content == answer.mask3d
-            told = (packed.headers["x-gaussian-count"], packed.headers["x-scene-version"])
-            assert told == (str(len(expected)), answer.version)
+            facts = (packed.headers["x-gaussian-count"], packed.headers["x-scene-version"])
+            assert facts == (str(len(expected)), answer.version)
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d", "objects"], mask3d_encoding="ply")
         assert answer.mask3d == client.export(scene_id, objects=answer.object_ids)
         (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
         (png,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"], mask2d_encoding="png")
-        for one, other in zip(rle.masks, png.masks, strict=True):
-            assert (one.array() == other.array()).all() and one.area == one.array().sum() == other.area
+        for first, second in zip(rle.masks, png.masks, strict=True):
+            assert (first.array() == second.array()).all() and first.area == first.array().sum() == second.area
 
 
 def test_a_pose_that_sees_nothing_gets_an_empty_mask(faces: Faces, scene_id: str) -> None:
@@ -159,15 +159,15 @@ class _Places:
         self._service = service
         self._settings = settings
         self._shared = scene_id
-        self._kept: dict[str, dict[str, str]] = {}
+        self._cached: dict[str, dict[str, str]] = {}
 
     def of(self, of: str) -> dict[str, str]:
         """Ids of what is called so; anew where examples change it."""
         if of not in ("scene", "done", "upright", "table"):
             return self._new(of)
-        if of not in self._kept:
-            self._kept[of] = self._new(of)
-        return self._kept[of]
+        if of not in self._cached:
+            self._cached[of] = self._new(of)
+        return self._cached[of]
 
     def _new(self, of: str) -> dict[str, str]:
         if of == "nothing":
@@ -186,19 +186,19 @@ class _Places:
         return {"scene_id": self._changed(of)}
 
     def _changed(self, of: str) -> str:
-        made = add_scene(self._service, self._settings, "own")
+        scene_id = add_scene(self._service, self._settings, "own")
         if of in ("edited", "undone"):
-            self._service.versions.edit(made, [Edit("recolor", label="mug", color=RED)])
+            self._service.versions.edit(scene_id, [Edit("recolor", label="mug", color=RED)])
         if of == "unnamed":
-            self._service.versions.edit(made, [Edit("unname", object_ids=(1, 2, 3))])
+            self._service.versions.edit(scene_id, [Edit("unname", object_ids=(1, 2, 3))])
         if of == "undone":
-            self._service.versions.undo(made)
+            self._service.versions.undo(scene_id)
         if of == "aligned":
             alignment = Alignment("map", UP)
-            self._service.versions.edit(made, [Edit("align", alignment=alignment)])
+            self._service.versions.edit(scene_id, [Edit("align", alignment=alignment)])
         if of == "named":
-            add_known_name(self._service, made)
-        return made
+            add_known_name(self._service, scene_id)
+        return scene_id
 
 
 @pytest.fixture(scope="module")
@@ -223,11 +223,11 @@ def test_a_call_says_the_same_over_both_protocols_and_in_process(
         place = faces if ask is not in_process else service
         answers.append(ask(place, example.call, named, example.request))
         _take_back(service, example.call, ids)
-    truth, *others = (_timeless(answer) for answer in answers)
+    truth, *copies = (_timeless(answer) for answer in answers)
     if example.refused is None:
         assert not isinstance(truth, Refused), truth
-        for other in others:
-            assert_same(other, truth)
+        for copy in copies:
+            assert_same(copy, truth)
         return
     reason, field = example.refused
     for refused in answers:

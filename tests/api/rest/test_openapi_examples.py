@@ -85,7 +85,7 @@ class _Place:
         scene_id = add_scene(self.service, self._settings)
         color = {"r": 0, "g": 1, "b": 0}
         edit = {"edits": [{"action": "recolor", "label": "mug", "color": color}]}
-        made = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
+        version = self.faces.rest.post(f"/v1/scenes/{scene_id}:edit", json=edit).json()
         operation_id = self.service.get_scene(scene_id).operation_id
         if training:
             operation_id = add_training_job(self.service).operation.id
@@ -93,7 +93,7 @@ class _Place:
         return {
             "scene_id": scene_id,
             "operation_id": operation_id,
-            "version": made["version"],
+            "version": version["version"],
             "key_id": key_id,
             "name_id": add_known_name(self.service, scene_id),
             "observation_id": OBSERVED,
@@ -158,7 +158,7 @@ def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
     upload_id = uploads.create("default", "capture.zip", len(capture)).id
     uploads.append("default", upload_id, 0, iter([capture]))
     assert form["uploads"] == [IDS["upload_id"]]
-    texts = [(key, one) for key, value in form.items() for one in (value if isinstance(value, list) else [value])]
+    texts = [(key, text) for key, value in form.items() for text in (value if isinstance(value, list) else [value])]
     real = {IDS["upload_id"]: upload_id}
     parts = [(key, (None, real.get(value, str(value)))) for key, value in texts]
     response = place.faces.rest.post("/v1/scenes", files=parts)
@@ -170,7 +170,7 @@ def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
 def test_the_form_of_the_example_localizes_photos(place: _Place) -> None:
     form = next(_examples(_OPERATIONS["localize"][2]["requestBody"]["content"]["multipart/form-data"]))
     photos = [("photos", (name, PLAIN_PNG)) for name in form["photos"]]  # an example has names for bytes
-    texts = [(key, (None, str(one))) for key in ("focals", "poses") for one in form[key]]
+    texts = [(key, (None, str(value))) for key in ("focals", "poses") for value in form[key]]
     path = f"/v1/scenes/{place.ids()['scene_id']}:localize"
     response = place.faces.rest.post(path, files=[*photos, *texts])
     assert response.status_code == 200, response.text

@@ -104,10 +104,10 @@ def test_an_upgrade_that_is_not_spoken_is_passed_over(faces: Faces) -> None:
 
 
 def test_connections_beyond_the_bound_are_refused_with_a_problem(service: object, api_settings: Settings) -> None:
-    own = api_settings.model_copy(update={"limits": LimitSettings(connections=2)})
-    with served(service, own) as few, ExitStack() as others:
+    settings = api_settings.model_copy(update={"limits": LimitSettings(connections=2)})
+    with served(service, settings) as few, ExitStack() as stack:
         for _ in range(2):
-            connection = others.enter_context(socket.create_connection(("127.0.0.1", few.ports.http)))
+            connection = stack.enter_context(socket.create_connection(("127.0.0.1", few.ports.http)))
             connection.sendall(b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert connection.recv(100).startswith(b"HTTP/1.1 200")
         statuses, received = _exchange(few, b"GET /livez HTTP/1.1\r\nHost: localhost\r\n\r\n")
@@ -138,8 +138,8 @@ def test_without_keys_an_image_on_another_sites_page_is_refused(faces: Faces) ->
 
 
 def test_with_tls_browsers_are_told_to_stay_with_it(service: object, api_settings: Settings, pem: Path) -> None:
-    own = api_settings.model_copy(update={"tls_cert": pem / "server.pem", "tls_key": pem / "server.key"})
+    settings = api_settings.model_copy(update={"tls_cert": pem / "server.pem", "tls_key": pem / "server.key"})
     context = ssl.create_default_context(cafile=str(pem / "ca.pem"))
-    with serving(service, own) as ports:
+    with serving(service, settings) as ports:
         answer = httpx.get(f"https://127.0.0.1:{ports.http}/livez", verify=context, timeout=60)
     assert "max-age" in answer.headers["strict-transport-security"]

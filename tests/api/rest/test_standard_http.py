@@ -42,8 +42,8 @@ def test_a_picture_that_a_client_has_is_not_made_again(
     url = f"/v1/scenes/{scene_id}/{path}"
     first = faces.rest.get(url)
     tag = first.headers["etag"]
-    other = faces.rest.get(url.replace("front.png", "a/b/right.png"))
-    assert other.headers["etag"] != tag and other.content != first.content
+    second = faces.rest.get(url.replace("front.png", "a/b/right.png"))
+    assert second.headers["etag"] != tag and second.content != first.content
     monkeypatch.setattr(service.answers, "picture", lambda request: pytest.fail("made again"))
     for tags in (tag, f'"x", W/{tag}', "*"):
         again = faces.rest.get(url, headers={"If-None-Match": tags})

@@ -57,15 +57,15 @@ def _middles(sheet: ContactSheet) -> list[NDArray[np.float64]]:
 
 def test_each_object_is_cut_from_the_photo_of_its_view(client: Client, service: SceneService, nameless: str) -> None:
     (sheet,) = client.contact_sheets(nameless)
-    assert [(each.number, each.object_id) for each in sheet.objects] == [(1, 1), (2, 2), (3, 3)]
+    assert [(obj.number, obj.object_id) for obj in sheet.objects] == [(1, 1), (2, 2), (3, 3)]
     assert sheet.meters and not sheet.unseen and sheet.version == service.get_scene(nameless).version
     listed = {obj.id: obj for obj in client.objects(nameless)}
-    for shown, middle in zip(sheet.objects, _middles(sheet), strict=True):
-        best = service.photos.best_views(nameless, (shown.object_id,), max_views=1).views
-        assert shown.photo and shown.view == best[0].view
-        assert np.abs(middle - PHOTO_COLORS[_VIEWS.index(shown.view)]).max() < 12
-        box = listed[shown.object_id].box
-        assert box is not None and shown.size == box.size
+    for entry, middle in zip(sheet.objects, _middles(sheet), strict=True):
+        best = service.photos.best_views(nameless, (entry.object_id,), max_views=1).views
+        assert entry.photo and entry.view == best[0].view
+        assert np.abs(middle - PHOTO_COLORS[_VIEWS.index(entry.view)]).max() < 12
+        box = listed[entry.object_id].box
+        assert box is not None and entry.size == box.size
     assert [near.object_id for near in sheet.objects[0].neighbors] == [2, 3]  # they stand in a row
 
 
@@ -74,16 +74,16 @@ def test_what_edits_changed_is_shown_as_the_version_shows_it(
 ) -> None:
     service.versions.edit(nameless, [Edit("remove", object_ids=(2,))])
     (sheet,) = client.contact_sheets(nameless)
-    assert [each.object_id for each in sheet.objects] == [1, 3] and not any(each.photo for each in sheet.objects)
-    for shown, middle in zip(sheet.objects, _middles(sheet), strict=True):
-        assert middle.argmax() == _OWN_COLORS[shown.object_id]
+    assert [obj.object_id for obj in sheet.objects] == [1, 3] and not any(obj.photo for obj in sheet.objects)
+    for entry, middle in zip(sheet.objects, _middles(sheet), strict=True):
+        assert middle.argmax() == _OWN_COLORS[entry.object_id]
 
 
 def test_without_photos_the_scene_is_shown(client: Client, service: SceneService, nameless: str) -> None:
     remove(photo_path(service._store.blobs.version(nameless, service.get_scene(nameless).version), 0).parent)
     (sheet,) = client.contact_sheets(nameless)
-    for shown, middle in zip(sheet.objects, _middles(sheet), strict=True):
-        assert not shown.photo and middle.argmax() == _OWN_COLORS[shown.object_id]
+    for entry, middle in zip(sheet.objects, _middles(sheet), strict=True):
+        assert not entry.photo and middle.argmax() == _OWN_COLORS[entry.object_id]
 
 
 def test_a_damaged_photo_is_said(service: SceneService, nameless: str) -> None:
@@ -100,17 +100,17 @@ def test_a_damaged_photo_is_said(service: SceneService, nameless: str) -> None:
 def test_pages_show_all_also_where_names_are_suggested_and_given_between_them(client: Client, nameless: str) -> None:
     seen = []
     for sheet in client.contact_sheets(nameless):  # its pages are of 20
-        seen += [each.object_id for each in sheet.objects]
+        seen += [obj.object_id for obj in sheet.objects]
     assert seen == [1, 2, 3]
     first = client._transport.call("GET", f"/v1/scenes/{nameless}/objects/sheet", params={"page_size": 1}).json()
-    assert [each["object_id"] for each in first["objects"]] == [1]
+    assert [obj["object_id"] for obj in first["objects"]] == [1]
     client.suggest_names(nameless, [SuggestedName(3, "violin", 0.7, "eyes", "v1")])
     client.name_objects(nameless, 1, "moon")
-    asked = {"page_size": 500, "page_token": first["next_page_token"]}
-    rest = client._transport.call("GET", f"/v1/scenes/{nameless}/objects/sheet", params=asked).json()
-    assert [each["object_id"] for each in rest["objects"]] == [2, 3] and not rest["next_page_token"]
+    params = {"page_size": 500, "page_token": first["next_page_token"]}
+    rest = client._transport.call("GET", f"/v1/scenes/{nameless}/objects/sheet", params=params).json()
+    assert [obj["object_id"] for obj in rest["objects"]] == [2, 3] and not rest["next_page_token"]
     assert [near["name"] for near in rest["objects"][0]["neighbors"]].count("moon") == 1
-    assert [told["name"] for told in rest["objects"][1]["suggestions"]] == ["violin"]
+    assert [suggestion["name"] for suggestion in rest["objects"][1]["suggestions"]] == ["violin"]
 
 
 def test_where_all_have_names_there_is_no_picture(service: SceneService, scene_id: str) -> None:
@@ -178,8 +178,8 @@ def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, 
 
 def test_lines_of_all_objects_are_told_once_the_likeliest_first_and_not_without_end() -> None:
     def obj(number: int, *reads: tuple[ReadKind, str, float]) -> SceneObject:
-        told = tuple(ObjectRead(kind, text, probability, 2) for kind, text, probability in reads)
-        return replace(OBJECTS.objects[0], id=number, reads=told)
+        object_reads = tuple(ObjectRead(kind, text, probability, 2) for kind, text, probability in reads)
+        return replace(OBJECTS.objects[0], id=number, reads=object_reads)
 
     poster = obj(1, ("text", "everything cat", 0.9), ("qr", "https://a.example", 1.0))
     box = obj(2, ("text", "OAT MILK", 0.7), ("text", "everything cat", 0.6), ("tag", "12", 1.0))

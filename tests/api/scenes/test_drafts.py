@@ -21,7 +21,7 @@ from tests.scenes import finish_job, queued_job
 _POINTS, _TRAINING = Provisional("points", 0.0), Provisional("training", 0.25)
 
 
-class _Made:
+class _DraftScene:
     """A scene whose job gets further when it is told so."""
 
     def __init__(self, service: SceneService, settings: Settings) -> None:
@@ -37,22 +37,22 @@ class _Made:
 
 
 def _said(answer: Answer) -> tuple[object, ...]:
-    shown = answer.outcome, answer.sentence, answer.object_ids, answer.gaussians, answer.mask3d
-    return answer.scene_id, answer.text, answer.version, answer.provisional, shown
+    content = answer.outcome, answer.sentence, answer.object_ids, answer.gaussians, answer.mask3d
+    return answer.scene_id, answer.text, answer.version, answer.provisional, content
 
 
 @pytest.fixture
-def made(service: SceneService, api_settings: Settings) -> Iterator[_Made]:
+def draft(service: SceneService, api_settings: Settings) -> Iterator[_DraftScene]:
     """A scene with a draft of points."""
-    made = _Made(service, api_settings)
-    made.publish(_POINTS)
-    yield made
-    service.delete_scene(made.job.scene_id)
+    draft = _DraftScene(service, api_settings)
+    draft.publish(_POINTS)
+    yield draft
+    service.delete_scene(draft.job.scene_id)
 
 
-def test_answers_of_a_draft_are_the_same_everywhere(made: _Made, service: SceneService, client: Client) -> None:
+def test_answers_of_a_draft_are_the_same_everywhere(draft: _DraftScene, service: SceneService, client: Client) -> None:
     """And those of the finished scene, but for what they are made of, as here it is made of the same."""
-    scene_id = made.job.scene_id
+    scene_id = draft.job.scene_id
     request = QueryRequest(scene_id, ("mug", "a submarine"), outputs=frozenset({"mask3d", "objects"}))
     answers = service.answers.query(request).answers
     assert {answer.provisional for answer in answers} == {_POINTS}
@@ -66,26 +66,26 @@ def test_answers_of_a_draft_are_the_same_everywhere(made: _Made, service: SceneS
     clicked = client.pick(scene_id, point=point)
     assert clicked.provisional == picked.provisional == _POINTS
     assert (clicked.object.id, clicked.version) == (picked.object.id, picked.version)
-    made.publish(None)
+    draft.publish(None)
     final = service.answers.query(request).answers
     assert {answer.provisional for answer in final} == {None}
     assert [_said(answer)[-1] for answer in final] == [_said(answer)[-1] for answer in answers]
 
 
-def test_waiting_ends_as_soon_as_the_scene_is_so_far(made: _Made, client: Client) -> None:
+def test_waiting_ends_as_soon_as_the_scene_is_so_far(draft: _DraftScene, client: Client) -> None:
     def waited(until: Until) -> Provisional | None:
-        return client.wait_for_scene(made.job.scene_id, until).provisional
+        return client.wait_for_scene(draft.job.scene_id, until).provisional
 
     assert waited("first") == _POINTS
     with ThreadPoolExecutor(2) as pool:
         good, done = pool.submit(waited, "good"), pool.submit(waited, "done")
-        made.publish(_TRAINING)
+        draft.publish(_TRAINING)
         assert good.result(60) == _TRAINING
         assert not done.done()
-        made.publish(None)
+        draft.publish(None)
         assert done.result(60) is None
 
 
-def test_a_question_to_all_scenes_asks_drafts_too(made: _Made, client: Client) -> None:
+def test_a_question_to_all_scenes_asks_drafts_too(draft: _DraftScene, client: Client) -> None:
     answers = client.ask_everywhere(QueryRequest("", ("mug",))).answers
-    assert {answer.provisional for answer in answers if answer.scene_id == made.job.scene_id} == {_POINTS}
+    assert {answer.provisional for answer in answers if answer.scene_id == draft.job.scene_id} == {_POINTS}

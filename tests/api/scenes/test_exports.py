@@ -85,12 +85,12 @@ def test_one_object_alone_has_the_rows_that_are_its(
         (tmp_path / "2.ply").write_bytes(client.export(scene_id, "ply", objects=[2]))
         (tmp_path / "2.spz").write_bytes(client.export(scene_id, "spz", objects=[2]))
     whole = read_ply(service.answers.scene_ply(scene_id)[0])
-    one = read_ply(tmp_path / "2.ply")
-    assert 0 < len(one) < len(whole)
-    np.testing.assert_array_equal(one.means, whole.means[owners == 2])
-    np.testing.assert_array_equal(one.sh, whole.sh[owners == 2])
+    single = read_ply(tmp_path / "2.ply")
+    assert 0 < len(single) < len(whole)
+    np.testing.assert_array_equal(single.means, whole.means[owners == 2])
+    np.testing.assert_array_equal(single.sh, whole.sh[owners == 2])
     packed = read_spz(tmp_path / "2.spz", "2.spz", SplatLimits(10**6))
-    np.testing.assert_allclose(packed.means, one.means, atol=1e-5)
+    np.testing.assert_allclose(packed.means, single.means, atol=1e-5)
 
 
 def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: SceneService, upright_id: str) -> None:
@@ -126,8 +126,8 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
     ]
     names = [photo.view for photo in service.photos.all(scene_id).photos]
     assert [data for _, data in images] == [service.photos.path(scene_id, name)[0].read_bytes() for name in names]
-    shown = service.get_scene(scene_id).version
-    (version,) = (each for each in service.versions.all(scene_id) if each.version == shown)
+    current = service.get_scene(scene_id).version
+    (version,) = (record for record in service.versions.all(scene_id) if record.version == current)
     assert len(images) == 3 and images[0][0] == pytest.approx(version.created_at.timestamp() * 1e9, abs=1e6)
     about = next(record.metadata for record in reader.iter_metadata() if record.name == "scene")
     assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")

@@ -82,8 +82,8 @@ def test_label_maps_are_16_bit_pictures_of_label_ids(
     picture = Image.open(io.BytesIO(client.picture(scene_id, "label_map", viewpoint)))
     assert picture.mode == "I;16" and (np.asarray(picture) == labels).all()
     for number, label in enumerate(LABELS, start=1):
-        asked = {"views": [viewpoint]} if isinstance(viewpoint, str) else {"cameras": [viewpoint]}
-        (answer,) = client.query(scene_id, label, outputs=["mask2d"], **asked)
+        fields = {"views": [viewpoint]} if isinstance(viewpoint, str) else {"cameras": [viewpoint]}
+        (answer,) = client.query(scene_id, label, outputs=["mask2d"], **fields)
         assert (answer.masks[0].array() == (labels == number)).mean() > 0.97
     if isinstance(viewpoint, str):
         got = faces.rest.get(f"/v1/scenes/{scene_id}/label_map.npy", params={"view": viewpoint})
@@ -171,8 +171,8 @@ def test_cameras_as_transforms_have_opengl_axes(client: Client, service: SceneSe
 
 
 def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
-    other = PosedCamera(Camera(64, 48, 50.0, 51.0, 31.5, 24.25), turned(-0.4).world_from_camera, "b/2.png")
-    cameras = [PosedCamera(turned(0.3).camera, turned(0.3).world_from_camera, "1.png"), other]
+    second = PosedCamera(Camera(64, 48, 50.0, 51.0, 31.5, 24.25), turned(-0.4).world_from_camera, "b/2.png")
+    cameras = [PosedCamera(turned(0.3).camera, turned(0.3).world_from_camera, "1.png"), second]
     with zipfile.ZipFile(io.BytesIO(colmap(cameras))) as archive:
         archive.extractall(tmp_path)
     model = pycolmap.Reconstruction(tmp_path)

@@ -93,7 +93,7 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
 ) -> None:
     encoder = open_text_encoder(ENCODER, api_settings.models)
     scene = textured_room(labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
-    made, drawn, lens = store_scene(service._store, scene, "lens"), renderer(scene), RadialLens(0.875, 0.2)
+    scene_id, drawn, lens = store_scene(service._store, scene, "lens"), renderer(scene), RadialLens(0.875, 0.2)
     views = []
     for number, posed in enumerate(scene.cameras):
         path = tmp_path / f"{number}.png"
@@ -102,10 +102,10 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
     points = np.zeros((0, 3), np.float32)
     report = CaptureReport("images", len(views))
     capture = Capture(tuple(views), points, points.astype(np.uint8), scene.scale, report)
-    folder = service._store.blobs.version(made, service.versions.resolve(made))
+    folder = service._store.blobs.version(scene_id, service.versions.resolve(scene_id))
     write_photos(capture, folder, PhotoSettings())
     sent = image_file(through_lens(drawn.colors(_POSED), lens.k1))
-    (found,) = service.localizing.localize(LocalizeRequest(scene_id=made, photos=(sent,))).photos
+    (found,) = service.localizing.localize(LocalizeRequest(scene_id=scene_id, photos=(sent,))).photos
     assert (found.focal_source, found.radial) == ("scene", lens.k1)
     assert found.camera is not None and found.differences == ()
     assert np.linalg.norm(found.camera.world_from_camera[:3, 3] - _POSED.world_from_camera[:3, 3]) < 0.01
@@ -122,11 +122,11 @@ def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, pictu
 
 
 def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: np.ndarray) -> None:
-    other = looking(-0.15, height=1.2)
-    photos = [image_file(picture), image_file(renderer(textured_room()).colors(other))]
-    poses = [Pose(*_parts(posed.world_from_camera)) for posed in (_POSED, other)]
+    neighbor = looking(-0.15, height=1.2)
+    photos = [image_file(picture), image_file(renderer(textured_room()).colors(neighbor))]
+    poses = [Pose(*_parts(posed.world_from_camera)) for posed in (_POSED, neighbor)]
     answer = client.localize(room_id, photos, poses=poses)
-    for photo, posed in zip(answer.photos, (_POSED, other), strict=True):
+    for photo, posed in zip(answer.photos, (_POSED, neighbor), strict=True):
         assert photo.camera is not None
         off = photo.camera.world_from_camera[:3, 3] - posed.world_from_camera[:3, 3]
         assert np.linalg.norm(off) < 0.03
@@ -197,9 +197,9 @@ def test_more_bytes_than_may_be_are_refused_before_they_are_all_read(faces: Face
 def test_a_scene_without_photos_says_so(service: SceneService, api_settings: Settings, client: Client) -> None:
     encoder = open_text_encoder(ENCODER, api_settings.models)
     scene = textured_room(cameras=2, labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
-    made = store_scene(service._store, scene, "bare")
+    scene_id = store_scene(service._store, scene, "bare")
     with pytest.raises(NotReadyError, match="no photos are kept"):
-        client.localize(made, [PLAIN_PNG])
+        client.localize(scene_id, [PLAIN_PNG])
 
 
 def test_one_photo_that_breaks_its_decoder_leaves_the_next_one_alone(

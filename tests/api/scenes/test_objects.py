@@ -66,38 +66,40 @@ def test_two_places_at_once_are_refused(faces: Faces, scene_id: str) -> None:
 
 
 def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
-    client: Client, service: SceneService, own: str
+    client: Client, service: SceneService, fresh_id: str
 ) -> None:
-    before = client.scene(own)
-    mug = client.pick(own, "front.png", pixel=(15.5, 18.5))
+    before = client.scene(fresh_id)
+    mug = client.pick(fresh_id, "front.png", pixel=(15.5, 18.5))
     assert mug.object.name == "mug" and mug.mask is not None
-    made = client.name_objects(own, mug.object.id, "violin", aliases=["elephant", "moon"], looked_at=mug.version)
-    assert made.edits == (_name((mug.object.id,), "violin", "elephant", "moon"),) and made.current
+    version = client.name_objects(
+        fresh_id, mug.object.id, "violin", aliases=["elephant", "moon"], looked_at=mug.version
+    )
+    assert version.edits == (_name((mug.object.id,), "violin", "elephant", "moon"),) and version.current
     for text in ("violin", "elephant", "moon"):
-        (answer,) = client.query(own, text, views=["front.png"], outputs=["mask2d", "mask3d", "objects"])
-        assert (answer.outcome, answer.object_ids, answer.version) == ("here", (mug.object.id,), made.version)
+        (answer,) = client.query(fresh_id, text, views=["front.png"], outputs=["mask2d", "mask3d", "objects"])
+        assert (answer.outcome, answer.object_ids, answer.version) == ("here", (mug.object.id,), version.version)
         np.testing.assert_array_equal(
-            answer.masks[0].array(), client.pick(own, "front.png", pixel=(15.5, 18.5)).mask.array()
+            answer.masks[0].array(), client.pick(fresh_id, "front.png", pixel=(15.5, 18.5)).mask.array()
         )
         assert [item.name for item in answer.objects or ()] == ["violin"]
-    assert client.mask3d(own, "elephant").sum() > 40
-    named = next(client.objects(own))
+    assert client.mask3d(fresh_id, "elephant").sum() > 40
+    named = next(client.objects(fresh_id))
     assert (named.id, named.name, named.source, named.probability) == (mug.object.id, "violin", "person", 1)
-    assert (client.object_ids(own) == named.id).sum() == named.gaussian_count
-    labels = {row.label: (row.gaussian_count, row.aliases) for row in client.labels(own)}
+    assert (client.object_ids(fresh_id) == named.id).sum() == named.gaussian_count
+    labels = {row.label: (row.gaussian_count, row.aliases) for row in client.labels(fresh_id)}
     assert labels["mug"][0] == 0 and labels["violin"] == (named.gaussian_count, ("elephant", "moon"))
-    assert client.query(own, "mug")[0].is_absent
-    assert (client.label_map(own, "front.png") == 4).sum() == mug.mask.area
+    assert client.query(fresh_id, "mug")[0].is_absent
+    assert (client.label_map(fresh_id, "front.png") == 4).sum() == mug.mask.area
 
     # Another service on the same data reads what was written.
-    service._context.scenes.forget(own)
-    assert client.query(own, "elephant")[0].object_ids == (mug.object.id,)
-    client.undo_edit(own, made.version)
-    assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
-    assert client.query(own, "mug")[0].outcome == "here" and client.query(own, "elephant")[0].is_absent
+    service._context.scenes.forget(fresh_id)
+    assert client.query(fresh_id, "elephant")[0].object_ids == (mug.object.id,)
+    client.undo_edit(fresh_id, version.version)
+    assert replace(client.scene(fresh_id), cameras=()) == replace(before, cameras=())
+    assert client.query(fresh_id, "mug")[0].outcome == "here" and client.query(fresh_id, "elephant")[0].is_absent
 
 
-def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client, own: str) -> None:
+def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client, fresh_id: str) -> None:
     def attempt(call: Callable[[], Any]) -> Any:
         try:
             return call()
@@ -105,37 +107,37 @@ def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client
             return error
 
     def name(object_id: int, word: str, looked_at: str) -> Any:
-        return attempt(lambda: client.name_objects(own, object_id, word, looked_at=looked_at))
+        return attempt(lambda: client.name_objects(fresh_id, object_id, word, looked_at=looked_at))
 
     with ThreadPoolExecutor(4) as pool:
         different = list(pool.map(lambda object_id: name(object_id, _WORDS[object_id], "1"), (1, 2, 3)))
-        assert not [made for made in different if isinstance(made, FastSplatError)]
-        assert [obj.name for obj in client.objects(own)] == list(_WORDS[1:])
-        version = client.scene(own).version
+        assert not [outcome for outcome in different if isinstance(outcome, FastSplatError)]
+        assert [obj.name for obj in client.objects(fresh_id)] == list(_WORDS[1:])
+        version = client.scene(fresh_id).version
         same = list(pool.map(lambda word: name(2, word, version), ("sphere", "balloon", "novel")))
-    told = [outcome for outcome in same if isinstance(outcome, ConflictError)]
-    assert len(told) == 2 and all(error.field == "edits[0].version" for error in told)
-    (kept,) = (outcome for outcome in same if not isinstance(outcome, FastSplatError))
-    assert list(client.objects(own))[1].name == kept.edits[0].name
+    conflicts = [outcome for outcome in same if isinstance(outcome, ConflictError)]
+    assert len(conflicts) == 2 and all(error.field == "edits[0].version" for error in conflicts)
+    (winner,) = (outcome for outcome in same if not isinstance(outcome, FastSplatError))
+    assert list(client.objects(fresh_id))[1].name == winner.edits[0].name
     with pytest.raises(ConflictError):
-        client.name_objects(own, 2, "paperback")
-    assert client.name_objects(own, 2, "paperback", looked_at=kept.version).current
+        client.name_objects(fresh_id, 2, "paperback")
+    assert client.name_objects(fresh_id, 2, "paperback", looked_at=winner.version).current
     with pytest.raises(NotFoundError):
-        client.name_objects(own, 2, "paperback", looked_at="e0")
+        client.name_objects(fresh_id, 2, "paperback", looked_at="e0")
 
 
-def test_objects_of_another_project_do_not_exist(service: SceneService, api_settings: Settings, own: str) -> None:
+def test_objects_of_another_project_do_not_exist(service: SceneService, api_settings: Settings, fresh_id: str) -> None:
     service.admin.projects.create("next-door")
     up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
     foreign = service.in_project("next-door")
     encoder = open_text_encoder(ENCODER, api_settings.models)
     with pytest.raises(NotFoundError):
-        foreign.answers.list_objects(own)
+        foreign.answers.list_objects(fresh_id)
     job = replace(queued_job("theirs"), project="next-door")
     foreign._store.scenes.create(job)
     finish_job(foreign._store, job.operation_id, made_scene(encoder))
     assert len(foreign.answers.list_objects(job.scene_id).objects) == 3
-    edit = Edit("insert", object_ids=(1,), transform=up, source=InsertSource(own))
+    edit = Edit("insert", object_ids=(1,), transform=up, source=InsertSource(fresh_id))
     with pytest.raises(NotFoundError) as raised:
         foreign.versions.edit(job.scene_id, [edit])
     assert raised.value.field == "edits[0].source.scene"
@@ -179,14 +181,14 @@ def test_parts_are_listed_picked_and_named_alike(client: Client, service: SceneS
     }
     assert by_pixel == {None, part}
     for level, ids in (("part", (4,)), ("object", (1,)), ("group", (1, 2))):
-        asked = replace(pick, level=level, mask3d=True)
-        by_level = service.answers.pick(asked)
+        request = replace(pick, level=level, mask3d=True)
+        by_level = service.answers.pick(request)
         assert_same(
             client.pick(with_part, point=part.box.center.position, level=level, mask3d=True),
             replace(by_level, mask=None),
         )
-        assert by_level.level == level and [each.level for each in by_level.levels] == ["part", "object", "group"]
-        assert sum(each.probability for each in by_level.levels) == pytest.approx(1)
+        assert by_level.level == level and [choice.level for choice in by_level.levels] == ["part", "object", "group"]
+        assert sum(choice.probability for choice in by_level.levels) == pytest.approx(1)
         owner = client.object_ids(with_part)
         inside = decode_mask3d(by_level.mask3d or b"", "bits", len(owner))
         assert inside.sum() == sum(obj.gaussian_count for obj in truth.objects if obj.id in ids)

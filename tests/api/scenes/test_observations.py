@@ -61,31 +61,31 @@ def without() -> tuple[bytes, ...]:
     return drawn_photos(block=False)
 
 
-def add_room(service: SceneService, settings: Settings, *, block: bool = True, **others: Any) -> str:
+def add_room(service: SceneService, settings: Settings, *, block: bool = True, **options: Any) -> str:
     """A room in which a cube stands or not, with its photos."""
     encoder = open_text_encoder(ENCODER, settings.models)
     labels = (*LABELS, _CUBE) if block else LABELS
-    scene = textured_room(block=block, labels=labels, encoder=encoder, templates=QuerySettings().templates, **others)
-    made = store_scene(service._store, scene, "room")
+    scene = textured_room(block=block, labels=labels, encoder=encoder, templates=QuerySettings().templates, **options)
+    scene_id = store_scene(service._store, scene, "room")
     drawn = renderer(scene)
-    add_photos(service._store, made, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])
-    return made
+    add_photos(service._store, scene_id, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])
+    return scene_id
 
 
 @pytest.fixture
 def room_id(service: SceneService, api_settings: Settings) -> Iterator[str]:
     """For one test: questions to all scenes do not find it."""
-    made = add_room(service, api_settings)
-    yield made
-    if any(each.id == made for each in service.list_scenes(500).scenes):
-        service.delete_scene(made)
+    scene_id = add_room(service, api_settings)
+    yield scene_id
+    if any(scene.id == scene_id for scene in service.list_scenes(500).scenes):
+        service.delete_scene(scene_id)
 
 
 def _request(scene_id: str, photos: Sequence[bytes], **fields: Any) -> ObserveRequest:
     return ObserveRequest(scene_id=scene_id, photos=tuple(photos), focals=(420.0,), **fields)
 
 
-def _kept(service: SceneService, scene_id: str) -> list[Path]:
+def _stored_photos(service: SceneService, scene_id: str) -> list[Path]:
     folder = service._store.blobs.version(scene_id, service.versions.resolve(scene_id))
     return sorted((folder / "photos" / "observed").rglob("*.jpg"))
 
@@ -99,40 +99,40 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     tmp_path: Path,
 ) -> None:
     first = client.scene(room_id).version
-    made = client.observe(room_id, without, focals=(420.0,), seen_at=_MONDAY)
-    (gone,) = made.changes
+    observation = client.observe(room_id, without, focals=(420.0,), seen_at=_MONDAY)
+    (gone,) = observation.changes
     assert (gone.kind, gone.name, gone.after) == ("gone", _CUBE, None) and gone.before is not None
-    assert (made.seen_at, made.seen_at_source, made.left_out) == (_MONDAY, "given", ())
-    assert made.sentence == gone.sentence and gone.object_id in made.looked_at
-    assert [photo.view for photo in made.photos] == [f"{made.id}/{number}" for number in range(3)]
-    assert all(set(photo.differences) for photo in made.photos)
+    assert (observation.seen_at, observation.seen_at_source, observation.left_out) == (_MONDAY, "given", ())
+    assert observation.sentence == gone.sentence and gone.object_id in observation.looked_at
+    assert [photo.view for photo in observation.photos] == [f"{observation.id}/{number}" for number in range(3)]
+    assert all(set(photo.differences) for photo in observation.photos)
 
-    (version,) = [each for each in client.versions(room_id) if each.current]
-    assert (version.version, version.parent) == (made.id, first)
+    (version,) = [record for record in client.versions(room_id) if record.current]
+    assert (version.version, version.parent) == (observation.id, first)
     assert [edit.action for edit in version.edits] == ["observe"]
 
-    (cube,) = [each for each in client.objects(room_id) if each.id == gone.object_id]
-    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, made.id)
-    (asked,) = client.query(room_id, _CUBE, outputs=["objects"])
-    assert (asked.outcome, asked.object_ids) == ("not_here", (cube.id,))
+    (cube,) = [obj for obj in client.objects(room_id) if obj.id == gone.object_id]
+    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, observation.id)
+    (answer,) = client.query(room_id, _CUBE, outputs=["objects"])
+    assert (answer.outcome, answer.object_ids) == ("not_here", (cube.id,))
     missing = f'The "{_CUBE}" is missing since 2 March 2026.'
-    assert asked.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
+    assert answer.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
     for text in ("What is gone?", "what has changed since 2 March 2026"):
-        (told,) = client.query(room_id, text, outputs=["mask3d"])
-        assert (told.outcome, told.object_ids, told.text) == ("here", (cube.id,), text)
-        assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
-        assert decode_mask3d(told.mask3d or b"", "bits", told.gaussians).sum() == cube.gaussian_count
-    (told,) = client.query(room_id, f"when was the {_CUBE} last seen?")
-    assert (told.outcome, told.sentence) == ("not_here", missing)
-    (told,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
-    assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
-    (told,) = client.query(room_id, "what moved?")
-    assert (told.outcome, told.object_ids) == ("not_here", ())
-    assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 objects."
-    (told,) = client.query(room_id, "what is gone since 3 March 2026?")
-    assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
-    (told,) = client.query(room_id, "what is gone", version=first)
-    assert told.sentence == "Cannot say: no photos of another day are kept with this scene."
+        (reply,) = client.query(room_id, text, outputs=["mask3d"])
+        assert (reply.outcome, reply.object_ids, reply.text) == ("here", (cube.id,), text)
+        assert reply.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+        assert decode_mask3d(reply.mask3d or b"", "bits", reply.gaussians).sum() == cube.gaussian_count
+    (reply,) = client.query(room_id, f"when was the {_CUBE} last seen?")
+    assert (reply.outcome, reply.sentence) == ("not_here", missing)
+    (reply,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
+    assert reply.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
+    (reply,) = client.query(room_id, "what moved?")
+    assert (reply.outcome, reply.object_ids) == ("not_here", ())
+    assert reply.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 objects."
+    (reply,) = client.query(room_id, "what is gone since 3 March 2026?")
+    assert reply.outcome == "cannot_say" and "since 3 March 2026" in reply.sentence
+    (reply,) = client.query(room_id, "what is gone", version=first)
+    assert reply.sentence == "Cannot say: no photos of another day are kept with this scene."
 
     path = tmp_path / "tuesday"
     path.mkdir()
@@ -141,28 +141,28 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     words = ["scenes", "observe", room_id, str(path), "--focal", "420", "--json", "--server", str(faces.rest.base_url)]
     printed = invoke(*words, "--seen-at", "2026-03-03T18:00:00")
     later = from_json(Observation, printed.stdout)
-    assert later.changes == () and gone.object_id in later.looked_at and later.seen_at > made.seen_at
+    assert later.changes == () and gone.object_id in later.looked_at and later.seen_at > observation.seen_at
 
-    (cube,) = [each for each in client.objects(room_id) if each.id == gone.object_id]
+    (cube,) = [obj for obj in client.objects(room_id) if obj.id == gone.object_id]
     assert (cube.last_seen, cube.missing_since, cube.seen_in) == (later.seen_at, None, later.id)
-    (told,) = client.query(room_id, _CUBE)
-    assert told.outcome == "here" and "missing" not in told.sentence
-    (told,) = client.query(room_id, f"where was the {_CUBE} on 2026-03-02?")
-    assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+    (reply,) = client.query(room_id, _CUBE)
+    assert reply.outcome == "here" and "missing" not in reply.sentence
+    (reply,) = client.query(room_id, f"where was the {_CUBE} on 2026-03-02?")
+    assert reply.sentence == f"By photos of 2 March 2026: {gone.sentence}"
 
     whole = tuple(client.observations(room_id))
-    assert_same(whole, (later, made))
+    assert_same(whole, (later, observation))
     listed = faces.rpc.ListObservations(to_proto(ListObservationsRequest(room_id)))
     assert_same(from_proto(ObservationList, listed).observations, whole)
-    assert_same(client.observation(room_id, made.id), made)
-    shown = invoke("scenes", "observations", room_id, "--server", str(faces.rest.base_url))
-    assert gone.sentence in shown.stdout and "None of the 4 objects" in shown.stdout
+    assert_same(client.observation(room_id, observation.id), observation)
+    listing = invoke("scenes", "observations", room_id, "--server", str(faces.rest.base_url))
+    assert gone.sentence in listing.stdout and "None of the 4 objects" in listing.stdout
 
     client.undo_edit(room_id)
-    assert [each.id for each in client.observations(room_id)] == [made.id]
+    assert [entry.id for entry in client.observations(room_id)] == [observation.id]
     with pytest.raises(NotFoundError):
         client.observation(room_id, later.id)
-    assert [each.id for each in client.observations(room_id, version=later.id)] == [later.id, made.id]
+    assert [entry.id for entry in client.observations(room_id, version=later.id)] == [later.id, observation.id]
     client.undo_edit(room_id)
     assert list(client.observations(room_id)) == []
 
@@ -171,16 +171,16 @@ def test_both_protocols_keep_the_same(
     faces: Faces, service: SceneService, api_settings: Settings, client: Client, without: tuple[bytes, ...]
 ) -> None:
     rooms = [add_room(service, api_settings) for _ in range(3)]
-    kept = [
+    observations = [
         client.observe(rooms[0], without, focals=(420.0,), seen_at=_MONDAY),
         from_proto(Observation, faces.rpc.ObserveScene(to_proto(_request(rooms[1], without, seen_at=_MONDAY)))),
         service.observations.observe(_request(rooms[2], without, seen_at=_MONDAY)),
     ]
     for room in rooms:
         service.delete_scene(room)
-    first, *others = [_without_ids(each) for each in kept]
-    for other in others:
-        assert_same(other, first)
+    first, *copies = [_without_ids(observation) for observation in observations]
+    for copy in copies:
+        assert_same(copy, first)
 
 
 def _without_ids(observation: Observation) -> Observation:
@@ -191,15 +191,15 @@ def _without_ids(observation: Observation) -> Observation:
 def test_its_photos_are_kept_without_metadata_follow_edits_and_go_with_the_scene(
     service: SceneService, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
-    made = client.observe(room_id, without, focals=(420.0,))
+    observation = client.observe(room_id, without, focals=(420.0,))
     client.edit_scene(room_id, [Edit("recolor", object_ids=(1,), color=Color(1.0, 0.0, 0.0))])
-    files = _kept(service, room_id)
+    files = _stored_photos(service, room_id)
     assert len(files) == len(without)
-    content = client.photo(room_id, made.photos[0].view)
+    content = client.photo(room_id, observation.photos[0].view)
     assert content == files[0].read_bytes()
     with Image.open(io.BytesIO(content)) as photo:
         assert photo.size == (480, 360) and not photo.getexif()
-    for view in (f"{made.id}/3", "e0000000000000000/0", f"{made.id}/../0"):
+    for view in (f"{observation.id}/3", "e0000000000000000/0", f"{observation.id}/../0"):
         with pytest.raises(NotFoundError):
             client.photo(room_id, view)
     client.delete_scene(room_id)
@@ -213,10 +213,10 @@ def test_no_photo_stays_where_the_scenes_own_would_not(
     facts = SceneFacts(withheld=WithheldReport("people", 0, 0.1)) if why == "private" else SceneFacts()
     room = add_room(service, api_settings, facts=facts)
     settings = api_settings.model_copy(update={"photos": PhotoSettings(keep="off")}) if why == "off" else api_settings
-    with SceneService(service._store, settings) as other:
-        made = other.observations.observe(_request(room, without))
-    assert [photo.view for photo in made.photos] == [""] * 3 and len(made.changes) == 1
-    assert _kept(service, room) == []
+    with SceneService(service._store, settings) as second_service:
+        observation = second_service.observations.observe(_request(room, without))
+    assert [photo.view for photo in observation.photos] == [""] * 3 and len(observation.changes) == 1
+    assert _stored_photos(service, room) == []
     service.delete_scene(room)
 
 
@@ -244,23 +244,23 @@ def test_what_was_seen_stays_true_in_the_frame_of_a_map_which_all_answers_name(
     faces: Faces, client: Client, room_id: str, without: tuple[bytes, ...]
 ) -> None:
     first = client.scene(room_id).version
-    made = client.observe(room_id, without, focals=(420.0,))
+    observation = client.observe(room_id, without, focals=(420.0,))
     turn = Pose(Vector3(5.0, 0.0, -1.0), Quaternion(0.0, 0.0, 0.6, 0.8))
     before_map = list(_answers(faces, room_id, without))
     client.align_scene(room_id, Alignment("hall", turn))
     (placed,) = client.observations(room_id)
-    before, after = made.changes[0].before, placed.changes[0].before
+    before, after = observation.changes[0].before, placed.changes[0].before
     assert before is not None and after is not None
     there = turn.matrix() @ [*before.center.position, 1.0]
     np.testing.assert_allclose(np.array(after.center.position), there[:3], atol=1e-6)
-    for one, other in zip(made.photos, placed.photos, strict=True):
-        moved = turn.matrix() @ one.camera.world_from_camera
-        np.testing.assert_allclose(other.camera.world_from_camera, moved, atol=1e-6)
+    for left, right in zip(observation.photos, placed.photos, strict=True):
+        moved = turn.matrix() @ left.camera.world_from_camera
+        np.testing.assert_allclose(right.camera.world_from_camera, moved, atol=1e-6)
 
     answers = list(_answers(faces, room_id, without))
     for named, frame in ((before_map, "world"), (answers, "hall")):
-        frames = [{each["frame_id"] for each in _found(answer, "frame_id")} for answer in named]
-        assert [each for each in frames if each] == [{frame}] * 6
+        frames = [{part["frame_id"] for part in _found(answer, "frame_id")} for answer in named]
+        assert [ids for ids in frames if ids] == [{frame}] * 6
     plain = list(_found(answers, "intrinsics"))
     url, body = f"/v1/scenes/{room_id}:query", {"texts": [_CUBE], "cameras": plain, "outputs": ["mask2d"]}
     assert len(faces.rest.post(url, json=body).raise_for_status().json()["answers"][0]["masks"]) == len(plain)
@@ -269,8 +269,8 @@ def test_what_was_seen_stays_true_in_the_frame_of_a_map_which_all_answers_name(
     assert "'hall'" in refused.detail and "say world, or" in refused.details["hint"]
     for sent in ("", "world"):
         bodies = [{**body, "cameras": [{**plain[0], "frame_id": frame}]} for frame in (sent, "hall")]
-        one, other = (faces.rest.post(url, json=each).raise_for_status().json() for each in bodies)
-        assert one == other
+        left, right = (faces.rest.post(url, json=body).raise_for_status().json() for body in bodies)
+        assert left == right
     client.align_scene(room_id, Alignment("", turn))
     assert client.detection_page(room_id).frame_id == client.scene(room_id).cameras[0].frame_id == "map"
 
@@ -279,8 +279,8 @@ def test_the_same_request_is_kept_once(client: Client, room_id: str, without: tu
     def ask(photos: Sequence[bytes]) -> Observation:
         return client.observe(room_id, photos, focals=(420.0,), request_id="monday")
 
-    made = ask(without)
-    assert ask(without).id == made.id and len(list(client.observations(room_id))) == 1
+    observation = ask(without)
+    assert ask(without).id == observation.id and len(list(client.observations(room_id))) == 1
     with pytest.raises(ConflictError):
         ask(without[:2])
     client.undo_edit(room_id)
@@ -317,8 +317,8 @@ def test_what_cannot_be_kept_leaves_nothing(
     with pytest.raises(FastSplatError) as over_rest:
         client.observe(room_id, chosen["photos"], focals=(420.0,), **more)
     assert (over_rest.value.reason, over_rest.value.field) == (caught.value.reason, field)
-    assert [each.version for each in client.versions(room_id)] == [client.scene(room_id).version]
-    assert _kept(service, room_id) == [] and service._store.blobs.ids("uploads") == ()
+    assert [version.version for version in client.versions(room_id)] == [client.scene(room_id).version]
+    assert _stored_photos(service, room_id) == [] and service._store.blobs.ids("uploads") == ()
 
 
 def test_there_is_a_most(

@@ -28,8 +28,8 @@ _MUG, _BALL, _NOTHING = (15.5, 18.5), (24.5, 18.5), (2.5, 2.5)
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 
 
-def _prompt(*pixels: tuple[float, float], **others: Any) -> ObjectPrompt:
-    return replace(ObjectPrompt(view="front.png", pixels=tuple(Pixel(*pixel) for pixel in pixels)), **others)
+def _prompt(*pixels: tuple[float, float], **options: Any) -> ObjectPrompt:
+    return replace(ObjectPrompt(view="front.png", pixels=tuple(Pixel(*pixel) for pixel in pixels)), **options)
 
 
 _MERGE = Edit("merge", object_ids=(1, 2))
@@ -47,81 +47,81 @@ def _maps(service: SceneService, scene_id: str) -> list[np.ndarray]:
 
 
 def test_a_split_object_becomes_two_that_share_its_gaussians_and_its_masks(
-    client: Client, service: SceneService, own: str
+    client: Client, service: SceneService, fresh_id: str
 ) -> None:
-    truth = _owner(service, own)
-    merged = client.edit_scene(own, [_MERGE])
-    whole, owner = _maps(service, own), _owner(service, own)
-    made = client.split_object(own, 1, "front.png", pixels=[_BALL], name="violin", aliases=["moon"])
-    (new,) = made.prompted
+    truth = _owner(service, fresh_id)
+    merged = client.edit_scene(fresh_id, [_MERGE])
+    whole, owner = _maps(service, fresh_id), _owner(service, fresh_id)
+    version = client.split_object(fresh_id, 1, "front.png", pixels=[_BALL], name="violin", aliases=["moon"])
+    (new,) = version.prompted
     assert (new.edit, new.object_id, new.views[0]) == (0, 4, "front.png") and set(new.views) <= set(_VIEWS)
-    after = _owner(service, own)
-    assert {obj.id: obj.name for obj in client.objects(own)} == {1: "mug", 3: "story book", 4: "violin"}
+    after = _owner(service, fresh_id)
+    assert {obj.id: obj.name for obj in client.objects(fresh_id)} == {1: "mug", 3: "story book", 4: "violin"}
     # Whoever was not split has the very Gaussians that it had; the object's own are divided among the two.
     np.testing.assert_array_equal(after[owner != 1], owner[owner != 1])
     np.testing.assert_array_equal(np.isin(after, (1, 4)), owner == 1)
     assert new.gaussian_count == (after == 4).sum()
     assert ((after == 4) & (truth == 2)).sum() >= 0.85 * max((after == 4).sum(), (truth == 2).sum())
-    for before, now in zip(whole, _maps(service, own), strict=True):
+    for before, now in zip(whole, _maps(service, fresh_id), strict=True):
         both = np.isin(now, (1, 4))
         assert (now == 4).any() and (now == 1).any()
         assert (both ^ (before == 1)).sum() <= 0.02 * (before == 1).sum()
-    assert client.query(own, "moon")[0].object_ids == (4,)
-    client.undo_edit(own, made.version)
-    np.testing.assert_array_equal(_owner(service, own), owner)
-    assert client.query(own, "violin")[0].is_absent and client.scene(own).version == merged.version
+    assert client.query(fresh_id, "moon")[0].object_ids == (4,)
+    client.undo_edit(fresh_id, version.version)
+    np.testing.assert_array_equal(_owner(service, fresh_id), owner)
+    assert client.query(fresh_id, "violin")[0].is_absent and client.scene(fresh_id).version == merged.version
 
 
 def test_a_version_keeps_what_was_made_over_restarts(
-    client: Client, service: SceneService, api_settings: Settings, own: str
+    client: Client, service: SceneService, api_settings: Settings, fresh_id: str
 ) -> None:
-    made = client.edit_scene(own, [_MERGE, _SPLIT], request_id="take-apart")
-    assert client.edit_scene(own, [_MERGE, _SPLIT], request_id="take-apart") == made
-    assert made.edits == (_MERGE, _SPLIT) and [new.edit for new in made.prompted] == [1]
-    owner = _owner(service, own)
+    version = client.edit_scene(fresh_id, [_MERGE, _SPLIT], request_id="take-apart")
+    assert client.edit_scene(fresh_id, [_MERGE, _SPLIT], request_id="take-apart") == version
+    assert version.edits == (_MERGE, _SPLIT) and [new.edit for new in version.prompted] == [1]
+    owner = _owner(service, fresh_id)
     with open_service(api_settings) as again:
-        assert next(known for known in again.versions.all(own) if known.current) == made
-        np.testing.assert_array_equal(_owner(again, own), owner)
+        assert next(known for known in again.versions.all(fresh_id) if known.current) == version
+        np.testing.assert_array_equal(_owner(again, fresh_id), owner)
 
 
 def test_a_missing_object_is_added_from_nobody_and_from_whoever_has_it(
-    client: Client, service: SceneService, own: str
+    client: Client, service: SceneService, fresh_id: str
 ) -> None:
-    truth = _owner(service, own)
-    client.edit_scene(own, [Edit("discard", object_ids=(2,))])
-    before = _owner(service, own)
-    made = client.add_object(own, turned(0.0), box=(20.0, 13.0, 29.0, 22.0), name="ball")
-    after, (new,) = _owner(service, own), made.prompted
+    truth = _owner(service, fresh_id)
+    client.edit_scene(fresh_id, [Edit("discard", object_ids=(2,))])
+    before = _owner(service, fresh_id)
+    version = client.add_object(fresh_id, turned(0.0), box=(20.0, 13.0, 29.0, 22.0), name="ball")
+    after, (new,) = _owner(service, fresh_id), version.prompted
     assert new.views[0] == "" and new.gaussian_count == (after == new.object_id).sum()
     np.testing.assert_array_equal(after[after != new.object_id], before[after != new.object_id])
     assert ((after == new.object_id) & (truth == 2)).sum() >= 0.85 * (truth == 2).sum()
-    assert client.query(own, "ball")[0].object_ids == (new.object_id,)
-    client.undo_edit(own)
-    client.undo_edit(own)
-    client.edit_scene(own, [_MERGE])
-    (new,) = client.add_object(own, "front.png", pixels=[_BALL]).prompted
-    taken = _owner(service, own) == new.object_id
+    assert client.query(fresh_id, "ball")[0].object_ids == (new.object_id,)
+    client.undo_edit(fresh_id)
+    client.undo_edit(fresh_id)
+    client.edit_scene(fresh_id, [_MERGE])
+    (new,) = client.add_object(fresh_id, "front.png", pixels=[_BALL]).prompted
+    taken = _owner(service, fresh_id) == new.object_id
     assert ((truth == 2) & taken).sum() >= 0.85 * max(taken.sum(), (truth == 2).sum())
 
 
-def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Settings, own: str) -> None:
+def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Settings, fresh_id: str) -> None:
     prompts = PromptOptions(max_side=64, views=1)
     small = turned(0.0)
     with open_service(api_settings.model_copy(update={"prompts": prompts})) as service:
-        truth = _owner(service, own)
+        truth = _owner(service, fresh_id)
         for factor in (2, 3):
             large = replace(small, camera=small.camera.scaled_to(48 * factor, 36 * factor))
             place = tuple(factor * side for side in _BALL)
-            service.versions.edit(own, [_MERGE])
+            service.versions.edit(fresh_id, [_MERGE])
             split = replace(_SPLIT, prompt=_prompt(place, view=None, camera=large))
-            (new,) = service.versions.edit(own, [split]).prompted
-            piece = _owner(service, own) == new.object_id
+            (new,) = service.versions.edit(fresh_id, [split]).prompted
+            piece = _owner(service, fresh_id) == new.object_id
             assert new.views == ("",) and ((truth == 2) & piece).sum() >= 0.85 * max(piece.sum(), (truth == 2).sum())
             edge = Pixel(np.nextafter(48.0 * factor, 0), np.nextafter(36.0 * factor, 0))
             with pytest.raises(InvalidInputError, match="the pixel shows"):
-                service.versions.edit(own, [replace(split, prompt=replace(split.prompt, pixels=(edge,)))])
-            service.versions.undo(own)
-            service.versions.undo(own)
+                service.versions.edit(fresh_id, [replace(split, prompt=replace(split.prompt, pixels=(edge,)))])
+            service.versions.undo(fresh_id)
+            service.versions.undo(fresh_id)
 
 
 @pytest.mark.parametrize(
@@ -158,59 +158,59 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
     ],
 )
 def test_bad_prompts_are_refused_and_leave_no_version(
-    service: SceneService, own: str, edit: Edit, error: type[FastSplatError], field: str
+    service: SceneService, fresh_id: str, edit: Edit, error: type[FastSplatError], field: str
 ) -> None:
     with pytest.raises(error) as raised:
-        service.versions.edit(own, (_MERGE, edit))
+        service.versions.edit(fresh_id, (_MERGE, edit))
     assert raised.value.field == f"edits[1].{field}" and type(raised.value) is error and raised.value.hint
-    assert len(service.versions.all(own)) == 1
+    assert len(service.versions.all(fresh_id)) == 1
 
 
-def test_two_viewpoints_at_once_are_refused(service: SceneService, own: str) -> None:
+def test_two_viewpoints_at_once_are_refused(service: SceneService, fresh_id: str) -> None:
     with pytest.raises(InvalidInputError) as raised:
-        service.versions.edit(own, [replace(_SPLIT, prompt=_prompt(_BALL, camera=turned(0.0)))])
+        service.versions.edit(fresh_id, [replace(_SPLIT, prompt=_prompt(_BALL, camera=turned(0.0)))])
     assert raised.value.field == "edits[0].prompt.view"
 
 
-def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client, own: str) -> None:
-    client.edit_scene(own, [_MERGE])
-    named = client.name_objects(own, 1, "violin")
+def test_what_a_person_named_is_cut_only_by_who_has_seen_the_name(client: Client, fresh_id: str) -> None:
+    client.edit_scene(fresh_id, [_MERGE])
+    named = client.name_objects(fresh_id, 1, "violin")
     for call in (
-        lambda seen: client.split_object(own, 1, "front.png", pixels=[_BALL], looked_at=seen),
-        lambda seen: client.edit_scene(own, [Edit("merge", object_ids=(3, 1)), _BOTH], looked_at=seen),
+        lambda seen: client.split_object(fresh_id, 1, "front.png", pixels=[_BALL], looked_at=seen),
+        lambda seen: client.edit_scene(fresh_id, [Edit("merge", object_ids=(3, 1)), _BOTH], looked_at=seen),
     ):
         with pytest.raises(ConflictError) as raised:
             call("1")
         assert raised.value.field == "edits[0].version"
         assert call(named.version).current
-        client.undo_edit(own)
+        client.undo_edit(fresh_id)
 
 
 _BOTH = Edit("split", object_ids=(3,), prompt=_prompt(_BALL))
 
 
 def test_a_segmenter_that_is_not_installed_says_how_to_get_it(
-    service: SceneService, api_settings: Settings, own: str
+    service: SceneService, api_settings: Settings, fresh_id: str
 ) -> None:
-    other = api_settings.perception.model_copy(update={"segmenter": "mobile_sam"})
-    with open_service(api_settings.model_copy(update={"perception": other})) as without:
+    perception = api_settings.perception.model_copy(update={"segmenter": "mobile_sam"})
+    with open_service(api_settings.model_copy(update={"perception": perception})) as without:
         with pytest.raises(ModelUnavailableError) as raised:
-            without.versions.edit(own, [_MERGE, _SPLIT])
+            without.versions.edit(fresh_id, [_MERGE, _SPLIT])
         assert "models pull mobile_sam" in raised.value.hint
-        assert without.versions.edit(own, [_MERGE]).current and without.versions._context.memory.kept == 0
+        assert without.versions.edit(fresh_id, [_MERGE]).current and without.versions._context.memory.cached_bytes == 0
 
 
-def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Settings, own: str) -> None:
+def test_the_segmenter_stays_open_until_others_need_its_memory(api_settings: Settings, fresh_id: str) -> None:
     calls = api_settings.calls.model_copy(update={"answer_memory_bytes": 3 << 30, "request_memory_bytes": 2 << 30})
     with open_service(api_settings.model_copy(update={"calls": calls})) as service:
-        service.versions.edit(own, [_MERGE, _SPLIT])
+        service.versions.edit(fresh_id, [_MERGE, _SPLIT])
         warm = service.versions._prompted._segmenter
         first, memory = warm._open, service._context.memory
-        assert first is not None and memory.kept == warm.bytes and memory.reserved == 0
-        service.versions.edit(own, [Edit("merge", object_ids=(1, 4)), _SPLIT])
-        assert warm._open is first and memory.kept == warm.bytes
+        assert first is not None and memory.cached_bytes == warm.bytes and memory.reserved == 0
+        service.versions.edit(fresh_id, [Edit("merge", object_ids=(1, 4)), _SPLIT])
+        assert warm._open is first and memory.cached_bytes == warm.bytes
         assert service.in_project("another").versions._prompted is service.versions._prompted
         with memory.reserve(2 << 30, "edits"), memory.reserve((1 << 30) - 1, "edits"):
-            assert warm._open is None and memory.kept == 0
+            assert warm._open is None and memory.cached_bytes == 0
             assert not memory.keep(2, warm.drop)
-        service.versions.undo(own)
+        service.versions.undo(fresh_id)

@@ -18,7 +18,7 @@ from tests.api.served import Faces
 
 
 @pytest.fixture
-def own(tmp_path: Path) -> Iterator[SceneService]:
+def empty_service(tmp_path: Path) -> Iterator[SceneService]:
     """A service without scenes."""
     settings = Settings(data_dir=tmp_path)
     with SceneService(open_store(tmp_path), settings) as service:
@@ -44,23 +44,23 @@ def test_each_face_opens_the_one_sample_of_the_project(faces: Faces, service: Sc
 
 
 def test_it_is_whole_is_kept_as_it_was_changed_and_comes_anew_after_it_was_deleted(
-    own: SceneService, tmp_path: Path
+    empty_service: SceneService, tmp_path: Path
 ) -> None:
-    first = own.open_sample()
-    blobs = own._store.blobs
+    first = empty_service.open_sample()
+    blobs = empty_service._store.blobs
     blobs.check_version(blobs.version(first.id, first.version))
-    own._store.scenes.rename(first.id, "mine")
-    assert own.open_sample().name == "mine"
+    empty_service._store.scenes.rename(first.id, "mine")
+    assert empty_service.open_sample().name == "mine"
     assert _folders(tmp_path) == [first.id]  # nothing of the unpacking is left
-    own.delete_scene(first.id)
-    second = own.open_sample()
+    empty_service.delete_scene(first.id)
+    second = empty_service.open_sample()
     assert second.id != first.id and second.name == "A table (sample)"
-    assert own.in_project("other").open_sample().id != second.id
+    assert empty_service.in_project("other").open_sample().id != second.id
 
 
-def test_two_who_ask_at_once_get_one_scene(own: SceneService, tmp_path: Path) -> None:
+def test_two_who_ask_at_once_get_one_scene(empty_service: SceneService, tmp_path: Path) -> None:
     got: list[str] = []
-    threads = [threading.Thread(target=lambda: got.append(own.open_sample().id)) for _ in range(3)]
+    threads = [threading.Thread(target=lambda: got.append(empty_service.open_sample().id)) for _ in range(3)]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -27,11 +27,11 @@ def test_tints_cover_their_objects_and_dimming_the_rest(client: Client, scene_id
     first, second = np.unique(ids[ids > 0])[:2].tolist()
     plain = _pixels(client.picture(scene_id, "rgb", "front.png"))
     tints = [Tint((first, second), _RED, 0.5), Tint((second,), _BLUE, 1.0)]
-    shown = _pixels(client.picture(scene_id, "rgb", "front.png", tints=tints, dimming=0.25))
+    pixels = _pixels(client.picture(scene_id, "rgb", "front.png", tints=tints, dimming=0.25))
     expected = 0.75 * plain
     expected[ids == first] = 0.5 * plain[ids == first] + [127.5, 0, 0]
     expected[ids == second] = [0, 0, 255]
-    assert np.abs(shown - expected).max() <= 1
+    assert np.abs(pixels - expected).max() <= 1
 
 
 def test_a_jpeg_is_the_picture_in_fewer_bytes(client: Client, scene_id: str) -> None:

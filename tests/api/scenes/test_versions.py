@@ -26,76 +26,79 @@ _REMOVE = Edit("remove", label="mug")
 _UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Client, own: str) -> None:
-    before = client.scene(own)
-    (answer,) = client.query(own, "mug", outputs=["mask3d", "objects"])
-    made = client.edit_scene(own, [_REMOVE])
-    assert (made.parent, made.current, made.edits) == (before.version, True, (_REMOVE,))
-    after = client.scene(own)
+def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Client, fresh_id: str) -> None:
+    before = client.scene(fresh_id)
+    (answer,) = client.query(fresh_id, "mug", outputs=["mask3d", "objects"])
+    removal = client.edit_scene(fresh_id, [_REMOVE])
+    assert (removal.parent, removal.current, removal.edits) == (before.version, True, (_REMOVE,))
+    after = client.scene(fresh_id)
     mugs = answer.matches[0].gaussian_count
-    assert after.version == made.version and after.gaussians == made.gaussians == before.gaussians - mugs
+    assert after.version == removal.version and after.gaussians == removal.gaussians == before.gaussians - mugs
     assert [row.gaussian_count for row in after.dictionary] == [0, 60, 60]
-    assert not client.mask3d(own, "mug").any() and len(client.mask3d(own, "ball")) == after.gaussians
-    assert [obj.name for obj in client.objects(own)] != [obj.name for obj in client.objects(own, version="1")]
+    assert not client.mask3d(fresh_id, "mug").any() and len(client.mask3d(fresh_id, "ball")) == after.gaussians
+    assert [obj.name for obj in client.objects(fresh_id)] != [obj.name for obj in client.objects(fresh_id, version="1")]
 
     # The old version answers as before, whoever asks for it by name.
-    (old,) = client.query(own, "mug", outputs=["mask3d", "objects"], version=before.version)
+    (old,) = client.query(fresh_id, "mug", outputs=["mask3d", "objects"], version=before.version)
     assert old == answer
-    assert [(v.version, v.current) for v in client.versions(own)] == [(before.version, False), (made.version, True)]
+    assert [(v.version, v.current) for v in client.versions(fresh_id)] == [
+        (before.version, False),
+        (removal.version, True),
+    ]
 
-    undone = client.undo_edit(own, made.version)
+    undone = client.undo_edit(fresh_id, removal.version)
     assert (undone.version, undone.current) == (before.version, True)
-    assert client.query(own, "mug", outputs=["mask3d", "objects"]) == (answer,)
-    assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
-    listed = faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=own)).versions
-    assert list(listed) == [to_proto(version) for version in client.versions(own)]
+    assert client.query(fresh_id, "mug", outputs=["mask3d", "objects"]) == (answer,)
+    assert replace(client.scene(fresh_id), cameras=()) == replace(before, cameras=())
+    listed = faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=fresh_id)).versions
+    assert list(listed) == [to_proto(version) for version in client.versions(fresh_id)]
 
 
 def _mugs(client: Client, scene_id: str) -> list[SceneObject]:
     return [obj for obj in client.objects(scene_id) if obj.name == "mug"]
 
 
-def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> None:
-    (mug,) = _mugs(client, own)
-    made = client.edit_scene(
-        own,
+def test_edits_of_one_request_build_on_each_other(client: Client, fresh_id: str) -> None:
+    (mug,) = _mugs(client, fresh_id)
+    version = client.edit_scene(
+        fresh_id,
         [Edit("recolor", object_ids=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
-    (moved,) = _mugs(client, own)
+    (moved,) = _mugs(client, fresh_id)
     # Within a hundredth: what was a label's object is an object from then on, with the faint Gaussians around it.
     np.testing.assert_allclose(moved.centroid, np.add(mug.centroid, _UP.position), atol=0.01)
-    assert (client.depth(own, "front.png") != client.depth(own, "front.png", version=made.parent)).any()
-    copies = client.edit_scene(own, [Edit("duplicate", label="mug", transform=_UP)])
-    assert copies.gaussians == made.gaussians + 60  # those too faint for the object, too
-    assert len(_mugs(client, own)) == 2
-    assert client.undo_edit(own).version == made.version
-    assert client.undo_edit(own).version == made.parent
+    assert (client.depth(fresh_id, "front.png") != client.depth(fresh_id, "front.png", version=version.parent)).any()
+    copies = client.edit_scene(fresh_id, [Edit("duplicate", label="mug", transform=_UP)])
+    assert copies.gaussians == version.gaussians + 60  # those too faint for the object, too
+    assert len(_mugs(client, fresh_id)) == 2
+    assert client.undo_edit(fresh_id).version == version.version
+    assert client.undo_edit(fresh_id).version == version.parent
     with pytest.raises(ConflictError):
-        client.undo_edit(own)
+        client.undo_edit(fresh_id)
 
 
-def test_no_question_fails_while_versions_come_and_go(service: SceneService, client: Client, own: str) -> None:
+def test_no_question_fails_while_versions_come_and_go(service: SceneService, client: Client, fresh_id: str) -> None:
     over = threading.Event()
     sizes: set[int] = set()
 
     def ask(number: int) -> int:
-        asked = 0
+        count = 0
         while not over.is_set():
-            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"}))).answers
+            (answer,) = service.answers.query(QueryRequest(fresh_id, ("mug",), outputs=frozenset({"mask3d"}))).answers
             assert len(answer.mask3d) == -(-answer.gaussians // 8)
-            client.query(own, "mug", views=["front.png"], outputs=["mask2d"])
+            client.query(fresh_id, "mug", views=["front.png"], outputs=["mask2d"])
             sizes.add(answer.gaussians)
-            asked += 1
-        return asked
+            count += 1
+        return count
 
     with ThreadPoolExecutor(4) as pool:
         readers = [pool.submit(ask, number) for number in range(4)]
         try:
             for _ in range(4):
-                made = client.edit_scene(own, [_REMOVE])
-                client.edit_scene(own, [Edit("duplicate", label="ball", transform=_UP)])
-                client.undo_edit(own)
-                assert client.undo_edit(own).version == made.parent
+                version = client.edit_scene(fresh_id, [_REMOVE])
+                client.edit_scene(fresh_id, [Edit("duplicate", label="ball", transform=_UP)])
+                client.undo_edit(fresh_id)
+                assert client.undo_edit(fresh_id).version == version.parent
         finally:
             over.set()
         assert all(reader.result() > 0 for reader in readers)

@@ -33,7 +33,7 @@ def test_nothing_is_ready_before_the_first_look_and_after_the_drain_began() -> N
 
 def test_findings_follow_the_check_and_are_told_once_each() -> None:
     faults: list[Exception | None] = [None, ResourceError("no disk"), ResourceError("no disk"), ValueError("?"), None]
-    told: list[bool] = []
+    states: list[bool] = []
 
     def check() -> None:
         fault = faults.pop(0) if len(faults) > 1 else faults[0]
@@ -45,16 +45,16 @@ def test_findings_follow_the_check_and_are_told_once_each() -> None:
         readiness.PERIOD_S = 0.0
 
         async def changed(ready: bool) -> None:
-            told.append(ready)
+            states.append(ready)
 
         task = asyncio.create_task(readiness.watch(changed))
         async with asyncio.timeout(30):
-            while len(told) < 3:
+            while len(states) < 3:
                 await asyncio.sleep(0.01)
         task.cancel()
 
     asyncio.run(run())
-    assert told == [True, False, True]
+    assert states == [True, False, True]
 
 
 def test_a_check_that_hangs_ends_readiness_and_holds_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:

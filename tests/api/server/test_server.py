@@ -52,15 +52,15 @@ def test_not_ready_without_models_until_they_come(
         assert f"{settings.models} (FASTSPLAT_MODELS) lacks {ENCODER} (perception.text_encoder)" in warning
         stub = health_pb2_grpc.HealthStub(faces.channel)
 
-        def told() -> tuple[int, int]:
+        def status() -> tuple[int, int]:
             return faces.rest.get("/readyz").status_code, stub.Check(health_pb2.HealthCheckRequest()).status
 
-        assert told() == (503, health_pb2.HealthCheckResponse.NOT_SERVING)
+        assert status() == (503, health_pb2.HealthCheckResponse.NOT_SERVING)
         refused = faces.rest.get("/readyz")
         assert refused.headers["retry-after"] and "words" in refused.json()["detail"]
         assert faces.rest.get("/livez").status_code == 200
         write_words(settings.models)
-        wait_for(lambda: told() == (200, health_pb2.HealthCheckResponse.SERVING))
+        wait_for(lambda: status() == (200, health_pb2.HealthCheckResponse.SERVING))
 
 
 def test_photos_whose_job_would_lack_a_model_are_refused_when_they_are_posted(
@@ -154,7 +154,7 @@ def test_a_taken_port_is_an_error_that_names_the_setting(service: SceneService, 
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
 def test_a_loopback_is_both_and_answers_do_not_wait_for_acknowledgements(host: str) -> None:
     listeners = _listen(host, 0)
-    assert {one.getsockname()[0] for one in listeners} == (
+    assert {listener.getsockname()[0] for listener in listeners} == (
         {"127.0.0.1", "::1"} if socket.has_dualstack_ipv6() else {host}
     )
     for listener in listeners:

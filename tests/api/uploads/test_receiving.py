@@ -77,7 +77,7 @@ def test_many_at_once_get_their_own_bytes() -> None:
         sinks = [_Sink() for _ in contents]
         streams = [_stream(data, random.Random(seed)) for seed, data in enumerate(contents)]
         sizes = await asyncio.gather(
-            *(receiver.receive(one, sink.open, size=len) for one, sink in zip(streams, sinks, strict=True))
+            *(receiver.receive(stream, sink.open, size=len) for stream, sink in zip(streams, sinks, strict=True))
         )
         assert [sink.data for sink in sinks] == contents and sizes == [len(data) for data in contents]
         assert sinks[0].calls == ["open", "finish"]

@@ -41,12 +41,12 @@ def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
 
 
 def test_the_server_says_what_it_speaks(faces: Faces) -> None:
-    told = faces.rest.options("/v1/uploads")
-    assert told.status_code == 204 and told.headers["tus-version"] == "1.0.0"
-    extensions = set(told.headers["tus-extension"].split(","))
+    options = faces.rest.options("/v1/uploads")
+    assert options.status_code == 204 and options.headers["tus-version"] == "1.0.0"
+    extensions = set(options.headers["tus-extension"].split(","))
     assert extensions == {"creation", "creation-with-upload", "checksum", "expiration", "termination"}
-    assert int(told.headers["tus-max-size"]) == MAX_UPLOAD_BYTES
-    assert set(told.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
+    assert int(options.headers["tus-max-size"]) == MAX_UPLOAD_BYTES
+    assert set(options.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
 
 
 def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, service: SceneService) -> None:
@@ -59,15 +59,15 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
         assert answer.status_code == 204 and answer.headers["upload-offset"] == str(end)
         assert answer.headers["tus-resumable"] == "1.0.0"
         assert parsedate_to_datetime(answer.headers["upload-expires"]).year >= 2020
-    told = faces.rest.head(path, headers=_TUS)
-    assert told.headers["upload-offset"] == told.headers["upload-length"] == str(len(data))
-    assert told.headers["cache-control"] == "no-store" and told.headers["upload-metadata"].endswith("note aGk=")
+    head = faces.rest.head(path, headers=_TUS)
+    assert head.headers["upload-offset"] == head.headers["upload-length"] == str(len(data))
+    assert head.headers["cache-control"] == "no-store" and head.headers["upload-metadata"].endswith("note aGk=")
     form = {"uploads": path.rpartition("/")[2], "name": "in pieces", "request_id": f"tus-{time.time_ns()}"}
     first, again = (faces.rest.post("/v1/scenes", files=_form(form)) for _ in range(2))
     assert first.status_code == again.status_code == 202, first.text
     assert first.json()["id"] == again.json()["id"]
-    kept = service._store.scenes.operation(first.json()["id"])
-    folder = service._store.blobs.upload(kept.upload_id)
+    record = service._store.scenes.operation(first.json()["id"])
+    folder = service._store.blobs.upload(record.upload_id)
     assert len(list(folder.rglob("*.jpg"))) == 3
     assert faces.rest.delete(path, headers=_TUS).status_code == 204
     assert len(list(folder.rglob("*.jpg"))) == 3

@@ -92,9 +92,9 @@ def capture(tmp_path: Path) -> Path:
 
 
 def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
-    made = place.link()
-    assert (made.key.role, made.key.state, made.key.operation_id) == ("uploader", "VALID", "")
-    assert made.key.expires_at is not None and made.key.expires_at - made.key.created_at == timedelta(minutes=15)
+    link = place.link()
+    assert (link.key.role, link.key.state, link.key.operation_id) == ("uploader", "VALID", "")
+    assert link.key.expires_at is not None and link.key.expires_at - link.key.created_at == timedelta(minutes=15)
     metadata = (("authorization", f"Bearer {place.editor}"),)
     over_rpc = place.faces.rpc.CreateUploadKey(pb.CreateUploadKeyRequest(lifetime_s=60.0), metadata=metadata)
     assert from_proto(NewKey, over_rpc).key.role == "uploader"
@@ -108,7 +108,7 @@ def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
 
 
 def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place, capture: Path) -> None:
-    other = _add_scene(place)
+    other_id = _add_scene(place)
     link = place.link()
     with place.client(link.secret) as phone:
         before = phone.server_status()
@@ -119,13 +119,13 @@ def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place,
         assert after.upload_operation == operation.id and after.key_expires_at is not None
         assert after.key_expires_at - link.key.created_at > timedelta(hours=23)
         with pytest.raises(NotFoundError):
-            phone.operation(place.service.get_scene(other).operation_id)
+            phone.operation(place.service.get_scene(other_id).operation_id)
         for call in (
             lambda: phone.scene(operation.scene_id),
             lambda: list(phone.scenes()),
             lambda: list(phone.operations()),
             lambda: phone.cancel(operation.id),
-            lambda: phone.delete_scene(other),
+            lambda: phone.delete_scene(other_id),
             lambda: list(phone.known_names.all()),
             lambda: list(phone.keys.all()),
             lambda: phone.keys.create_for_upload(),
@@ -138,7 +138,7 @@ def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place,
         metadata = (("authorization", f"Bearer {link.secret}"),)
         assert place.faces.rpc.GetOperation(pb.GetOperationRequest(operation_id=operation.id), metadata=metadata)
         with pytest.raises(grpc.RpcError) as denied:
-            place.faces.rpc.GetScene(pb.GetSceneRequest(scene_id=other), metadata=metadata)
+            place.faces.rpc.GetScene(pb.GetSceneRequest(scene_id=other_id), metadata=metadata)
         assert rpc_refusal(denied.value).reason == "PERMISSION_DENIED"
     assert [scene.name for scene in place.service.list_scenes().scenes] == ["by phone", "made"]
     (key,) = [key for key in place.service.keys.list("operator").keys if key.id == link.key.id]
@@ -206,7 +206,7 @@ def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -
 
 def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
     """Files of others are as if they were not there; it has one that is not whole, and no more than one upload has."""
-    one, other = place.link().secret, place.link().secret
+    first, second = place.link().secret, place.link().secret
 
     def call(key: str, method: str, path: str = "/v1/uploads", content: bytes = b"", **headers: str) -> httpx.Response:
         sent = {**_TUS, "Authorization": f"Bearer {key}", **{name.replace("_", "-"): headers[name] for name in headers}}
@@ -220,25 +220,25 @@ def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
         kind = "application/offset+octet-stream"
         return call(key, "PATCH", path, content, Upload_Offset="0", Content_Type=kind).status_code
 
-    for owner in (place.editor, one):
+    for owner in (place.editor, first):
         path = create(owner, 4).headers["location"]
-        assert [call(other, method, path).status_code for method in ("HEAD", "DELETE")] == [404, 404]
-        assert piece(other, path, b"evil") == 404
+        assert [call(second, method, path).status_code for method in ("HEAD", "DELETE")] == [404, 404]
+        assert piece(second, path, b"evil") == 404
         form = place.faces.rest.post(
-            "/v1/scenes", headers={"Authorization": f"Bearer {other}"}, files={"uploads": (None, path.split("/")[-1])}
+            "/v1/scenes", headers={"Authorization": f"Bearer {second}"}, files={"uploads": (None, path.split("/")[-1])}
         )
         assert form.status_code == 404
         assert call(place.editor, "HEAD", path).status_code == 200
-    refused = create(one, 4)
+    refused = create(first, 4)
     assert refused.status_code == 409 and path in refused.json()["hint"]
     assert len(place.uploads()) == 2
-    assert piece(one, path, b"good") == 204 and create(one, 4).status_code == 201
-    too_much = create(other, place.settings.capture.max_upload_bytes), create(other, 1)
+    assert piece(first, path, b"good") == 204 and create(first, 4).status_code == 201
+    too_much = create(second, place.settings.capture.max_upload_bytes), create(second, 1)
     assert [answer.status_code for answer in too_much] == [201, 413]
     limited = place.settings.capture.model_copy(update={"max_entries": 1})
-    own = place.service.resumable.of_key("some key", limited.max_entries)
-    own.create(place.project, "empty.jpg", 0)
+    key_uploads = place.service.resumable.of_key("some key", limited.max_entries)
+    key_uploads.create(place.project, "empty.jpg", 0)
     with pytest.raises(LimitExceededError):
-        own.create(place.project, "another.jpg", 0)
-    with place.client(other) as phone:
+        key_uploads.create(place.project, "another.jpg", 0)
+    with place.client(second) as phone:
         assert phone.server_status().quotas == ()

@@ -181,8 +181,8 @@ def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> N
     again = post(faces, files, {"name": "once", "request_id": "id-1"})
     assert first.status_code == again.status_code == 202 and first.json()["id"] == again.json()["id"]
     assert faces.rpc.CreateScene(messages(files, name="once", request_id="id-1")).id == first.json()["id"]
-    other = rest_refusal(post(faces, photos(3), {"name": "once", "request_id": "id-1"}))
-    assert (other.code, other.reason, other.details["field"]) == (409, "CONFLICT", "request_id")
+    refusal = rest_refusal(post(faces, photos(3), {"name": "once", "request_id": "id-1"}))
+    assert (refusal.code, refusal.reason, refusal.details["field"]) == (409, "CONFLICT", "request_id")
     faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
 
 
@@ -368,14 +368,14 @@ def test_photos_of_one_name_are_all_kept_however_they_come(faces: Faces, service
     for _, content in files:
         headers = {"Tus-Resumable": "1.0.0", "Upload-Length": str(len(content)), "Upload-Metadata": f"filename {name}"}
         headers["Content-Type"] = "application/offset+octet-stream"
-        made = faces.rest.post("/v1/uploads", headers=headers, content=content)
-        uploads.append(("uploads", (None, made.headers["location"].rpartition("/")[2])))
+        upload = faces.rest.post("/v1/uploads", headers=headers, content=content)
+        uploads.append(("uploads", (None, upload.headers["location"].rpartition("/")[2])))
     posted = [post(faces, files), faces.rest.post("/v1/scenes", files=uploads)]
     ids = [answer.json()["id"] for answer in posted] + [faces.rpc.CreateScene(messages(files)).id]
     for operation_id in ids:
         record = service._store.scenes.operation(operation_id)
         manifest, folder = read_manifest(service._store.blobs.upload(record.upload_id) / record.options["validated"])
-        kept = {name: (folder / name).read_bytes() for name in manifest.names}
-        assert kept == {f"image{end}.jpg": files[i][1] for i, end in enumerate(("", " (2)", " (3)"))}
+        contents = {name: (folder / name).read_bytes() for name in manifest.names}
+        assert contents == {f"image{end}.jpg": files[i][1] for i, end in enumerate(("", " (2)", " (3)"))}
         assert not manifest.left_out
         service.delete_scene(record.scene_id)

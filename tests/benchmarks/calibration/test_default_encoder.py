@@ -62,8 +62,8 @@ def test_the_committed_calibration_is_what_its_script_measures(minilm: TextEncod
             assert figures[f"{kind}_brier"] < 0.4 * figures[f"{kind}_brier_of_base_rate"]
         # The rule for what is spoken of loses no answer, and says half as much beside the point.
         before, after = figures["listed_by_threshold"], figures["listed"]
-        for kept in ("found", "named_rightly", "rightly_absent"):
-            assert before[kept] == after[kept]
+        for figure in ("found", "named_rightly", "rightly_absent"):
+            assert before[figure] == after[figure]
         assert 1 - after["precision"] < 0.6 * (1 - before["precision"]) and after["recall"] > before["recall"] - 0.1
 
 
@@ -73,8 +73,8 @@ def test_label_sets_cover_what_they_say_on_scenes_they_never_saw(minilm: TextEnc
     cache = TextCache(minilm, settings.templates, 10_000)
     found = calibration_for(minilm.name, minilm.sha256, score, settings.templates, settings.negatives)
     assert found is not None
-    asked = [question for question in ask_scenes(score, cache, cache.embed(settings.negatives)) if not question.named]
-    judges = [question for question in asked if question.part == 3]
+    cases = [question for question in ask_scenes(score, cache, cache.embed(settings.negatives)) if not question.named]
+    judges = [question for question in cases if question.part == 3]
     assert len(judges) >= 100
     sizes = []
     for coverage in (0.5, 0.8, 0.9, 0.95):

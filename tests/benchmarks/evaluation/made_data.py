@@ -56,16 +56,16 @@ def scene(labels: Sequence[str] = LABELS, cameras: tuple[PosedCamera, ...] = ())
 
 def poses(count: int) -> list[NDArray[np.float64]]:
     """world_from_camera, side by side, all looking along +z."""
-    made = []
+    matrices = []
     for index in range(count):
         pose = np.eye(4)
         pose[0, 3] = 0.05 * (index - count // 2)
-        made.append(pose)
-    return made
+        matrices.append(pose)
+    return matrices
 
 
-def index(made: Scene | None = None) -> SceneIndex:
-    return SceneIndex(made or scene(), WordEncoder(), SETTINGS)
+def index(custom_scene: Scene | None = None) -> SceneIndex:
+    return SceneIndex(custom_scene or scene(), WordEncoder(), SETTINGS)
 
 
 def picture(seed: int) -> NDArray[np.uint8]:
@@ -107,8 +107,8 @@ def nerfstudio(folder: Path, count: int = 6, test: Sequence[int] = (1, 4), *, dr
             "test": [f"{i:03d}" for i in test],
         },
     }  # fmt: skip
-    kept = {key: value for key, value in document.items() if key not in drop}
-    (folder / "transforms.json").write_text(json.dumps(kept))
+    entries = {key: value for key, value in document.items() if key not in drop}
+    (folder / "transforms.json").write_text(json.dumps(entries))
     (folder / "points3d.ply").write_text(_ply(scene().gaussians.means))
     return folder
 
@@ -175,10 +175,10 @@ def same_truth(root: Path, test: Sequence[int] = (1, 4)) -> tuple[Path, Path, Pa
     (masks / "segmentations/classes.txt").write_text("\n".join(LABELS))
     (polygons / "label").mkdir()
     for number in test:
-        shown = truth.label_map(PosedCamera(CAMERA, poses(6)[number]))
+        label_map = truth.label_map(PosedCamera(CAMERA, poses(6)[number]))
         objects = []
         for label_id, label in enumerate(LABELS, 1):
-            mask = (shown == label_id).astype(np.uint8)
+            mask = (label_map == label_id).astype(np.uint8)
             save(mask * 255, masks / f"segmentations/{stems[number]}/{label}.png")
             outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
             outline = (outlines[0][:, 0] + 0.5).tolist()  # centres of the outermost pixels

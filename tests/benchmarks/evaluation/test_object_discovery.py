@@ -24,8 +24,8 @@ POSED = PosedCamera(made_data.CAMERA.scaled_to(256, 192), np.eye(4), "a.png")
 def _scene(objects: Objects | None = None) -> Scene:
     """Three balls, each an object of its own id."""
     membership = evidence_of(np.arange(3), np.array(IDS), np.full(3, 1 << 18), 3)
-    own = Objects(tuple(Object(number, consensus=1 - number / 100) for number in IDS), membership)
-    return replace(made_data.scene(), objects=objects or own)
+    default_objects = Objects(tuple(Object(number, consensus=1 - number / 100) for number in IDS), membership)
+    return replace(made_data.scene(), objects=objects or default_objects)
 
 
 def _dataset(truth: np.ndarray) -> Dataset:
@@ -37,14 +37,14 @@ def _dataset(truth: np.ndarray) -> Dataset:
 
 def _truth() -> np.ndarray:
     """What the scene shows, its objects numbered from 1."""
-    shown = object_map(_scene(), POSED)
-    return np.searchsorted([0, *IDS], shown)
+    id_map = object_map(_scene(), POSED)
+    return np.searchsorted([0, *IDS], id_map)
 
 
 def test_the_map_shows_ids_of_objects() -> None:
-    shown = object_map(_scene(), POSED)
-    assert set(np.unique(shown)) == {0, *IDS}
-    columns = [np.nonzero(shown == number)[1].mean() for number in IDS]
+    id_map = object_map(_scene(), POSED)
+    assert set(np.unique(id_map)) == {0, *IDS}
+    columns = [np.nonzero(id_map == number)[1].mean() for number in IDS]
     assert columns == sorted(columns)  # the balls stand in a row
     with pytest.raises(InvalidInputError, match="no objects"):
         object_map(made_data.scene(), POSED)

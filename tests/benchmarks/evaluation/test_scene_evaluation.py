@@ -82,7 +82,7 @@ def test_a_scene_of_no_label_or_of_very_many_is_scored(dataset: Dataset, more: i
     bias = np.full(len(names) + 1, -9, np.float32)
     bias[:4] = 0
     bias[0] = 4
-    other = replace(
+    variant = replace(
         scene,
         gaussians=replace(scene.gaussians, codes=codes),
         head=replace(scene.head, weight=weight, bias=bias),
@@ -90,7 +90,7 @@ def test_a_scene_of_no_label_or_of_very_many_is_scored(dataset: Dataset, more: i
         label_embeddings=np.resize(scene.label_embeddings, (len(names), scene.label_embeddings.shape[1])),
     )
     few = replace(dataset, test=dataset.test[:1])
-    assert _figures(made_data.index(other), few)["miou"] == (1 if more else 0)
+    assert _figures(made_data.index(variant), few)["miou"] == (1 if more else 0)
 
 
 def test_pixels_that_do_not_count_do_not_count(dataset: Dataset) -> None:
@@ -113,9 +113,9 @@ def test_a_scene_in_another_world_frame_is_refused(dataset: Dataset) -> None:
     pose = dataset.test[0].posed.world_from_camera.copy()
     pose[2, 3] += 1
     moved = PosedCamera(made_data.CAMERA, pose, dataset.test[0].name)
-    other = replace(made_data.scene(), cameras=(moved,), facts=SceneFacts(held_out_views=(moved.name,)))
+    moved_scene = replace(made_data.scene(), cameras=(moved,), facts=SceneFacts(held_out_views=(moved.name,)))
     with pytest.raises(InvalidInputError, match="another pose"):
-        evaluate_scene(made_data.index(other), dataset)
+        evaluate_scene(made_data.index(moved_scene), dataset)
 
 
 def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: Path) -> None:
@@ -124,10 +124,10 @@ def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: P
     read = read_dataset(folder, CaptureSettings())
     views = []
     for view in read.test:
-        shown = truth.label_map(view.posed)
+        label_map = truth.label_map(view.posed)
         queries = [
-            QueryTruth("red mug", shown == 1, ((0, 0, 64, 48),)),
-            QueryTruth("sofa", shown == 2, ((0, 0, 1, 1),)),
+            QueryTruth("red mug", label_map == 1, ((0, 0, 64, 48),)),
+            QueryTruth("sofa", label_map == 2, ((0, 0, 1, 1),)),
         ]
         views.append(replace(view, queries=tuple(queries)))
     dataset = replace(read, test=tuple(views), dictionary=dictionary_of(["red mug", "sofa"]))

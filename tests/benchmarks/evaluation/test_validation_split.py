@@ -52,10 +52,10 @@ def test_order_frame_and_unit_change_nothing(seed: int) -> None:
     moved[:3, :3] = np.linalg.qr(rng.standard_normal((3, 3)))[0]
     moved[:3, :3] *= np.sign(np.linalg.det(moved[:3, :3]))
     moved[:3, 3] = rng.uniform(-9, 9, 3)
-    others = [moved @ pose for pose in poses]
-    for pose in others:
+    moved_poses = [moved @ pose for pose in poses]
+    for pose in moved_poses:
         pose[:3, 3] *= 37.0
-    assert validation_names(names, others) == expected
+    assert validation_names(names, moved_poses) == expected
 
 
 def test_validation_views_are_spread_over_the_path_and_lie_inside_it() -> None:

@@ -30,7 +30,7 @@ _GRAY = np.full((48, 64), 255, np.uint8)
 
 
 def _transforms(names: list[str], frame: dict[str, Any] | None = None, **top: Any) -> bytes:
-    frames = [one | (frame or {}) for one in frames_of(names)]
+    frames = [entry | (frame or {}) for entry in frames_of(names)]
     return json.dumps(PINHOLE | {"frames": frames} | top).encode()
 
 
@@ -49,7 +49,7 @@ def validated(upload, settings) -> Callable[..., ValidatedUpload]:
 
 
 @pytest.mark.parametrize(
-    ("there", "asked", "how"),
+    ("there", "name", "how"),
     [
         ("images/left/a.jpg", "images\\left\\a.jpg", "backslashes"),
         ("images/a.JPG", "images/a.jpg", "letter case"),
@@ -60,15 +60,15 @@ def validated(upload, settings) -> Callable[..., ValidatedUpload]:
     ],
 )
 @pytest.mark.parametrize("posed", ["transforms", "colmap"])
-def test_a_name_that_can_mean_one_file_alone_means_it(there: str, asked: str, how: str, posed: str, validated) -> None:
+def test_a_name_that_can_mean_one_file_alone_means_it(there: str, name: str, how: str, posed: str, validated) -> None:
     if posed == "transforms":
-        document = {"transforms.json": _transforms([asked])}
+        document = {"transforms.json": _transforms([name])}
     else:  # whose names are relative to the folder of images
-        asked = asked[7:] if asked.startswith("images") else asked
-        document = _model(asked, folder="{x}")
-    others = {"masks/a.jpg": b"", "b.jpg": photo_file(5)}
-    (warning,) = [each for each in validated({there: photo_file(1), **document, **others}).warnings if how in each]
-    assert asked in warning and there in warning
+        name = name[7:] if name.startswith("images") else name
+        document = _model(name, folder="{x}")
+    files = {"masks/a.jpg": b"", "b.jpg": photo_file(5)}
+    (warning,) = [text for text in validated({there: photo_file(1), **document, **files}).warnings if how in text]
+    assert name in warning and there in warning
 
 
 def test_a_name_that_can_mean_two_files_means_none(validated) -> None:
@@ -96,8 +96,8 @@ def test_what_lies_beside_photos_and_is_not_read_is_named(name: str, validated, 
     for posed in ({}, splat, {"transforms.json": _transforms([*_PHOTOS])}, _model("0.jpg", "1.jpg")):
         (tmp_path / "place" / "upload" / "a.ply").unlink(missing_ok=True)
         warnings = validated({**_PHOTOS, **posed, name: b"{}"}).warnings
-        assert any(name in each for each in warnings) == (posed in ({}, splat) or name != "notes.txt")
-        assert any("images/1.jpg" in each for each in warnings) == (posed == splat)
+        assert any(name in text for text in warnings) == (posed in ({}, splat) or name != "notes.txt")
+        assert any("images/1.jpg" in text for text in warnings) == (posed == splat)
 
 
 def test_colmap_masks_and_transparent_pixels_have_no_loss(upload, settings) -> None:

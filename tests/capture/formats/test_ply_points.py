@@ -14,7 +14,7 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitEx
 def _ply(
     form: str, rows: int, body: bytes, properties: str = "float x,float y,float z,uchar red,uchar green,uchar blue"
 ) -> bytes:
-    lines = "".join(f"property {one}\n" for one in properties.split(","))
+    lines = "".join(f"property {column}\n" for column in properties.split(","))
     return f"ply\nformat {form} 1.0\nelement vertex {rows}\n{lines}end_header\n".encode() + body
 
 

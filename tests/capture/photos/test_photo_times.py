@@ -70,9 +70,9 @@ def test_a_photo_says_when_it_was_taken(tmp_path: Path) -> None:
     exif.get_ifd(ExifTags.IFD.Exif).update(_detail(offset="+01:00"))
     Image.new("RGB", (64, 48)).save(tmp_path / "a.jpg", exif=exif)
     Image.new("RGB", (64, 48)).save(tmp_path / "b.jpg")
-    own = tmp_path / "decoder"
-    own.mkdir()
-    with ImageDecoder(own, (tmp_path,), CaptureSettings()) as decoder:
+    folder = tmp_path / "decoder"
+    folder.mkdir()
+    with ImageDecoder(folder, (tmp_path,), CaptureSettings()) as decoder:
         for read in (partial(check_image, settings=CaptureSettings()), decoder.header):
             assert read(tmp_path, "a.jpg").taken_at == pytest.approx(_TIME - 3600)
             assert read(tmp_path, "b.jpg").taken_at is None

@@ -44,8 +44,8 @@ def test_copies_are_small_pictures_of_their_cameras_and_hold_nothing_else(tmp_pa
     capture = _capture(tmp_path, (1600, 1200), (300, 400), (2048, 200))
     folder = tmp_path / "version"
     folder.mkdir()
-    told: list[int] = []
-    assert write_photos(capture, folder, PhotoSettings(max_side=512), told.append) == 3 and told == [0, 1, 2]
+    progress: list[int] = []
+    assert write_photos(capture, folder, PhotoSettings(max_side=512), progress.append) == 3 and progress == [0, 1, 2]
     expected = [(512, 384), (300, 400), (512, 50)]
     for number, (size, view) in enumerate(zip(expected, capture.views, strict=True)):
         with Image.open(photo_path(folder, number)) as image:

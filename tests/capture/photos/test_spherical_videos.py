@@ -32,8 +32,8 @@ def _xml(*properties: str, projection: str = "equirectangular") -> bytes:
 
 
 def _sv3d(projection: bytes = b"equi", bounds: tuple[int, int, int, int] = (0, 0, 0, 0)) -> bytes:
-    shown = _box(projection, bytes(4) + struct.pack(">4I", *bounds))
-    return _box(b"sv3d", _box(b"svhd", bytes(4) + b"maker\0") + _box(b"proj", _box(b"prhd", bytes(16)) + shown))
+    bounds_box = _box(projection, bytes(4) + struct.pack(">4I", *bounds))
+    return _box(b"sv3d", _box(b"svhd", bytes(4) + b"maker\0") + _box(b"proj", _box(b"prhd", bytes(16)) + bounds_box))
 
 
 def _st3d(mode: int) -> bytes:

@@ -36,9 +36,9 @@ def _matches(seed: int, focal: float, baseline: float, flat: bool) -> tuple[np.n
     step = np.array([1.0, rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3)])
     there = (rays * depths[:, None] - baseline * step / np.linalg.norm(step)) @ turn.T
     seen = there[:, :2] / there[:, 2:] * focal * _WIDTH + [_WIDTH / 2, _HEIGHT / 2]
-    shown = (seen >= 0).all(axis=1) & (seen < [_WIDTH, _HEIGHT]).all(axis=1)
-    assert shown.sum() > 50
-    return tuple(part[shown] + rng.normal(0, 0.7, part[shown].shape) for part in (pixels, seen))
+    inside = (seen >= 0).all(axis=1) & (seen < [_WIDTH, _HEIGHT]).all(axis=1)
+    assert inside.sum() > 50
+    return tuple(part[inside] + rng.normal(0, 0.7, part[inside].shape) for part in (pixels, seen))
 
 
 def _camera(focal: float, *, known: bool) -> pycolmap.Camera:
@@ -139,8 +139,8 @@ def test_of_many_pairs_those_that_tell_most_are_matched_first_and_refuse(
         )
         assert sorted(pair for step in matched for pair in step) == sorted((files[i], files[j]) for i, j in every)
         assert looked == [False] * early
-        told = {(files[i], files[j]) for i, j in telling_pairs(10)}
-        assert (told <= set(matched[0])) == early
+        best_pairs = {(files[i], files[j]) for i, j in telling_pairs(10)}
+        assert (best_pairs <= set(matched[0])) == early
 
 
 def test_photos_of_unrelated_places_are_refused_before_any_is_placed(test_data: Path, tmp_path: Path, settings) -> None:

@@ -141,10 +141,10 @@ def test_pairs_to_match(count: int, best: int, exhaustive: int, ordered: bool, s
 
 def test_probes_of_the_same_object_score_high() -> None:
     rng = np.random.default_rng(2)
-    obj, other = rng.integers(0, 255, (2, 300, 128), dtype=np.uint8)
+    obj, other_object = rng.integers(0, 255, (2, 300, 128), dtype=np.uint8)
     again = np.clip(obj.astype(int) + rng.integers(-9, 9, obj.shape), 0, 255).astype(np.uint8)
     scales = np.ones(300, np.float32)
-    scores = probe_scores([probes(d, scales) for d in (obj, again, other)])
+    scores = probe_scores([probes(d, scales) for d in (obj, again, other_object)])
     assert scores[0, 1] > 250 and scores[0, 2] < 10
     assert (scores == scores.T).all()
     assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8), np.arange(2000.0, dtype=np.float32))) == 256

@@ -166,8 +166,8 @@ def test_the_same_photos_give_the_same_capture(tabletop, test_data: Path, tmp_pa
     folder = _photos(test_data, tmp_path / "upload")
     again = captured(folder, settings)
     np.testing.assert_array_equal(again.points, capture.points)
-    for one, other in zip(again.views, capture.views, strict=True):
-        np.testing.assert_array_equal(one.posed.world_from_camera, other.posed.world_from_camera)
+    for first, second in zip(again.views, capture.views, strict=True):
+        np.testing.assert_array_equal(first.posed.world_from_camera, second.posed.world_from_camera)
 
 
 def test_two_images_of_different_scenes(test_data: Path, tmp_path: Path, settings, refused) -> None:

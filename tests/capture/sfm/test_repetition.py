@@ -41,8 +41,8 @@ def _walk(folder: Path, *, repeat: bool) -> np.ndarray:
         for z, texture, extent in ((0.0, wall, np.full_like(ledge, 255)), (-0.6, wall[::-1].copy(), ledge)):
             columns = [turn[:, 0] / _TILE, turn[:, 1] / _TILE, turn @ (np.array([0, 0, z]) - center)]
             plane = _K @ np.column_stack(columns)
-            shown = cv2.warpPerspective(extent, plane, (640, 480)) > 128
-            canvas[shown] = cv2.warpPerspective(texture, plane, (640, 480), flags=cv2.INTER_AREA)[shown]
+            mask = cv2.warpPerspective(extent, plane, (640, 480)) > 128
+            canvas[mask] = cv2.warpPerspective(texture, plane, (640, 480), flags=cv2.INTER_AREA)[mask]
         cv2.imwrite(str(folder / f"{index:02d}.png"), canvas)
         centers.append(center)
     return np.array(centers)

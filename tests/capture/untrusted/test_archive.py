@@ -78,8 +78,8 @@ def _sparse(name: str) -> tarfile.TarInfo:
 @pytest.mark.parametrize("form", ["zip", "tar", "tar.gz"])
 def test_archive_and_loose_files_are_the_same_upload(form, upload, photo, settings) -> None:
     files = {"set/a.jpg": photo(1), "set/b.jpg": photo(2)}
-    others = [("__MACOSX/set/._a.jpg", b"x"), ("set/.DS_Store", b"x"), ("Thumbs.db", b"x")] if form == "zip" else []
-    validated = validate_upload(upload({f"photos.{form}": _packed(form, [*files.items(), *others])}), settings)
+    junk = [("__MACOSX/set/._a.jpg", b"x"), ("set/.DS_Store", b"x"), ("Thumbs.db", b"x")] if form == "zip" else []
+    validated = validate_upload(upload({f"photos.{form}": _packed(form, [*files.items(), *junk])}), settings)
     assert (validated.source, validated.images) == ("images", 2)
     root = validated.folder / "files"
     assert {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} == set(files)

@@ -40,9 +40,9 @@ def root(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def decoder(tmp_path: Path, root: Path) -> Iterator[ImageDecoder]:
-    own = tmp_path / "own"
-    own.mkdir()
-    with ImageDecoder(own, [root], CaptureSettings()) as opened:
+    folder = tmp_path / "own"
+    folder.mkdir()
+    with ImageDecoder(folder, [root], CaptureSettings()) as opened:
         yield opened
 
 
@@ -65,9 +65,9 @@ def test_the_child_decodes_to_the_pixels_of_this_process(decoder: ImageDecoder, 
 
 def test_a_bad_picture_is_refused_by_name_and_the_next_is_decoded(tmp_path: Path, root: Path) -> None:
     (root / "cut.jpg").write_bytes((root / "turned.jpg").read_bytes()[:900])
-    own = tmp_path / "own"
-    own.mkdir()
-    with ImageDecoder(own, [root], CaptureSettings(max_image_pixels=66 * 48)) as decoder:
+    folder = tmp_path / "own"
+    folder.mkdir()
+    with ImageDecoder(folder, [root], CaptureSettings(max_image_pixels=66 * 48)) as decoder:
         with pytest.raises(CorruptImageError, match=r"cut\.jpg"):
             decoder.photo(root, _info("cut.jpg"), SIZE)
         with pytest.raises(InvalidInputError, match="colors"):
@@ -91,9 +91,9 @@ def test_it_reads_nothing_outside_its_folders(decoder: ImageDecoder, tmp_path: P
 def test_a_child_that_hangs_or_dies_is_a_typed_error(tmp_path: Path, root: Path) -> None:
     os.mkfifo(root / "never.png")
     for number, ending in enumerate((False, True)):
-        own = tmp_path / f"own{number}"
-        own.mkdir()
-        with ImageDecoder(own, [root], CaptureSettings(validation_seconds=1)) as decoder:
+        folder = tmp_path / f"own{number}"
+        folder.mkdir()
+        with ImageDecoder(folder, [root], CaptureSettings(validation_seconds=1)) as decoder:
             if ending:
                 decoder._process.kill()
             with pytest.raises(ResourceError) as caught:

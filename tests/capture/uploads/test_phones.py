@@ -34,7 +34,7 @@ _INTRINSICS = (60.0, 61.0, 31.0, 25.0)
 @pytest.fixture
 def frames(photo) -> list[Frame]:
     """Four small frames whose poses are all different."""
-    made = []
+    phone_frames = []
     for index in range(4):
         pose = np.eye(4)
         pose[:3, :3] = cv2.Rodrigues(np.array([0.3 * index, -1.2, 0.4 + 0.2 * index]))[0]
@@ -43,8 +43,8 @@ def frames(photo) -> list[Frame]:
         depth[0, 0] = np.nan
         confidence = np.full((12, 16), 2)
         confidence[:, 0] = 0
-        made.append(Frame(photo(index, _SIZE), _SIZE, _INTRINSICS, pose, depth, confidence))
-    return made
+        phone_frames.append(Frame(photo(index, _SIZE), _SIZE, _INTRINSICS, pose, depth, confidence))
+    return phone_frames
 
 
 _FORMATS: dict[str, Callable[[list[Frame]], dict[str, bytes]]] = {
@@ -78,8 +78,8 @@ def test_polycam_before_its_poses_were_optimized_and_without_depth(frames, uploa
 
 
 def test_record3d_by_frame_intrinsics_and_without_compression(frames, upload, settings) -> None:
-    each = [[50.0 + index, 51.0, 32.0, 24.0] for index in range(4)]
-    files = record3d_files(frames, perFrameIntrinsicCoeffs=each)
+    coefficients = [[50.0 + index, 51.0, 32.0, 24.0] for index in range(4)]
+    files = record3d_files(frames, perFrameIntrinsicCoeffs=coefficients)
     files["rgbd/2.depth"] = frames[2].depth.astype("<f4").tobytes()
     del files["rgbd/3.conf"], files["rgbd/1.jpg"]
     validated = validate_upload(upload(files), settings)
@@ -191,8 +191,8 @@ def tabletop(test_data: Path) -> tuple[list[Frame], list[np.ndarray]]:
 def _errors(poses: list[np.ndarray], truth: list[np.ndarray]) -> tuple[float, float]:
     """Root mean squares: meters, degrees."""
     relative = [np.linalg.inv(true) @ pose for pose, true in zip(poses, truth, strict=True)]
-    cosine = np.clip([(np.trace(each[:3, :3]) - 1) / 2 for each in relative], -1, 1)
-    shift = [np.linalg.norm(each[:3, 3]) for each in relative]
+    cosine = np.clip([(np.trace(matrix[:3, :3]) - 1) / 2 for matrix in relative], -1, 1)
+    shift = [np.linalg.norm(matrix[:3, 3]) for matrix in relative]
     return float(np.sqrt(np.mean(np.square(shift)))), float(np.sqrt(np.mean(np.rad2deg(np.arccos(cosine)) ** 2)))
 
 
@@ -231,8 +231,8 @@ def test_photos_refine_tracked_poses_and_keep_meters_and_gravity(tabletop, uploa
 def test_photos_that_have_nothing_to_do_with_the_poses_are_refused(tabletop, upload, settings, refused) -> None:
     frames, _ = tabletop
     mixed = [
-        Frame(other.jpeg, frame.size, frame.intrinsics, frame.pose, other.depth, other.confidence)
-        for frame, other in zip(frames, [frames[i] for i in (3, 7, 0, 9, 5, 1, 8, 2, 6, 4)], strict=True)
+        Frame(other_frame.jpeg, frame.size, frame.intrinsics, frame.pose, other_frame.depth, other_frame.confidence)
+        for frame, other_frame in zip(frames, [frames[i] for i in (3, 7, 0, 9, 5, 1, 8, 2, 6, 4)], strict=True)
     ]
     folder = upload(polycam(mixed))
     validate_upload(folder, settings)

@@ -43,21 +43,21 @@ def assert_same(gaussians: Gaussians, rows: SplatRows) -> None:
         np.testing.assert_array_equal(getattr(gaussians, field), getattr(rows, field))
 
 
-def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) -> None:
+def assert_same_rotations(actual: np.ndarray, expected: np.ndarray, atol: float) -> None:
     """Quaternions of any length; one and its negative are the same rotation."""
-    own, expected = (quats / np.linalg.norm(quats, axis=1, keepdims=True) for quats in (own, expected))
-    signs = np.sign((own * expected).sum(axis=1, keepdims=True))
-    np.testing.assert_allclose(own * signs, expected, atol=atol)
+    actual, expected = (quats / np.linalg.norm(quats, axis=1, keepdims=True) for quats in (actual, expected))
+    signs = np.sign((actual * expected).sum(axis=1, keepdims=True))
+    np.testing.assert_allclose(actual * signs, expected, atol=atol)
 
 
-def assert_close(own: SplatRows, expected: Gaussians, means: float, scales: float, quats: float, color: float) -> None:
+def assert_close(rows: SplatRows, expected: Gaussians, means: float, scales: float, quats: float, color: float) -> None:
     """Within these errors; opacities and constant colors are bytes."""
-    np.testing.assert_allclose(own.means, expected.means, atol=means)
-    np.testing.assert_allclose(own.log_scales, expected.log_scales, atol=scales)
-    assert_same_rotations(own.quats, expected.quats, quats)
-    shares = [1 / (1 + np.exp(-logits)) for logits in (own.logit_opacities, expected.logit_opacities)]
+    np.testing.assert_allclose(rows.means, expected.means, atol=means)
+    np.testing.assert_allclose(rows.log_scales, expected.log_scales, atol=scales)
+    assert_same_rotations(rows.quats, expected.quats, quats)
+    shares = [1 / (1 + np.exp(-logits)) for logits in (rows.logit_opacities, expected.logit_opacities)]
     np.testing.assert_allclose(*shares, atol=0.5 / 255 + 1e-5)
-    np.testing.assert_allclose(own.sh[:, 0], expected.sh[:, 0], atol=0.5 / 255 / color + 1e-5)
+    np.testing.assert_allclose(rows.sh[:, 0], expected.sh[:, 0], atol=0.5 / 255 / color + 1e-5)
 
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
@@ -105,41 +105,41 @@ def test_colors_as_bytes_are_the_constant_coefficient(tmp_path: Path) -> None:
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("chunk_colors", [True, False])
 def test_a_compressed_ply_comes_back_within_its_steps(tmp_path: Path, sh: int, chunk_colors: bool) -> None:
-    made = make_gaussians(700, sh, 0)
-    gaussians = replace(made, sh=np.clip(made.sh, -1.7, 1.7))
+    source = make_gaussians(700, sh, 0)
+    gaussians = replace(source, sh=np.clip(source.sh, -1.7, 1.7))
     write_compressed(tmp_path / "a.compressed.ply", gaussians, chunk_colors=chunk_colors)
     assert is_splat_file(tmp_path / "a.compressed.ply")
     file = read(tmp_path / "a.compressed.ply")
     assert file.format == "compressed PLY" and file.invisible == 0
-    own = file.rows
-    assert_close(own, gaussians, 8 / 1023 / 2 + 1e-5, 8 / 1023 / 2 + 1e-5, 4e-3, SH_C0)
-    np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=8 / 256 / 2 + 1e-5)
+    rows = file.rows
+    assert_close(rows, gaussians, 8 / 1023 / 2 + 1e-5, 8 / 1023 / 2 + 1e-5, 4e-3, SH_C0)
+    np.testing.assert_allclose(rows.sh[:, 1:], gaussians.sh[:, 1:], atol=8 / 256 / 2 + 1e-5)
 
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize(("version", "rotation"), [(2, 0.12), (3, 3e-3)])
 def test_spz_comes_back_within_its_steps(tmp_path: Path, sh: int, version: int, rotation: float) -> None:
-    made = make_gaussians(500, sh, 0)
-    gaussians = replace(made, sh=np.clip(made.sh, -0.9, 0.9))
+    source = make_gaussians(500, sh, 0)
+    gaussians = replace(source, sh=np.clip(source.sh, -0.9, 0.9))
     write_spz(tmp_path / "a.spz", gaussians, version)
     assert is_splat_file(tmp_path / "a.spz")
-    own = read(tmp_path / "a.spz").rows
-    assert_close(own, gaussians, 0.5 / 4096 + 1e-6, 1 / 32 + 1e-5, rotation, 0.15)
-    np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=0.5 / 128 + 1e-5)
+    rows = read(tmp_path / "a.spz").rows
+    assert_close(rows, gaussians, 0.5 / 4096 + 1e-6, 1 / 32 + 1e-5, rotation, 0.15)
+    np.testing.assert_allclose(rows.sh[:, 1:], gaussians.sh[:, 1:], atol=0.5 / 128 + 1e-5)
 
 
 def test_axes_of_spz_turn_with_their_harmonics(tmp_path: Path) -> None:
     """Seen from the turned place, what was turned has the same color."""
-    gaussians = replace(made := make_gaussians(200, 16, 0), sh=np.clip(made.sh, -0.9, 0.9))
+    gaussians = replace(source := make_gaussians(200, 16, 0), sh=np.clip(source.sh, -0.9, 0.9))
     content = spz_content(gaussians)  # its axes are turned against those of `gaussians`
     raw = np.frombuffer(content, np.uint8)[-200 * 45 :].reshape(200, 15, 3)
     stored = np.concatenate([gaussians.sh[:, :1], (raw.astype(np.float32) - 128) / 128], axis=1)
     write_spz(tmp_path / "a.spz", gaussians)
-    own = read(tmp_path / "a.spz").rows
+    rows = read(tmp_path / "a.spz").rows
     turn = np.array([1, -1, -1], np.float32)
     eye = np.array([3.0, -2.0, 5.0], np.float32)
-    seen = _colors(own.means * turn, stored, eye * turn)
-    np.testing.assert_allclose(_colors(own.means, np.concatenate([stored[:, :1], own.sh[:, 1:]], axis=1), eye), seen)
+    seen = _colors(rows.means * turn, stored, eye * turn)
+    np.testing.assert_allclose(_colors(rows.means, np.concatenate([stored[:, :1], rows.sh[:, 1:]], axis=1), eye), seen)
 
 
 def _colors(means: np.ndarray, sh: np.ndarray, eye: np.ndarray) -> np.ndarray:
@@ -153,17 +153,17 @@ def _colors(means: np.ndarray, sh: np.ndarray, eye: np.ndarray) -> np.ndarray:
 )
 def test_a_row_that_cannot_be_shown_keeps_its_number(tmp_path: Path, name: str, value: float) -> None:
     gaussians = make_gaussians(40, 4, 0)
-    columns = {own: column.copy() for own, column in columns_of(gaussians).items()}
+    columns = {key: column.copy() for key, column in columns_of(gaussians).items()}
     columns[name][[7, 30]] = value
     write_table(tmp_path / "a.ply", columns)
     file = read(tmp_path / "a.ply")
     assert (file.invisible, file.first_invisible) == (2, 7)
     assert "row 7" in describe_invisible("a.ply", file)[0]
-    others = np.delete(np.arange(40), [7, 30])
+    rest = np.delete(np.arange(40), [7, 30])
     for field in _FIELDS:
-        own = getattr(file.rows, field)
-        assert np.isfinite(own).all()
-        np.testing.assert_array_equal(own[others], getattr(gaussians, field)[others])
+        values = getattr(file.rows, field)
+        assert np.isfinite(values).all()
+        np.testing.assert_array_equal(values[rest], getattr(gaussians, field)[rest])
     assert (1 / (1 + np.exp(-file.rows.logit_opacities[[7, 30]])) < 1 / 255).all()
 
 
@@ -270,21 +270,21 @@ def test_axes_that_an_spz_states_become_those_of_a_ply(tmp_path: Path) -> None:
     for name, plain, stated in (("old", content, old + _system(6) + unknown), ("new", streams, new)):
         (tmp_path / "plain.spz").write_bytes(plain)
         (tmp_path / f"{name}.spz").write_bytes(stated)
-        one, other = read(tmp_path / "plain.spz").rows, read(tmp_path / f"{name}.spz").rows
-        np.testing.assert_array_equal(other.means * (1, -1, -1), one.means)
-        np.testing.assert_array_equal(other.quats * (1, 1, -1, -1), one.quats)
-        assert (other.sh[:, 0] == one.sh[:, 0]).all() and (other.sh[:, 1] == -one.sh[:, 1]).all()
+        first, second = read(tmp_path / "plain.spz").rows, read(tmp_path / f"{name}.spz").rows
+        np.testing.assert_array_equal(second.means * (1, -1, -1), first.means)
+        np.testing.assert_array_equal(second.quats * (1, 1, -1, -1), first.quats)
+        assert (second.sh[:, 0] == first.sh[:, 0]).all() and (second.sh[:, 1] == -first.sh[:, 1]).all()
 
 
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_ksplat_comes_back_within_its_steps(tmp_path: Path, level: int) -> None:
     """Two sections: of full buckets and one that is not full, without and with harmonics."""
-    gaussians = replace(made := make_gaussians(44, 4, 0), sh=np.clip(made.sh, -1.4, 1.4))
+    gaussians = replace(source := make_gaussians(44, 4, 0), sh=np.clip(source.sh, -1.4, 1.4))
     write_ksplat(tmp_path / "a.ksplat", gaussians, level)
-    own = read(tmp_path / "a.ksplat").rows
-    assert_close(own, gaussians, 2e-3 if level else 0, 1e-3, 1e-3, SH_C0)
-    np.testing.assert_allclose(own.sh[20:, 1:], gaussians.sh[20:, 1:], atol=(1e-6, 1e-3, 0.01)[level])
-    assert not own.sh[:20, 1:].any()
+    rows = read(tmp_path / "a.ksplat").rows
+    assert_close(rows, gaussians, 2e-3 if level else 0, 1e-3, 1e-3, SH_C0)
+    np.testing.assert_allclose(rows.sh[20:, 1:], gaussians.sh[20:, 1:], atol=(1e-6, 1e-3, 0.01)[level])
+    assert not rows.sh[:20, 1:].any()
 
 
 @pytest.mark.parametrize("kind", ["plain", "text", "compressed", "spz", "spz4", "sog", "ksplat"])
@@ -339,9 +339,9 @@ def test_a_file_of_another_program_shows_what_the_same_program_wrote_in_another_
     row = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
     truth = np.fromfile(folder / "minimal.splat", row)
     for name in ("minimal.splat", "minimal.ksplat", "minimal-v3.spz", "minimal-v4.spz"):
-        own = read(folder / name).rows
-        np.testing.assert_array_equal(own.means, truth["means"])
-        np.testing.assert_allclose(np.exp(own.log_scales), truth["scales"], rtol=1 / 30)
-        rgba = np.concatenate([0.5 + SH_C0 * own.sh[:, 0], 1 / (1 + np.exp(-own.logit_opacities[:, None]))], axis=1)
+        rows = read(folder / name).rows
+        np.testing.assert_array_equal(rows.means, truth["means"])
+        np.testing.assert_allclose(np.exp(rows.log_scales), truth["scales"], rtol=1 / 30)
+        rgba = np.concatenate([0.5 + SH_C0 * rows.sh[:, 0], 1 / (1 + np.exp(-rows.logit_opacities[:, None]))], axis=1)
         np.testing.assert_allclose(rgba, truth["rgba"] / 255, atol=0.01)
     assert len(read(folder / "minimal-v2.spz").rows) == len(read(folder / "minimal-raw.spz").rows) == len(truth)

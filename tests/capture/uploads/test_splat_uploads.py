@@ -29,10 +29,10 @@ def splat_bytes(tmp_path: Path, gaussians: Gaussians | None = None) -> bytes:
     return content
 
 
-def _transforms(names: list[str], **others: object) -> bytes:
+def _transforms(names: list[str], **extra: object) -> bytes:
     pose = np.eye(4)
     pose[2, 3] = 3.0
-    return json.dumps({**PINHOLE, "frames": frames_of(names, pose), **others}).encode()
+    return json.dumps({**PINHOLE, "frames": frames_of(names, pose), **extra}).encode()
 
 
 @pytest.mark.parametrize("sent", ["desk.ply", "desk.zip"])

@@ -100,9 +100,9 @@ def test_intrinsics_forms(send, settings) -> None:
         camera = captured(send(document), settings).views[0].posed.camera
         np.testing.assert_allclose((camera.fx, camera.fy), focal)
         assert (camera.width, camera.height) == _SIZE
-    own = _document()
-    own["frames"][1] |= {"fl_x": 80.0}
-    cameras = [view.posed.camera for view in captured(send(own), settings).views]
+    per_frame = _document()
+    per_frame["frames"][1] |= {"fl_x": 80.0}
+    cameras = [view.posed.camera for view in captured(send(per_frame), settings).views]
     assert [camera.fx for camera in cameras] == [60.0, 80.0, 60.0]
     for bent in (_document(k1=0.05, p1=0.001), _document(camera_model="OPENCV_FISHEYE", k1=0.02), _document(k3=0.01)):
         camera = captured(send(bent), settings).views[0].posed.camera
@@ -159,10 +159,10 @@ def test_capture_survives_the_disk(send, settings) -> None:
     built, loaded = captured(folder, settings), load_capture(folder.parent / "out")
     assert built.report == loaded.report and built.given_labels == loaded.given_labels
     np.testing.assert_array_equal(built.points, loaded.points)
-    for one, other in zip(built.views, loaded.views, strict=True):
-        assert (one.posed.camera, one.image_path) == (other.posed.camera, other.image_path)
-        assert one.lens == other.lens and one.lens is not None and one.lens.k1 == pytest.approx(0.05)
-        np.testing.assert_array_equal(one.posed.world_from_camera, other.posed.world_from_camera)
+    for view, loaded_view in zip(built.views, loaded.views, strict=True):
+        assert (view.posed.camera, view.image_path) == (loaded_view.posed.camera, loaded_view.image_path)
+        assert view.lens == loaded_view.lens and view.lens is not None and view.lens.k1 == pytest.approx(0.05)
+        np.testing.assert_array_equal(view.posed.world_from_camera, loaded_view.posed.world_from_camera)
     assert {path.name for path in folder.parent.iterdir()} == {"upload", "out"}
     (moved := folder.parent / "elsewhere").parent.joinpath("out").rename(moved)
     assert load_image(load_capture(moved).views[0]).shape[2] == 3

@@ -104,8 +104,8 @@ def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settin
         load_upright(files, photo_info, settings)
     for name in sorted(set(spoiled) - usable)[::4]:
         folder = upload({})
-        for other in set(spoiled) - {name}:
-            (folder / other).unlink(missing_ok=True)
+        for other_name in set(spoiled) - {name}:
+            (folder / other_name).unlink(missing_ok=True)
         (folder / name).write_bytes(spoiled[name])
         with pytest.raises(FastSplatError) as caught:
             validate_upload(folder, settings, strict=True)

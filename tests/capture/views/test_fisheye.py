@@ -71,14 +71,14 @@ def test_faces_show_what_the_lens_saw(model: str, degrees: float) -> None:
     for face in wide.faces:
         camera = face.undistortion.camera
         assert max(camera.width, camera.height) <= 200
-        shown = face.undistortion.apply(photo).astype(float)
+        picture = face.undistortion.apply(photo).astype(float)
         expected = made_room.photo(face.pose(pose), face_rays(camera)).astype(float)
         valid = face.undistortion.valid(lens.width, lens.height)
-        valid = np.ones(shown.shape[:2], bool) if valid is None else valid
-        error, shifted = np.abs(shown - expected), np.abs(np.roll(expected, 6, axis=(0, 1)) - expected)
+        valid = np.ones(picture.shape[:2], bool) if valid is None else valid
+        error, shifted = np.abs(picture - expected), np.abs(np.roll(expected, 6, axis=(0, 1)) - expected)
         assert error[valid].mean() < 0.4 * shifted[valid].mean(), face.name
         assert valid.any(axis=0).all() and valid.any(axis=1).all(), "no row or column shows nothing"
-        assert shown[~valid].size == 0 or shown[~valid].max() == 0
+        assert picture[~valid].size == 0 or picture[~valid].max() == 0
 
 
 def test_outside_of_the_image_circle_nothing_is_valid() -> None:
@@ -89,8 +89,8 @@ def test_outside_of_the_image_circle_nothing_is_valid() -> None:
     photo = np.repeat(np.where(radius <= 100, 200, 7).astype(np.uint8)[..., None], 3, axis=2)
     for face in fisheye_faces(circle, 200, "x").faces:
         valid = face.undistortion.valid(_W, _H)
-        shown = face.undistortion.apply(photo)
-        assert shown[np.ones(shown.shape[:2], bool) if valid is None else valid].mean() > 195
+        picture = face.undistortion.apply(photo)
+        assert picture[np.ones(picture.shape[:2], bool) if valid is None else valid].mean() > 195
     assert fisheye_faces(circle, 200, "x").field_of_view_deg < fisheye_faces(lens, 200, "x").field_of_view_deg
 
 

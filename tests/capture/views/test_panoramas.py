@@ -72,8 +72,8 @@ def test_panoramas_find_their_places(room: Capture) -> None:
     estimated = np.array([_pose(room, f"{Path(name).stem}.front.jpg") for name in names])
     truth = np.array([_PLACES[name] for name in names])
     rotation = truth[0, :3, :3] @ estimated[0, :3, :3].T
-    for one, other in zip(estimated, truth, strict=True):
-        error = other[:3, :3].T @ rotation @ one[:3, :3]
+    for pose, true_pose in zip(estimated, truth, strict=True):
+        error = true_pose[:3, :3].T @ rotation @ pose[:3, :3]
         assert np.degrees(np.arccos(np.clip((np.trace(error) - 1) / 2, -1, 1))) < 0.2
     moved, true = estimated[1:, :3, 3] - estimated[0, :3, 3], truth[1:, :3, 3] - truth[0, :3, 3]
     scale = np.linalg.norm(true) / np.linalg.norm(moved)
@@ -139,9 +139,9 @@ def test_the_seam_behind_the_photographer_does_not_show() -> None:
     pixels = made_room.photo(_PLACES["a.jpg"], made_room.panorama_rays(512))
     frame = full_frame("x", 512, 256)
     back = next(face for face in panorama_faces(frame, (512, 256), 128) if face.name == "back")
-    shown = back.undistortion.apply(wrapped(pixels, frame)).astype(float)
+    picture = back.undistortion.apply(wrapped(pixels, frame)).astype(float)
     expected = made_room.photo(_PLACES["a.jpg"], face_rays(face_camera(128)) @ FACES["back"].T).astype(float)
-    assert np.abs(shown - expected)[:, 62:66].mean() < 1.5 * np.abs(shown - expected).mean()
+    assert np.abs(picture - expected)[:, 62:66].mean() < 1.5 * np.abs(picture - expected).mean()
     assert back.undistortion.valid(514, 258) is None
 
 
@@ -156,13 +156,13 @@ def test_a_partial_panorama_shows_what_it_has() -> None:
     assert frame == PanoramaFrame(512, 256, 128, 64, 256, 128) and not frame.around
     whole = made_room.photo(_PLACES["a.jpg"], made_room.panorama_rays(512))
     part = whole[64:192, 128:384]
-    shown = {face.name: face.undistortion for face in panorama_faces(frame, (256, 128), 96)}
-    valid = shown["front"].valid(258, 130)
-    assert valid is not None and 0.6 < valid.mean() < 1 and "back" not in shown
+    undistortions = {face.name: face.undistortion for face in panorama_faces(frame, (256, 128), 96)}
+    valid = undistortions["front"].valid(258, 130)
+    assert valid is not None and 0.6 < valid.mean() < 1 and "back" not in undistortions
     full = full_frame("x", 512, 256)
     expected = next(iter(panorama_faces(full, (512, 256), 96))).undistortion.apply(wrapped(whole, full))
     inner = cv2.erode(valid.astype(np.uint8), np.ones((5, 5))) > 0
-    difference = shown["front"].apply(wrapped(part, frame))[inner].astype(int) - expected[inner]
+    difference = undistortions["front"].apply(wrapped(part, frame))[inner].astype(int) - expected[inner]
     assert np.abs(difference).max() <= 1, "but for rounding"
 
 
@@ -245,12 +245,12 @@ def test_labels_are_cut_as_the_picture_is(upload, settings, tmp_path: Path) -> N
     assert [image.file for image in faces[:2]] == ["front/00000.png", "right/00000.png"]
     assert {image.camera_group for image in faces} == set(FACES)
     assert len({(image.width, image.height) for image in faces}) == 1, "one rig has one size of faces"
-    for image, shown in zip(faces, ids, strict=True):
+    for image, id_map in zip(faces, ids, strict=True):
         truth = _octants(face_rays(face_camera(image.width)) @ FACES[image.camera_group].T)
-        assert shown.shape == truth.shape and set(np.unique(shown)) == set(np.unique(truth))
+        assert id_map.shape == truth.shape and set(np.unique(id_map)) == set(np.unique(truth))
         # A pixel of the map is one or two of a face's: it may be off at the borders of the parts, and nowhere else.
         inner = cv2.erode(truth, np.ones((5, 5))) == cv2.dilate(truth, np.ones((5, 5)))
-        np.testing.assert_array_equal(shown[inner], truth[inner])
+        np.testing.assert_array_equal(id_map[inner], truth[inner])
         assert inner.mean() > 0.8
 
 

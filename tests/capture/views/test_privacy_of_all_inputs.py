@@ -120,12 +120,12 @@ def _faces(folder: Path, paint: Paint, settings: CaptureSettings) -> list[SfmIma
     manifest, files = read_manifest(validate_upload(folder / "upload", settings).folder)
     (folder / "images").mkdir(), (folder / "decoding").mkdir()
     frame = full_frame("x", _WIDTH, _WIDTH // 2)
-    shown = wrapped(255 * _beside()[..., None].repeat(3, axis=2).astype(np.uint8), frame)
+    picture = wrapped(255 * _beside()[..., None].repeat(3, axis=2).astype(np.uint8), frame)
 
     def masks() -> Iterator[Mask]:
         for _ in _PLACES:
             for face in panorama_faces(frame, (_WIDTH, _WIDTH // 2), settings.panorama_face_side):
-                mask = face.undistortion.apply(shown)[..., 0] > 0
+                mask = face.undistortion.apply(picture)[..., 0] > 0
                 yield cv2.dilate(mask.astype(np.uint8), np.ones((9, 9))) > 0 if face.name == "front" else mask & False
 
     held = WithheldPixels(_withholding(masks()), folder / "images/masks")
@@ -137,10 +137,10 @@ def test_what_one_face_of_a_panorama_withholds_no_other_shows(tmp_path: Path) ->
     settings = CaptureSettings(lens="panorama", panorama_face_side=128)
     red, noise = (_faces(tmp_path / name, paint, settings) for name, paint in (("red", _reds), ("noise", _noises)))
     assert _files(tmp_path / "red/images") == _files(tmp_path / "noise/images")
-    for one, other in zip(red, noise, strict=True):
-        assert one.name == other.name
+    for first, second in zip(red, noise, strict=True):
+        assert first.name == second.name
         for field in ("detail", "contrast", "thumbnail"):
-            np.testing.assert_array_equal(getattr(one.quality, field), getattr(other.quality, field))
+            np.testing.assert_array_equal(getattr(first.quality, field), getattr(second.quality, field))
     blank = {face: (load_rgb(tmp_path / f"red/images/{face}/00000.png") == BLANK).all(axis=2).sum() for face in FACES}
     assert blank["front"] > 100 and blank["right"] > 100 and not blank["back"] and not blank["up"]
 

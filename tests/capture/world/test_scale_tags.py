@@ -103,10 +103,10 @@ def _disturbed(posed: PosedCamera, rng: np.random.Generator) -> PosedCamera:
 def test_too_few_views_contradicting_ones_and_none_state_no_scale() -> None:
     cameras, sightings = _cameras(), _sightings(_cameras())
     assert estimate_scale([], cameras, _SIDE_M) is None
-    assert estimate_scale([each for each in sightings if each.view < 2], cameras, _SIDE_M) is None
+    assert estimate_scale([sight for sight in sightings if sight.view < 2], cameras, _SIDE_M) is None
     moved = [
-        replace(each, corners=_project(cameras[each.view], _tag_corners(0.0, -0.4))) if each.view % 2 else each
-        for each in sightings
+        replace(sight, corners=_project(cameras[sight.view], _tag_corners(0.0, -0.4))) if sight.view % 2 else sight
+        for sight in sightings
     ]
     assert estimate_scale(moved, cameras, _SIDE_M) is None
     still = [cameras[0]] * 8
@@ -116,10 +116,10 @@ def test_too_few_views_contradicting_ones_and_none_state_no_scale() -> None:
 def test_a_tag_that_moved_is_left_out_and_the_others_still_tell() -> None:
     cameras = _cameras()
     sightings = [
-        replace(each, corners=_project(cameras[each.view], _tag_corners(0.0, -0.4)))
-        if each.tag == 561 and each.view % 2
-        else each
-        for each in _sightings(cameras)
+        replace(sight, corners=_project(cameras[sight.view], _tag_corners(0.0, -0.4)))
+        if sight.tag == 561 and sight.view % 2
+        else sight
+        for sight in _sightings(cameras)
     ]
     estimate = estimate_scale(sightings, cameras, _SIDE_M)
     assert estimate is not None and estimate.meters_per_unit == pytest.approx(_UNIT_M, rel=1e-9)
@@ -151,7 +151,7 @@ def test_photos_of_tags_give_meters(tmp_path: Path, photos: list[NDArray[np.uint
     assert len(capture.views) == len(photos)
     centers = np.stack([view.posed.world_from_camera[:3, 3] for view in capture.views])
     truth = np.stack([posed.world_from_camera[:3, 3] for posed in _cameras()]) * _UNIT_M
-    lengths, true = (np.linalg.norm(each[:, None] - each[None], axis=2) for each in (centers, truth))
+    lengths, true = (np.linalg.norm(points[:, None] - points[None], axis=2) for points in (centers, truth))
     far = true > 0.5
     ratio = np.median(lengths[far] / true[far])
     assert abs(ratio - 1) <= min(0.005, max(scale.relative_error_95, 0.002))
@@ -175,8 +175,8 @@ def _captured(
     if posed is not None:
         flip = np.diag([1.0, -1.0, -1.0, 1.0])
         frames = [
-            {"file_path": f"{number:02}.png", "transform_matrix": (each.world_from_camera @ flip).tolist()}
-            for number, each in enumerate(posed)
+            {"file_path": f"{number:02}.png", "transform_matrix": (posed_camera.world_from_camera @ flip).tolist()}
+            for number, posed_camera in enumerate(posed)
         ]
         camera = {"w": 640, "h": 480, "fl_x": 560.0, "fl_y": 560.0, "cx": 320.0, "cy": 240.0}
         (upload / "transforms.json").write_text(json.dumps({**camera, "frames": frames}))

@@ -16,15 +16,15 @@ from tests.commands import invoke
 
 @pytest.mark.parametrize("side_m", [0.03, 0.08, 0.15])
 def test_tags_on_the_page_have_their_side_and_are_all_there(side_m: float) -> None:
-    tags, shown = range(560, 569), []
+    tags, numbers = range(560, 569), []
     for page in tag_pages(tags, side_m):
         np.testing.assert_allclose(np.array(page.shape[::-1]) / pixels_per_mm(side_m), A4_MM, atol=0.1)
         step = max(1, page.shape[0] // 1500)
         for sighting in find_tags(np.ascontiguousarray(page[::step, ::step]), 0, tags):
-            shown.append(sighting.tag)
+            numbers.append(sighting.tag)
             sides = np.linalg.norm(sighting.corners - np.roll(sighting.corners, 1, axis=0), axis=1)
             np.testing.assert_allclose(sides * step / pixels_per_mm(side_m) / 1e3, side_m, rtol=0.01)
-    assert sorted(shown) == list(tags)
+    assert sorted(numbers) == list(tags)
 
 
 def test_the_command_writes_a4_pages_with_the_servers_side(tmp_path: Path) -> None:

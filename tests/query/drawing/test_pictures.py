@@ -67,8 +67,8 @@ def test_an_object_has_the_same_color_in_every_view_and_its_name_only_where_it_s
     same = ids == 2
     np.testing.assert_array_equal(named[same], unnamed[same])
     assert (named[ids == 9] != unnamed[ids == 9]).any()
-    other = np.where(ids == 9, 0, ids).astype(np.uint16)  # the largest id leaves: the colors of the rest stay
-    np.testing.assert_array_equal(objects_picture(rgb, other, {})[same], unnamed[same])
+    other_ids = np.where(ids == 9, 0, ids).astype(np.uint16)  # the largest id leaves: the colors of the rest stay
+    np.testing.assert_array_equal(objects_picture(rgb, other_ids, {})[same], unnamed[same])
     tints = [(unnamed[ids == number].astype(float) - 0.4 * rgb[ids == number]).mean(axis=0) for number in (2, 9)]
     assert np.abs(tints[0] - tints[1]).max() > 40
 

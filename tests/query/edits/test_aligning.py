@@ -45,7 +45,7 @@ def _aligned(scene: Scene, alignment: Alignment) -> Scene:
 
 
 def _pairs(points: np.ndarray, world: np.ndarray) -> tuple[PointPair, ...]:
-    return tuple(PointPair(vector3(one), vector3(other)) for one, other in zip(points, world, strict=True))
+    return tuple(PointPair(vector3(point), vector3(target)) for point, target in zip(points, world, strict=True))
 
 
 @pytest.mark.parametrize("count", [3, 4, 9])
@@ -71,9 +71,9 @@ def test_outliers_are_left_out_and_reported() -> None:
     points = _RANDOM.normal(size=(8, 3))
     world = _TRUE.points(points) + _RANDOM.normal(0, 0.002, size=(8, 3))
     world[[2, 5]] += [0.7, -0.4, 0.5]
-    made = _aligned(_scene(), Alignment("map", pairs=_pairs(points, world))).alignment
-    assert made is not None and made.outliers == (2, 5)
-    assert made.rms is not None and made.rms < 0.01 and min(made.residuals[2], made.residuals[5]) > 0.5
+    fit = _aligned(_scene(), Alignment("map", pairs=_pairs(points, world))).alignment
+    assert fit is not None and fit.outliers == (2, 5)
+    assert fit.rms is not None and fit.rms < 0.01 and min(fit.residuals[2], fit.residuals[5]) > 0.5
 
 
 @pytest.mark.parametrize(
@@ -139,10 +139,10 @@ def test_alignments_and_scales_follow_each_other(tmp_path: Path) -> None:
     assert np.allclose(frame_of(again).points(scene.gaussians.means), again.gaussians.means, atol=1e-5)
     assert again.scaling is not None
     longer = combined([*again.scaling.lengths, *again.scaling.lengths])
-    other = scaled(again, longer)
-    assert np.allclose(frame_of(other).points(scene.gaussians.means), other.gaussians.means, atol=1e-5)
-    write_scene(other, tmp_path / "scene")
-    assert read_scene(tmp_path / "scene").alignment == other.alignment
+    result = scaled(again, longer)
+    assert np.allclose(frame_of(result).points(scene.gaussians.means), result.gaussians.means, atol=1e-5)
+    write_scene(result, tmp_path / "scene")
+    assert read_scene(tmp_path / "scene").alignment == result.alignment
 
 
 @pytest.mark.parametrize(

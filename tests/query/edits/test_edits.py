@@ -36,11 +36,11 @@ def opened(scene: Scene) -> SceneIndex:
 @pytest.fixture
 def scene() -> Scene:
     """A mug and a book, codes and evidence; degree 2."""
-    made = scene_of([MUG, BOOK], orbit(), degree=2)
-    sums = np.zeros((len(made.gaussians), 3))
+    base_scene = scene_of([MUG, BOOK], orbit(), degree=2)
+    sums = np.zeros((len(base_scene.gaussians), 3))
     sums[: MUG.count, 1] = 5.0
     sums[MUG.count :, 2] = 3.0
-    return replace(made, evidence=evidence_from_dense(sums))
+    return replace(base_scene, evidence=evidence_from_dense(sums))
 
 
 def rows_of(scene: Scene, rows: np.ndarray) -> Gaussians:
@@ -56,12 +56,12 @@ def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
 def test_removing_is_leaving_out_the_rows(scene: Scene, mode: Any) -> None:
     index = opened(scene if mode == "evidence" else replace(scene, evidence=None))
     removal = Edit("remove", label="Mugs")
-    kept = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
-    assert not (index.gaussian_classes[kept] == 1).any()
+    rows = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
+    assert not (index.gaussian_classes[rows] == 1).any()
     after = apply_edit(index, removal)
-    assert_same(after.gaussians, rows_of(scene, kept))
-    np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[kept])
-    without = replace(scene, gaussians=rows_of(scene, kept), evidence=None)
+    assert_same(after.gaussians, rows_of(scene, rows))
+    np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[rows])
+    without = replace(scene, gaussians=rows_of(scene, rows), evidence=None)
     np.testing.assert_array_equal(opened(after).render(FRONT), opened(without).render(FRONT))
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
 

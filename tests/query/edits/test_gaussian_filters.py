@@ -38,16 +38,16 @@ FIELDS = tuple(Gaussians.__dataclass_fields__)
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """A mug, a book, and floaters with the book's label two meters above; opacities of all kinds; evidence."""
-    made = scene_of([MUG, BOOK], orbit())
+    base_scene = scene_of([MUG, BOOK], orbit())
     rng = np.random.default_rng(3)
-    gaussians = made.gaussians
+    gaussians = base_scene.gaussians
     means = gaussians.means.copy()
     means[-FLOATERS:] = rng.normal((0.0, 0.0, 2.0), 0.3, (FLOATERS, 3))
     opacities = logit(rng.uniform(0.02, 0.98, len(means))).astype(np.float32)
     sums = np.zeros((len(means), 3))
     sums[: MUG.count, 1], sums[MUG.count :, 2] = 5.0, 3.0
     gaussians = replace(gaussians, means=means, logit_opacities=opacities)
-    return replace(made, gaussians=gaussians, evidence=evidence_from_dense(sums))
+    return replace(base_scene, gaussians=gaussians, evidence=evidence_from_dense(sums))
 
 
 @pytest.fixture(scope="module")
@@ -80,13 +80,13 @@ def floaters(isolation_above: float) -> Edit:
     ],
 )
 def test_a_preview_is_what_goes(index: SceneIndex, scene: Scene, edits: tuple[Edit, ...]) -> None:
-    told = preview_of(index, "1", edits)
+    preview = preview_of(index, "1", edits)
     after = index
-    for edit, count in zip(edits, told.counts, strict=True):
+    for edit, count in zip(edits, preview.counts, strict=True):
         before, after = after, after.after(apply_edit(after, edit))
         assert len(before.scene.gaussians) - len(after.scene.gaussians) == count > 0
-    stays = ~told.array()
-    assert (told.gaussians, told.count) == (len(scene.gaussians), int((~stays).sum()))
+    stays = ~preview.array()
+    assert (preview.gaussians, preview.count) == (len(scene.gaussians), int((~stays).sum()))
     for name in FIELDS:
         np.testing.assert_array_equal(
             getattr(after.scene.gaussians, name), getattr(scene.gaussians, name)[stays], err_msg=name
@@ -127,10 +127,10 @@ def test_a_center_that_is_not_finite_lies_outside_and_is_a_floater(scene: Scene)
 
 def test_all_that_a_filter_says_holds_at_once(index: SceneIndex, scene: Scene) -> None:
     both = GaussianFilter(box=MUG_BOX, opacity_below=0.4)
-    told = preview_of(index, "1", [Edit("remove", filter=both, object_ids=(1,))]).array()
+    mask = preview_of(index, "1", [Edit("remove", filter=both, object_ids=(1,))]).array()
     opacities = expit(scene.gaussians.logit_opacities.astype(np.float64))
     mug = object_rows(index.objects.table) == 1
-    np.testing.assert_array_equal(told, mug & inside(MUG_BOX, scene.gaussians.means) & (opacities < 0.4))
+    np.testing.assert_array_equal(mask, mug & inside(MUG_BOX, scene.gaussians.means) & (opacities < 0.4))
 
 
 def test_what_hangs_in_the_air_is_isolated_whatever_the_unit(scene: Scene) -> None:
@@ -144,9 +144,9 @@ def test_what_hangs_in_the_air_is_isolated_whatever_the_unit(scene: Scene) -> No
 
 def test_later_edits_of_a_request_see_what_the_earlier_left(index: SceneIndex) -> None:
     everything = Edit("remove", filter=GaussianFilter(opacity_below=1.0))
-    told = preview_of(index, "1", [below(0.5), below(0.5), everything, below(0.9)])
-    assert told.counts[1] == told.counts[3] == 0
-    assert told.counts[0] + told.counts[2] == told.count == told.gaussians
+    preview = preview_of(index, "1", [below(0.5), below(0.5), everything, below(0.9)])
+    assert preview.counts[1] == preview.counts[3] == 0
+    assert preview.counts[0] + preview.counts[2] == preview.count == preview.gaussians
 
 
 @pytest.mark.parametrize(

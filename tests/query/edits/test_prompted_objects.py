@@ -31,8 +31,8 @@ def index() -> SceneIndex:
     return SceneIndex(scene_of([_BOX, _FAR], orbit()), DrawnEncoder(), settings)
 
 
-def _edit(action: Any, **others: Any) -> Edit:
-    return Edit(action, prompt=_PROMPT, object_ids=(1,) if action == "split" else (), **others)
+def _edit(action: Any, **fields: Any) -> Edit:
+    return Edit(action, prompt=_PROMPT, object_ids=(1,) if action == "split" else (), **fields)
 
 
 def test_all_of_an_object_or_all_but_its_rim_is_no_piece(index: SceneIndex) -> None:

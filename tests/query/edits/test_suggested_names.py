@@ -64,22 +64,22 @@ def test_what_assistants_say_reaches_suggestions_and_nothing_is_named_without_a_
     index = opened(_objects())
     for source, seed in (("one", 1), ("other", 2)):
         index = index.after(apply_edit(index, Edit("suggest", suggestions=_answers(source, seed))))
-    told = {obj.id: obj.suggestions for obj in index.objects.listed}
-    reached = [_TRUTH[obj] in [each.name for each in names] for obj, names in told.items()]
+    suggestions = {obj.id: obj.suggestions for obj in index.objects.listed}
+    reached = [_TRUTH[obj] in [suggestion.name for suggestion in names] for obj, names in suggestions.items()]
     assert np.mean(reached) >= 0.95
     assert not any(obj.name for obj in index.objects.table.everything) and not len(index.scene.dictionary)
-    both = [names[0] for names in told.values() if len(names[0].said_by) == 2]
-    assert both and all(each.probability > 0.8 for each in both)
+    both = [names[0] for names in suggestions.values() if len(names[0].said_by) == 2]
+    assert both and all(suggestion.probability > 0.8 for suggestion in both)
     (answer,) = index.ask([both[0].name])
     assert answer.outcome == "probably_here" and answer.probability == pytest.approx(both[0].probability)
     assert answer.sentence.endswith(f'may be "{both[0].name}", say "one" and "other".')
     # A person confirms what both say: it is named then, and what was confirmed tells how far each can be trusted.
-    sure = {obj: names[0].name for obj, names in told.items() if names[0].probability >= 0.9}
+    sure = {obj: names[0].name for obj, names in suggestions.items() if names[0].probability >= 0.9}
     before = index.ranked.names.trust
     for obj, name in sure.items():
         index = index.after(apply_edit(index, Edit("name", object_ids=(obj,), name=name)))
     assert {obj.id for obj in index.objects.table.everything if obj.source == "person"} == set(sure)
-    assert not before and all(each > 1 for each in index.ranked.names.trust.values())
+    assert not before and all(trust > 1 for trust in index.ranked.names.trust.values())
     assert index.ask([next(iter(sure.values()))])[0].outcome == "here"
 
 
@@ -88,15 +88,15 @@ def test_a_source_replaces_its_own_word_alone(opened: Callable[[Objects], SceneI
     named = Object(2, "bowl", "person", 1.0)
     index = opened(_objects(3, detected, named))
 
-    def told(*suggested: SuggestedName) -> SceneIndex:
+    def suggestions(*suggested: SuggestedName) -> SceneIndex:
         return index.after(apply_edit(index, Edit("suggest", suggestions=suggested)))
 
-    index = told(SuggestedName(1, "mug", 0.5, "eyes"), SuggestedName(2, "dish", 0.9, "eyes"))
-    index = told(
+    index = suggestions(SuggestedName(1, "mug", 0.5, "eyes"), SuggestedName(2, "dish", 0.9, "eyes"))
+    index = suggestions(
         SuggestedName(1, "espresso cup", 0.6, "eyes", "v2", ("demitasse",)), SuggestedName(1, "cup", 0.5, "ears")
     )
     first, second, third = index.objects.listed
-    assert [(each.name, [one.source for one in each.said_by]) for each in first.suggestions] == [
+    assert [(suggestion.name, [voice.source for voice in suggestion.said_by]) for suggestion in first.suggestions] == [
         ("cup", ["ears", "detector"]),
         ("espresso cup", ["eyes"]),
     ]
@@ -140,15 +140,15 @@ def test_no_source_crowds_out_another(opened: Callable[[Objects], SceneIndex]) -
         apply_edit(index, Edit("suggest", suggestions=many))
     assert refused.value.field == f"suggestions[{MOST_SUGGESTED}]"
     ranked = ranked_suggestions([*(Suggestion(f"kind {n}x", 0.9, "eyes") for n in range(9)), Suggestion("cup", 0.1)])
-    assert [each.source for each in ranked] == ["eyes"] * MOST_SUGGESTED + [""]
+    assert [suggestion.source for suggestion in ranked] == ["eyes"] * MOST_SUGGESTED + [""]
 
 
-@given(one=_SHARES, other=_SHARES)
-def test_sources_that_agree_count_more_and_never_make_sure(one: float, other: float) -> None:
-    obj = Object(1, suggestions=(Suggestion("Cups", one, "eyes"), Suggestion("cup", other, "ears")))
+@given(first=_SHARES, second=_SHARES)
+def test_sources_that_agree_count_more_and_never_make_sure(first: float, second: float) -> None:
+    obj = Object(1, suggestions=(Suggestion("Cups", first, "eyes"), Suggestion("cup", second, "ears")))
     (merged,) = merged_suggestions(obj, {})
-    assert min(max(one, other), 0.99) - 1e-12 <= merged.probability <= 0.99
-    assert len(merged.told) == 2
+    assert min(max(first, second), 0.99) - 1e-12 <= merged.probability <= 0.99
+    assert len(merged.suggestions) == 2
 
 
 @given(st.lists(st.tuples(st.booleans(), st.floats(0.05, 1.0)), min_size=1, max_size=20))
@@ -161,5 +161,5 @@ def test_trust_falls_with_every_name_that_a_person_gave_otherwise(confirmed: lis
         return source_trust([said for obj in objects for said in obj.said])["eyes"]
 
     assert trust([*confirmed, (False, 0.5)]) < trust(confirmed) <= trust([*confirmed, (True, 1e-9)])
-    own = Object(1, "cup", "person", 1.0, suggestions=(Suggestion("bowl", 0.9),))
-    assert not own.said  # the scene's own models are measured elsewhere
+    cup = Object(1, "cup", "person", 1.0, suggestions=(Suggestion("bowl", 0.9),))
+    assert not cup.said  # the scene's own models are measured elsewhere

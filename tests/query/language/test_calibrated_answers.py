@@ -23,7 +23,7 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
     assert index.calibrated
     for text in ("茶壶", "🧸", "object", "object 0x", "where?"):
         ranked = [decided(index, text, coverage=coverage)[0] for coverage in (1e-9, 0.5, 0.9, 1 - 1e-9)]
-        sets, verdict = [each.answer for each in ranked], ranked[0].verdict
+        sets, verdict = [decision.answer for decision in ranked], ranked[0].verdict
         for answer in sets:
             named = count > 0 and text == "object 0x"
             assert len(answer.matches) == count and ranked[0].named == named
@@ -39,7 +39,7 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
                 assert answer.label_set == (1,) and answer.probability == 1
         sizes = [len(answer.label_set) for answer in sets]
         assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or ranked[0].named)
-        assert {(each.verdict, each.answer.matches) for each in ranked} == {(verdict, sets[0].matches)}
+        assert {(decision.verdict, decision.answer.matches) for decision in ranked} == {(verdict, sets[0].matches)}
         if not count:
             assert verdict == ("undecided" if text in ("茶壶", "🧸", "where?") else "absent")
             assert sets[0].presence == 0 and sets[-1].label_set == (0,)

@@ -38,8 +38,8 @@ def test_every_line_is_as_it_is_read() -> None:
     """Names and kinds are compared as `label_key` has them, and that takes too long to be done with 10,000 of them."""
     assert sorted(_LINES, key=lambda line: line.split(" | ")[0]) == _LINES
     for line in _LINES:
-        name, others, kinds, uses = (part.strip() for part in line.split("|"))
-        names = [name, *(other.strip() for other in others.split(",") if other)]
+        name, aliases, kinds, uses = (part.strip() for part in line.split("|"))
+        names = [name, *(alias.strip() for alias in aliases.split(",") if alias)]
         for key in [*names, *(kind.strip() for kind in kinds.split(","))]:
             assert key and key == label_key(key), line
         assert len(set(names)) == len(names) and all(use.strip() for use in uses.split(";")), line
@@ -47,8 +47,8 @@ def test_every_line_is_as_it_is_read() -> None:
 
 @given(line=st.sampled_from(_LINES))
 def test_each_name_of_an_object_finds_the_same(line: str) -> None:
-    name, others, *_ = line.split(" | ")
-    objects = [set(common_objects(each.strip())[0]) for each in (name, *others.split(",")) if each.strip()]
+    name, aliases, *_ = line.split(" | ")
+    objects = [set(common_objects(word.strip())[0]) for word in (name, *aliases.split(",")) if word.strip()]
     assert set[object]().union(*objects) and set.intersection(*objects)
     upper, whole = common_objects(name.upper().replace(" ", "_"))
     assert whole and set(upper) == objects[0]
@@ -99,18 +99,18 @@ def test_no_labels_are_no_rows(calibrated_encoder: DrawnEncoder) -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "label"),
+    ("word", "label"),
     [
         *(("chair", "dining table"), ("sofa", "dining table"), ("bookcase", "stool"), ("desk", "armchair")),
         *(("sofa", "teddy bear"), ("umbrella", "vase"), ("toilet", "bowl")),  # of no common kind
     ],
 )
-def test_two_objects_of_the_list_are_other_objects_both_ways(asked: str, label: str) -> None:
-    assert are_other_objects(asked, [label]) and are_other_objects(label, [asked])
+def test_two_objects_of_the_list_are_other_objects_both_ways(word: str, label: str) -> None:
+    assert are_other_objects(word, [label]) and are_other_objects(label, [word])
 
 
 @pytest.mark.parametrize(
-    ("asked", "label"),
+    ("word", "label"),
     [
         *(("chair", "chair"), ("couch", "sofa"), ("kitchen table", "dining table")),  # one object by two names
         *(
@@ -123,12 +123,12 @@ def test_two_objects_of_the_list_are_other_objects_both_ways(asked: str, label: 
         *(("xyzzy", "dining table"), ("chair", "xyzzy"), ("very old chair", "dining table")),  # not in the list
     ],
 )
-def test_nothing_else_is_said_to_be_another_object(asked: str, label: str) -> None:
-    assert not are_other_objects(asked, [label])
+def test_nothing_else_is_said_to_be_another_object(word: str, label: str) -> None:
+    assert not are_other_objects(word, [label])
 
 
 @given(line=st.sampled_from(_LINES))
 def test_no_object_is_another_than_itself_or_its_kind(line: str) -> None:
-    name, others, kinds, _ = (part.strip() for part in line.split("|"))
-    for other in (*others.split(","), *kinds.split(",")):
-        assert not other or not are_other_objects(other.strip(), [name])
+    name, aliases, kinds, _ = (part.strip() for part in line.split("|"))
+    for word in (*aliases.split(","), *kinds.split(",")):
+        assert not word or not are_other_objects(word.strip(), [name])

@@ -36,10 +36,10 @@ def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool
     index = plain_index_of(with_something_shut(0))
     index = plain_index_of(index.objects.scene) if stored else index
     (spoon,) = index.ask(["spoon"])
-    (hollow,) = (each for each in index.objects.unseen.hollows if each.volume > 0.1)
+    (hollow,) = (hollow for hollow in index.objects.unseen.hollows if hollow.volume > 0.1)
     expected = f'; no photo looks into "cupboard" ({hollow.volume:.1g} m³); look into it, from where {hollow.view} was '
     assert expected in spoon.sentence
-    (photo,) = (each for each in next_photos(index) if each.reason == "hidden")
+    (photo,) = (photo for photo in next_photos(index) if photo.reason == "hidden")
     assert photo.near == hollow.view
     assert photo.advice == f"Stand where {hollow.view} was taken, and look into the cupboard, open."
 
@@ -49,10 +49,10 @@ def test_one_is_sent_around_a_screen_to_what_it_hides() -> None:
     photo = next_photos(index)[0]
     assert photo.reason == "hidden" and photo.advice.endswith("and look behind the screen.")
     again = [*from_corner(), replace(photo.camera, name="again.jpg")]
-    before, after = (plain_index_of(scene_of([*WALLS, *OBJECTS, SCREEN], each)) for each in (from_corner(), again))
+    before, after = (plain_index_of(scene_of([*WALLS, *OBJECTS, SCREEN], views)) for views in (from_corner(), again))
     assert after.objects.unseen.share < before.objects.unseen.share
     there = plain_index_of(scene_of([*WALLS, *OBJECTS], from_corner()))
-    assert "hidden" not in {each.reason for each in next_photos(there)}
+    assert "hidden" not in {photo.reason for photo in next_photos(there)}
 
 
 def test_a_name_decides_whether_an_object_may_be_hollow() -> None:
@@ -64,7 +64,7 @@ def test_a_name_decides_whether_an_object_may_be_hollow() -> None:
     assert objects is not None
     bare = replace(objects.table[cupboard - 1], name="", source=None, probability=0.0)
     assert bare.id == cupboard
-    table = tuple(bare if each.id == cupboard else each for each in objects.table)
+    table = tuple(bare if obj.id == cupboard else obj for obj in objects.table)
     scene = replace(
         index.objects.scene, objects=replace(objects, table=table), facts=SceneFacts(searched_for=("spoon",))
     )

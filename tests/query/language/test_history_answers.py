@@ -22,7 +22,7 @@ from fastsplat_contract.photos.observations import Observation
 from tests.scenes import labelled_scene
 
 _MUG, _LAMP = 1, 2
-_MADE = datetime(2026, 11, 20, 9, tzinfo=UTC)
+_SCENE_TIME = datetime(2026, 11, 20, 9, tzinfo=UTC)
 _NOW = datetime(2026, 11, 26, 9, tzinfo=UTC)
 _THERE = Box(Pose(Vector3(1.0, 2.0, 0.5), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.1, 0.1, 0.1))
 _Days = Sequence[tuple[int, ChangeKind | None]]
@@ -42,8 +42,8 @@ def _answers(days: _Days) -> HistoryAnswers:
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
         [1, 2],
         ("mug", "lamp"),
-        facts=SceneFacts(taken_at={"a.jpg": _MADE.timestamp()}),
-        observations=tuple(_observation(*each) for each in reversed(days)),
+        facts=SceneFacts(taken_at={"a.jpg": _SCENE_TIME.timestamp()}),
+        observations=tuple(_observation(*day) for day in reversed(days)),
     )
     objects = tuple(Object(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))
     names = ObjectNames(dictionary_of(("mug", "lamp")), objects, (), None)
@@ -54,10 +54,10 @@ def _found(obj: int = _MUG) -> Answer:
     return replace(ANSWERS.answers[0], object_ids=(obj,), outcome="here", sentence="Here.", matches=())
 
 
-def _asked(days: _Days, text: str) -> Answer:
+def _answer_on(days: _Days, text: str) -> Answer:
     question = time_question(text, _NOW)
     assert question is not None
-    return _answers(days).asked(question, _found())
+    return _answers(days).answer_to(question, _found())
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def _asked(days: _Days, text: str) -> Answer:
     ],
 )
 def test_a_plain_question_hears_of_it(days: _Days, outcome: str, sentence: str) -> None:
-    told = _answers(days).plain(_found())
-    assert (told.outcome, told.sentence) == (outcome, sentence)
+    answer = _answers(days).plain(_found())
+    assert (answer.outcome, answer.sentence) == (outcome, sentence)
     assert _answers(days).plain(_found(_LAMP)) == _found(_LAMP)
 
 
@@ -109,13 +109,13 @@ def test_a_plain_question_hears_of_it(days: _Days, outcome: str, sentence: str) 
     ],
 )
 def test_a_question_of_time_is_answered_by_the_photos_of_the_day(text: str, sentence: str) -> None:
-    assert _asked([(23, "moved"), (24, "gone")], text).sentence.startswith(sentence)
+    assert _answer_on([(23, "moved"), (24, "gone")], text).sentence.startswith(sentence)
 
 
 def test_what_is_as_it_was_before_the_day_has_not_become_so_since() -> None:
     days: _Days = [(22, "gone"), (25, "gone")]
-    assert _asked(days, "what is gone?").object_ids == (_MUG,)
-    since = _asked(days, "what is gone since Monday?")
+    assert _answer_on(days, "what is gone?").object_ids == (_MUG,)
+    since = _answer_on(days, "what is gone since Monday?")
     assert (since.object_ids, since.outcome) == ((), "not_here")
 
 
@@ -124,64 +124,64 @@ def test_when_it_is_missing_and_when_it_was_seen() -> None:
     day = datetime(2026, 11, 1, 18, tzinfo=UTC)
     assert history.last_seen(_MUG) == day + timedelta(22) and history.missing_since(_MUG) == day + timedelta(23)
     assert history.seen_in(_MUG) == "e25" and history.missing_since(_LAMP) is None
-    assert history.last_seen(3) == _MADE and history.seen_in(3) == ""
+    assert history.last_seen(3) == _SCENE_TIME and history.seen_in(3) == ""
 
 
 def test_photos_of_before_the_capture_say_nothing_of_after_it() -> None:
     days: _Days = [(18, "gone")]
     assert _answers(days).plain(_found()) == _found()
-    assert _answers(days)._history.last_seen(_MUG) == _MADE and _answers(days)._history.seen_in(_MUG) == ""
-    assert _asked(days, "what is gone?").outcome == "cannot_say"
+    assert _answers(days)._history.last_seen(_MUG) == _SCENE_TIME and _answers(days)._history.seen_in(_MUG) == ""
+    assert _answer_on(days, "what is gone?").outcome == "cannot_say"
     before = 'By photos of 18 November 2026, nobody having looked on 19 November 2026: The "mug" is not where it was.'
-    assert _asked(days, "where was the mug on 19 November?").sentence == before
+    assert _answer_on(days, "where was the mug on 19 November?").sentence == before
 
 
 def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
     answers = _answers([(23, None)])
-    (one,) = answers._history.observations
-    answers._history = replace(answers._history, observations=(replace(one, looked_at=(_LAMP,)),))
+    (observation,) = answers._history.observations
+    answers._history = replace(answers._history, observations=(replace(observation, looked_at=(_LAMP,)),))
     question = time_question("what is gone?", _NOW)
     assert question is not None
-    told = answers.asked(question, _found())
-    assert told.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 objects."
+    answer = answers.answer_to(question, _found())
+    assert answer.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 objects."
 
 
 def test_a_missing_object_is_not_here_but_was_somewhere_on_a_day() -> None:
     days: _Days = [(23, "gone")]
-    assert _asked(days, "when was the mug last seen?").outcome == "not_here"
-    assert _asked(days, "where was the mug on Monday?").outcome == "here"
-    assert _asked([(23, "moved")], "when was the mug last seen?").outcome == "here"
+    assert _answer_on(days, "when was the mug last seen?").outcome == "not_here"
+    assert _answer_on(days, "where was the mug on Monday?").outcome == "here"
+    assert _answer_on([(23, "moved")], "when was the mug last seen?").outcome == "here"
 
 
 def test_without_another_day_the_day_of_the_scene_is_told() -> None:
     nothing = "Cannot say: no photos of another day are kept with this scene; the scene is of 20 November 2026."
-    assert _asked([], "what is gone?").sentence == nothing
+    assert _answer_on([], "what is gone?").sentence == nothing
 
 
 def test_of_many_changes_the_rest_is_counted() -> None:
     answers = _answers([(23, None)])
-    (one,) = answers._history.observations
+    (observation,) = answers._history.observations
     news = tuple(SceneChange("new", 0, "", 0.9, 0.0, None, _THERE, (0,), "") for _ in range(_MOST_TOLD + 2))
-    answers._history = replace(answers._history, observations=(replace(one, changes=news),))
+    answers._history = replace(answers._history, observations=(replace(observation, changes=news),))
     question = time_question("what is new?", _NOW)
     assert question is not None
-    sentence = answers.asked(question, _found()).sentence
+    sentence = answers.answer_to(question, _found()).sentence
     assert sentence.endswith(" There are 2 more.") and sentence.count(" at (1.00, 2.00, 0.50) m.") == _MOST_TOLD
 
 
 def test_what_was_no_object_is_told_as_gone_or_moved() -> None:
     answers = _answers([(23, None)])
-    (one,) = answers._history.observations
-    told = [
+    (observation,) = answers._history.observations
+    changes = [
         SceneChange(kind, 0, "", 0.9, 0.4, _THERE, after, (0,), "")
         for kind, after in (("gone", None), ("moved", _THERE))
     ]
-    answers._history = replace(answers._history, observations=(replace(one, changes=tuple(told)),))
+    answers._history = replace(answers._history, observations=(replace(observation, changes=tuple(changes)),))
     days = "By photos of 23 November 2026: "
-    for asked, sentence in (
+    for text, sentence in (
         ("what is gone?", "Something that was here is gone, at (1.00, 2.00, 0.50) m."),
         ("what moved?", "Something has moved by 0.40 m, to (1.00, 2.00, 0.50) m."),
     ):
-        question = time_question(asked, _NOW)
+        question = time_question(text, _NOW)
         assert question is not None
-        assert answers.asked(question, _found()).sentence == days + sentence
+        assert answers.answer_to(question, _found()).sentence == days + sentence

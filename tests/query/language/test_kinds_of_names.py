@@ -52,12 +52,12 @@ def test_a_proper_name_is_found_by_its_kind_and_by_what_that_is_a_kind_of(index:
     bare = named(index, 1, "Oskar")
     assert not bare.is_understood("Oskar")
     assert [answer.outcome for answer in bare.ask(["teddy bear", "toy"])] != ["here", "here"]
-    told = named(bare, 1, "Oskar", "teddy bear")
-    assert told.is_understood("Oskar") and told.scene.dictionary.entries[0].aliases == ("Oskar teddy bear",)
-    for answer in told.ask(["Oskar", "teddy bear", "toy"]):
+    with_kind = named(bare, 1, "Oskar", "teddy bear")
+    assert with_kind.is_understood("Oskar") and with_kind.scene.dictionary.entries[0].aliases == ("Oskar teddy bear",)
+    for answer in with_kind.ask(["Oskar", "teddy bear", "toy"]):
         assert answer.outcome in ("here", "probably_here") and answer.object_ids == (1,), answer.sentence
-    assert told.ask(["toy"])[0].relation == "kind_of"
-    (stranger,) = told.ask(["bulldozer"])
+    assert with_kind.ask(["toy"])[0].relation == "kind_of"
+    (stranger,) = with_kind.ask(["bulldozer"])
     assert stranger.outcome != "here"
 
 
@@ -65,9 +65,9 @@ def test_several_names_are_of_one_kind_and_the_kind_is_still_a_name_of_its_own(i
     both = named(named(index, 1, "Oskar", "teddy bear"), 2, "Bruno", "teddy bear")
     (answer,) = both.ask(["teddy bear"])
     assert set(answer.object_ids) == {1, 2}
-    other = named(named(index, 1, "Oskar", "teddy bear"), 2, "teddy bear")
-    assert {obj.id: obj.name for obj in other.objects.listed} == {1: "Oskar", 2: "teddy bear"}
-    assert other.ask(["teddy bear"])[0].object_ids[0] == 2
+    kind_as_name = named(named(index, 1, "Oskar", "teddy bear"), 2, "teddy bear")
+    assert {obj.id: obj.name for obj in kind_as_name.objects.listed} == {1: "Oskar", 2: "teddy bear"}
+    assert kind_as_name.ask(["teddy bear"])[0].object_ids[0] == 2
 
 
 @pytest.mark.parametrize(("name", "known"), [("grandma's mug", True), ("mug", True), ("Oskarine", False)])

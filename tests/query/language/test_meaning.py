@@ -58,10 +58,10 @@ def index(lexicon: Lexicon, calibrated_encoder: DrawnEncoder) -> Callable[..., S
 
 
 def test_relations_are_the_lexicons(meanings: Callable[..., LabelMeanings]) -> None:
-    made = meanings(LABELS)
+    label_meanings = meanings(LABELS)
 
     def rows(question: str, relation: str) -> set[str]:
-        found = getattr(made.relations(made.meaning(question)), relation)
+        found = getattr(label_meanings.relations(label_meanings.meaning(question)), relation)
         assert found.min() >= 0 and found.max() <= 1
         return {label for label, value in zip(LABELS, found, strict=True) if value > 0}
 
@@ -70,26 +70,29 @@ def test_relations_are_the_lexicons(meanings: Callable[..., LabelMeanings]) -> N
     assert "chair" in rows("armchair", "narrower")
     assert "car" in rows("car door", "part")
     assert rows("xyzzy", "kinship") == set()
-    nearer, farther = (made.relations(made.meaning(word)).wider[LABELS.index("cat")] for word in ("feline", "animal"))
+    nearer, farther = (
+        label_meanings.relations(label_meanings.meaning(word)).wider[LABELS.index("cat")]
+        for word in ("feline", "animal")
+    )
     assert nearer > farther > 0
     # "Stool" is a toilet in a rarer sense only.
-    stool = meanings(("stool", "can", "toilet")).relations(made.meaning("toilet")).same
+    stool = meanings(("stool", "can", "toilet")).relations(label_meanings.meaning("toilet")).same
     assert stool[2] == 1.0 > stool[0] > 0
 
 
 def test_a_label_is_known_by_its_aliases_too(lexicon: Lexicon, calibrated_encoder: DrawnEncoder) -> None:
     entries = (DictionaryEntry("xyzzy", ("couch",)), DictionaryEntry("banana"))
-    made = LabelMeanings(Dictionary(entries), lexicon, text_caches(calibrated_encoder, QuerySettings()))
-    assert made.relations(made.meaning("sofa")).same.tolist() == [1.0, 0.0]
-    assert made.is_of(Dictionary(entries)) and not made.is_of(dictionary_of(["xyzzy", "banana"]))
+    label_meanings = LabelMeanings(Dictionary(entries), lexicon, text_caches(calibrated_encoder, QuerySettings()))
+    assert label_meanings.relations(label_meanings.meaning("sofa")).same.tolist() == [1.0, 0.0]
+    assert label_meanings.is_of(Dictionary(entries)) and not label_meanings.is_of(dictionary_of(["xyzzy", "banana"]))
 
 
 @pytest.mark.parametrize("question", ["sofa", "fruit", "something to sit on", "wall clock", "hit a nail", "xyzzy"])
 def test_the_order_of_labels_changes_no_feature(meanings: Callable[..., LabelMeanings], question: str) -> None:
     def columns(labels: Sequence[str]) -> np.ndarray:
-        names, made = NameIndex(dictionary_of(labels)), meanings(labels)
+        names, label_meanings = NameIndex(dictionary_of(labels)), meanings(labels)
         similarity = np.array([len(label) / 20 for label in labels])
-        return made.compare(question, names.match(question), similarity).columns
+        return label_meanings.compare(question, names.match(question), similarity).columns
 
     order = [3, 0, 7, 1, 6, 2, 5, 4]
     straight, turned = columns(LABELS), columns([LABELS[place] for place in order])
@@ -146,13 +149,13 @@ def test_a_shared_cache_keeps_no_more_than_its_size(calibrated_encoder: DrawnEnc
 
 def test_owners_of_a_shared_cache_share_its_room_and_nothing_else(calibrated_encoder: DrawnEncoder) -> None:
     cache = TextCache(calibrated_encoder, ("{}",), 4)
-    one, other = cache.of("one"), cache.of("other")
-    first = one.embed(["text 1", "text 2"])
+    left, right = cache.of("one"), cache.of("other")
+    first = left.embed(["text 1", "text 2"])
     calibrated_encoder.seen.clear()
-    assert np.array_equal(other.embed(["text 1", "text 2"]), first) and calibrated_encoder.seen == ["text 1", "text 2"]
+    assert np.array_equal(right.embed(["text 1", "text 2"]), first) and calibrated_encoder.seen == ["text 1", "text 2"]
     calibrated_encoder.seen.clear()
     assert np.array_equal(cache.of("one").embed(["text 1", "text 2"]), first) and calibrated_encoder.seen == []
-    other.embed(["text 3", "text 4"])
+    right.embed(["text 3", "text 4"])
     assert len(cache._recent) == 4
 
 
@@ -176,8 +179,8 @@ def test_without_a_lexicon_or_a_measurement_answers_are_the_encoders(
     assert with_lexicon != plain
     # Thresholds of cosines, another score and other templates are what no model was measured with.
     for settings in ({"threshold": 0.3}, {"exact_threshold": 0.9}, {"score": "relevancy"}, {"templates": ("{}",)}):
-        own = QuerySettings.model_validate(settings)
-        assert index(LABELS, **settings).ask(questions) == SceneIndex(scene, calibrated_encoder, own).ask(questions)
+        config = QuerySettings.model_validate(settings)
+        assert index(LABELS, **settings).ask(questions) == SceneIndex(scene, calibrated_encoder, config).ask(questions)
     alone = index().ask(questions, templates=["{}"])
     assert alone == SceneIndex(scene, calibrated_encoder).ask(questions, templates=["{}"])
     stranger = DrawnEncoder()
@@ -213,13 +216,13 @@ def test_a_lexicon_is_off_by_its_setting_or_where_it_was_never_fetched(tmp_path:
 @pytest.fixture(scope="session")
 def ask(minilm: TextEncoder, lexicon: Lexicon) -> Callable[[Sequence[str], str], Answer]:
     """The default encoder and WordNet over a dictionary."""
-    made: dict[tuple[str, ...], SceneIndex] = {}
+    indexes: dict[tuple[str, ...], SceneIndex] = {}
 
     def ask(labels: Sequence[str], text: str) -> Answer:
         key = tuple(labels)
-        if key not in made:
-            made[key] = SceneIndex(make_scene(key, code=2), minilm, lexicon=lexicon)
-        return made[key].ask([text])[0]
+        if key not in indexes:
+            indexes[key] = SceneIndex(make_scene(key, code=2), minilm, lexicon=lexicon)
+        return indexes[key].ask([text])[0]
 
     return ask
 
@@ -266,7 +269,7 @@ def test_the_relation_is_said_in_field_and_sentence(
 
 
 @pytest.mark.parametrize(
-    ("question", "kept", "feigned", "other", "before"),
+    ("question", "same", "feigned", "different", "before"),
     [
         ("wicker chair", "chair", "", "", "wicker"),
         ("where are the wicker chairs?", "chair", "", "", "wicker"),
@@ -281,20 +284,20 @@ def test_the_relation_is_said_in_field_and_sentence(
     ],
 )
 def test_words_before_a_name_leave_it_what_it_is_or_do_not(
-    meanings: Callable[..., LabelMeanings], question: str, kept: str, feigned: str, other: str, before: str
+    meanings: Callable[..., LabelMeanings], question: str, same: str, feigned: str, different: str, before: str
 ) -> None:
     found = _compounds(meanings(LABELS), LABELS, question)
-    for mask, label in ((found.kept, kept), (found.feigned, feigned), (found.other, other)):
-        assert [each for each, there in zip(LABELS, mask, strict=True) if there] == ([label] if label else [])
+    for mask, label in ((found.same_kind, same), (found.feigned, feigned), (found.other_name, different)):
+        assert [name for name, there in zip(LABELS, mask, strict=True) if there] == ([label] if label else [])
     assert list(found.before.values()) == ([before] if before else [])
 
 
 def test_the_lexicon_knows_names_that_end_in_a_name(meanings: Callable[..., LabelMeanings]) -> None:
     labels = ("clock", "dog", "table", "wall")
-    for question, kept, other in (("wall clock", 0, None), ("prairie dog", None, 1), ("water table", None, 2)):
+    for question, same, different in (("wall clock", 0, None), ("prairie dog", None, 1), ("water table", None, 2)):
         found = _compounds(meanings(labels), labels, question)
-        assert np.flatnonzero(found.kept).tolist() == ([] if kept is None else [kept])
-        assert np.flatnonzero(found.other).tolist() == ([] if other is None else [other])
+        assert np.flatnonzero(found.same_kind).tolist() == ([] if same is None else [same])
+        assert np.flatnonzero(found.other_name).tolist() == ([] if different is None else [different])
 
 
 def test_a_name_with_a_word_before_it_is_answered_and_the_word_not_checked(
@@ -308,9 +311,9 @@ def test_a_name_with_a_word_before_it_is_answered_and_the_word_not_checked(
     assert ask(LABELS, "toy car").relation != "kind_of"
 
 
-def _compounds(made: LabelMeanings, labels: Sequence[str], question: str) -> Compounds:
+def _compounds(label_meanings: LabelMeanings, labels: Sequence[str], question: str) -> Compounds:
     names = NameIndex(dictionary_of(labels))
-    return made.compare(question, names.match(question), np.zeros(len(labels))).compounds
+    return label_meanings.compare(question, names.match(question), np.zeros(len(labels))).compounds
 
 
 @pytest.mark.parametrize(

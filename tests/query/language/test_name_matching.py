@@ -178,8 +178,8 @@ def test_a_confidence_below_one_is_in_every_probability_of_its_entry(calibrated_
     doubted = (DictionaryEntry("mug"), DictionaryEntry("boat", views=1, confidence=0.3), DictionaryEntry("kettle"))
     texts = ["boat", "the old boat", "mug", "quark"]
     sure, unsure = (
-        SceneIndex(one, calibrated_encoder, QuerySettings())
-        for one in (scene, replace(scene, dictionary=Dictionary(doubted)))
+        SceneIndex(variant, calibrated_encoder, QuerySettings())
+        for variant in (scene, replace(scene, dictionary=Dictionary(doubted)))
     )
     for before, after in zip(sure.ask(texts), unsure.ask(texts), strict=True):
         doubted_name = "boat" in before.text

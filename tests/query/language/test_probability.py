@@ -101,10 +101,10 @@ bounds = st.tuples(st.floats(0, 1), st.floats(0, 1))
 
 @given(arrays(np.float64, st.integers(1, 30), elements=st.floats(0, 1)), bounds, bounds)
 def test_sets_grow_with_the_bounds_and_never_vanish(
-    values: np.ndarray, one: tuple[float, float], other: tuple[float, float]
+    values: np.ndarray, first: tuple[float, float], second: tuple[float, float]
 ) -> None:
-    small = label_set(values, (min(one[0], other[0]), min(one[1], other[1])))
-    large = label_set(values, (max(one[0], other[0]), max(one[1], other[1])))
+    small = label_set(values, (min(first[0], second[0]), min(first[1], second[1])))
+    large = label_set(values, (max(first[0], second[0]), max(first[1], second[1])))
     assert small and set(small) <= set(large) and large[0] == small[0]
     assert values[small[0]] == values.min()
     assert (np.diff(values[list(large)]) >= 0).all()

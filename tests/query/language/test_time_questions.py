@@ -28,8 +28,8 @@ _ALL = {"gone", "moved", "new", "changed"}
     ],
 )
 def test_which_events(text: str, events: set[str] | None) -> None:
-    asked = time_question(text, _THURSDAY)
-    assert (asked and (asked.asks, set(asked.events))) == (events and ("events", events))
+    question = time_question(text, _THURSDAY)
+    assert (question and (question.asks, set(question.events))) == (events and ("events", events))
 
 
 @pytest.mark.parametrize(
@@ -48,8 +48,8 @@ def test_which_events(text: str, events: set[str] | None) -> None:
     ],
 )
 def test_which_objects(text: str, asks: str, about: str) -> None:
-    asked = time_question(text, _THURSDAY)
-    assert (asks, about) == ("", "") if asked is None else (asked.asks, asked.about) == (asks, about)
+    question = time_question(text, _THURSDAY)
+    assert (asks, about) == ("", "") if question is None else (question.asks, question.about) == (asks, about)
 
 
 @pytest.mark.parametrize(

@@ -30,11 +30,11 @@ _BOOK = BoxShell("book", (0.2, 0.1, 0.725), (0.3, 0.15, 0.05), yaw=0.5, count=3_
 _DIE = BoxShell("die", (-0.3, -0.1, 0.75), (0.1, 0.1, 0.1), count=2_000)
 _ALL = (_TABLE, _BOOK, _DIE)
 
-Made = Callable[..., SceneIndex]
+IndexOf = Callable[..., SceneIndex]
 
 
 @pytest.fixture(scope="module")
-def made() -> Made:
+def index_of() -> IndexOf:
     encoder = DrawnEncoder()
     return lambda scene: SceneIndex(scene, encoder, QuerySettings(backend="cpu"))
 
@@ -55,7 +55,7 @@ def _listed(index: SceneIndex) -> DetectionList:
 
 
 def _of(index: SceneIndex, label: str) -> Detection:
-    return next(each for each in _listed(index).detections if each.label == label)
+    return next(obj for obj in _listed(index).detections if obj.label == label)
 
 
 def _position(detection: Detection) -> np.ndarray:
@@ -66,28 +66,28 @@ def _symmetric_and_positive(matrix: np.ndarray) -> bool:
     return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() >= -1e-15)
 
 
-def test_objects_are_where_they_are_with_their_names_and_what_carries_them(made: Made) -> None:
-    answer = _listed(made(_scene()))
+def test_objects_are_where_they_are_with_their_names_and_what_carries_them(index_of: IndexOf) -> None:
+    answer = _listed(index_of(_scene()))
     assert (answer.version, answer.frame_id, answer.meters, answer.next_page_token) == ("7", "world", True, "")
     assert answer.up is not None and answer.up == pytest.approx((0, 0, 1), abs=0.01)
-    assert [each.label for each in answer.detections] == ["table", "book", "die"]
+    assert [obj.label for obj in answer.detections] == ["table", "book", "die"]
     table, book, die = answer.detections
-    assert [each.support and (each.support.label, each.support.relation) for each in (table, book, die)] == [
+    assert [obj.support and (obj.support.label, obj.support.relation) for obj in (table, book, die)] == [
         None,
         ("table", "on"),
         ("table", "on"),
     ]
     assert book.support is not None and book.support.clearness >= 1 and book.support.object_id == table.object_id
-    for each, shell in zip(answer.detections, _ALL, strict=True):
-        assert each.box is not None
-        error = np.array(each.box.center.position) - shell.centre
-        assert error @ np.linalg.solve(_position(each), error) < 16.0, (shell.label, error)  # 4 deviations
-        assert (each.probability, each.consensus, [name for name, *_ in each.alternatives]) == (0.9, 0.75, ["other"])
-        assert each.covariance_terms == ("edges", "membership") and _symmetric_and_positive(_position(each))
+    for obj, shell in zip(answer.detections, _ALL, strict=True):
+        assert obj.box is not None
+        error = np.array(obj.box.center.position) - shell.centre
+        assert error @ np.linalg.solve(_position(obj), error) < 16.0, (shell.label, error)  # 4 deviations
+        assert (obj.probability, obj.consensus, [name for name, *_ in obj.alternatives]) == (0.9, 0.75, ["other"])
+        assert obj.covariance_terms == ("edges", "membership") and _symmetric_and_positive(_position(obj))
 
 
-def test_a_heading_is_as_sure_as_the_shape_tells_it(made: Made) -> None:
-    index = made(_scene())
+def test_a_heading_is_as_sure_as_the_shape_tells_it(index_of: IndexOf) -> None:
+    index = index_of(_scene())
     book, die = _of(index, "book"), _of(index, "die")
     assert book.box is not None
     x, y, _ = book.box.center.matrix()[:3, 0]
@@ -99,22 +99,22 @@ def test_a_heading_is_as_sure_as_the_shape_tells_it(made: Made) -> None:
         assert die.covariance()[5, 5] > book.covariance()[5, 5]
 
 
-def test_a_round_object_has_no_heading(made: Made) -> None:
+def test_a_round_object_has_no_heading(index_of: IndexOf) -> None:
     scene = _scene()
     angles = np.random.default_rng(1).uniform(0, 2 * np.pi, _DIE.count)
     means = scene.gaussians.means.copy()
     means[-_DIE.count :, 0] = _DIE.centre[0] + 0.05 * np.cos(angles)
     means[-_DIE.count :, 1] = _DIE.centre[1] + 0.05 * np.sin(angles)
-    cup = _of(made(replace(scene, gaussians=replace(scene.gaussians, means=means))), "die")
+    cup = _of(index_of(replace(scene, gaussians=replace(scene.gaussians, means=means))), "die")
     assert cup.box is not None and cup.position_covariance and cup.rotation_covariance == ()
     assert np.isnan(cup.covariance()[3:, 3:]).all() and not np.isnan(cup.covariance()[:3, :3]).any()
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_what_is_said_goes_along_with_the_frame(made: Made, seed: int) -> None:
-    index, motion = made(_scene()), rigid(seed)
+def test_what_is_said_goes_along_with_the_frame(index_of: IndexOf, seed: int) -> None:
+    index, motion = index_of(_scene()), rigid(seed)
     pose = pose_of(motion)
-    moved = made(apply_edit(index, Edit("align", alignment=Alignment("hall", pose))))
+    moved = index_of(apply_edit(index, Edit("align", alignment=Alignment("hall", pose))))
     before, after = _listed(index), _listed(moved)
     assert after.frame_id == "hall" and after.up is not None and before.up is not None
     np.testing.assert_allclose(after.up, motion[:3, :3] @ before.up, atol=1e-6)
@@ -129,11 +129,11 @@ def test_what_is_said_goes_along_with_the_frame(made: Made, seed: int) -> None:
         assert (old.support and old.support.object_id) == (new.support and new.support.object_id)
 
 
-def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths_are_scaled(made: Made) -> None:
+def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths_are_scaled(index_of: IndexOf) -> None:
     known = KnownLength(Place(point=Vector3(0, 0, 0)), Place(point=Vector3(1, 0, 0)), 2.0, 0.08)
-    plain = made(_scene(scale="ARBITRARY"))
+    plain = index_of(_scene(scale="ARBITRARY"))
     assert not _listed(plain).meters and "scale" not in _of(plain, "book").covariance_terms
-    index = made(apply_edit(plain, Edit("scale", known_lengths=(known,))))
+    index = index_of(apply_edit(plain, Edit("scale", known_lengths=(known,))))
     book, before = _of(index, "book"), _of(plain, "book")
     assert book.box is not None and "scale" in book.covariance_terms and _listed(index).meters
     assert index.scene.scaling is not None
@@ -141,16 +141,16 @@ def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths
     np.testing.assert_allclose(_position(book), 4 * _position(before) + np.outer(arm, arm), rtol=0.1, atol=1e-7)
     # The frame of a map: lengths are still scaled from where the trained scene has its origin.
     shifted = Pose(Vector3(100.0, 0.0, 0.0), quaternion_of(np.eye(3)))
-    far = made(apply_edit(index, Edit("align", alignment=Alignment("map", shifted))))
+    far = index_of(apply_edit(index, Edit("align", alignment=Alignment("map", shifted))))
     np.testing.assert_allclose(_position(_of(far, "book")), _position(book), rtol=0.1, atol=1e-6)
 
 
-def test_pairs_of_points_that_fit_badly_make_positions_unsure(made: Made) -> None:
+def test_pairs_of_points_that_fit_badly_make_positions_unsure(index_of: IndexOf) -> None:
     noise = np.random.default_rng(3).normal(0, 0.02, (4, 3))
     corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2.0]])
-    pairs = tuple(PointPair(vector3(one), vector3(one + off)) for one, off in zip(corners, noise, strict=True))
-    plain = made(_scene())
-    index = made(apply_edit(plain, Edit("align", alignment=Alignment("map", pairs=pairs))))
+    pairs = tuple(PointPair(vector3(corner), vector3(corner + off)) for corner, off in zip(corners, noise, strict=True))
+    plain = index_of(_scene())
+    index = index_of(apply_edit(plain, Edit("align", alignment=Alignment("map", pairs=pairs))))
     rms = index.scene.alignment.rms if index.scene.alignment else None
     assert rms
     book, before = _of(index, "book"), _of(plain, "book")
@@ -158,7 +158,7 @@ def test_pairs_of_points_that_fit_badly_make_positions_unsure(made: Made) -> Non
     assert np.trace(_position(book)) == pytest.approx(np.trace(_position(before)) + rms**2, rel=0.05)
 
 
-def test_gaussians_that_may_belong_to_others_make_a_position_unsure(made: Made) -> None:
+def test_gaussians_that_may_belong_to_others_make_a_position_unsure(index_of: IndexOf) -> None:
     scene = _scene()
     assert scene.objects is not None
     rows = np.repeat([1, 2, 3], [shell.count for shell in _ALL])
@@ -169,39 +169,39 @@ def test_gaussians_that_may_belong_to_others_make_a_position_unsure(made: Made) 
     # Half of the book was often taken for the table: where its far end is, is less sure.
     counts[np.flatnonzero(doubtful & (np.arange(len(rows)) % 40 != 0))] = 4096 * 50
     members = evidence_of(entries, labels, counts, len(rows))
-    index = made(replace(scene, objects=replace(scene.objects, membership=members)))
-    sure, unsure = _of(made(scene), "book"), _of(index, "book")
+    index = index_of(replace(scene, objects=replace(scene.objects, membership=members)))
+    sure, unsure = _of(index_of(scene), "book"), _of(index, "book")
     assert np.trace(_position(unsure)) > np.trace(_position(sure))
 
 
-def test_nothing_is_said_of_up_where_nothing_tells_it(made: Made) -> None:
-    answer = _listed(made(_scene(cameras=(), scale="ARBITRARY")))
+def test_nothing_is_said_of_up_where_nothing_tells_it(index_of: IndexOf) -> None:
+    answer = _listed(index_of(_scene(cameras=(), scale="ARBITRARY")))
     assert answer.up is None and not answer.meters
-    for each in answer.detections:
-        assert (each.support, each.rotation_covariance, each.views) == (None, (), ())
-        assert each.box is not None and len(each.position_covariance) == 9 and each.first_seen is each.last_seen is None
+    for obj in answer.detections:
+        assert (obj.support, obj.rotation_covariance, obj.views) == (None, (), ())
+        assert obj.box is not None and len(obj.position_covariance) == 9 and obj.first_seen is obj.last_seen is None
 
 
-def test_times_are_those_of_the_photos_that_see_an_object(made: Made) -> None:
+def test_times_are_those_of_the_photos_that_see_an_object(index_of: IndexOf) -> None:
     scene = _scene()
     names = [posed.name for posed in scene.cameras]
     times = {name: 1_700_000_000.0 + 60 * n for n, name in enumerate(names)}
-    index = made(replace(scene, facts=SceneFacts(taken_at=times)))
+    index = index_of(replace(scene, facts=SceneFacts(taken_at=times)))
     book = _of(index, "book")
     assert set(book.views) <= set(names) and book.views
-    own = [times[name] for name in book.views]
-    assert book.first_seen == datetime.fromtimestamp(min(own), UTC)
-    assert book.last_seen == datetime.fromtimestamp(max(own), UTC)
-    few = made(replace(scene, facts=SceneFacts(taken_at={"another.jpg": 1_700_000_000.0})))
+    view_times = [times[name] for name in book.views]
+    assert book.first_seen == datetime.fromtimestamp(min(view_times), UTC)
+    assert book.last_seen == datetime.fromtimestamp(max(view_times), UTC)
+    few = index_of(replace(scene, facts=SceneFacts(taken_at={"another.jpg": 1_700_000_000.0})))
     assert (_of(few, "book").first_seen, _of(few, "book").last_seen) == (None, None)
 
 
-def test_who_proposed_an_object_and_who_missed_it_is_named(made: Made) -> None:
+def test_who_proposed_an_object_and_who_missed_it_is_named(index_of: IndexOf) -> None:
     scene = _scene()
     assert scene.objects is not None
     table, book, die = scene.objects.table
     noted = replace(book, proposed_in=(0, 2), missed_in=(5,))
-    index = made(replace(scene, objects=replace(scene.objects, table=(table, noted, die))))
+    index = index_of(replace(scene, objects=replace(scene.objects, table=(table, noted, die))))
     assert (_of(index, "book").proposed_in, _of(index, "book").missed_in) == (("0.jpg", "2.jpg"), ("5.jpg",))
     assert (_of(index, "die").proposed_in, _of(index, "die").missed_in) == ((), ())
     # No photo shows a copy.
@@ -212,27 +212,27 @@ def test_who_proposed_an_object_and_who_missed_it_is_named(made: Made) -> None:
     assert [obj.proposed_in for obj in copy.objects.table if obj.name == "book"] == [(0, 2), ()]
 
 
-def test_a_scene_that_stores_no_objects_says_nothing_of_views_that_agree(made: Made) -> None:
-    index = made(replace(_scene(), objects=None))
+def test_a_scene_that_stores_no_objects_says_nothing_of_views_that_agree(index_of: IndexOf) -> None:
+    index = index_of(replace(_scene(), objects=None))
     assert index.objects.stored is False
-    for each in _listed(index).detections:
-        assert each.consensus is None and "membership" not in each.covariance_terms
+    for obj in _listed(index).detections:
+        assert obj.consensus is None and "membership" not in obj.covariance_terms
 
 
-def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing(made: Made) -> None:
+def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing(index_of: IndexOf) -> None:
     wall = BoxShell("wall", (0.0, 1.0, 0.8), (2.0, 0.02, 1.6), count=6_000)
     picture = BoxShell("picture", (0.3, 0.97, 1.1), (0.4, 0.03, 0.3), count=2_000)
     scene = _scene((_TABLE, _BOOK, wall, picture))
     assert scene.objects is not None
     table = tuple(replace(obj, surface="wall") if obj.name == "wall" else obj for obj in scene.objects.table)
-    index = made(replace(scene, objects=replace(scene.objects, table=table)))
-    carried = {each.label: each.support and (each.support.label, each.support.relation) for each in _listed(index)[0]}
+    index = index_of(replace(scene, objects=replace(scene.objects, table=table)))
+    carried = {obj.label: obj.support and (obj.support.label, obj.support.relation) for obj in _listed(index)[0]}
     assert carried == {"table": None, "book": ("table", "on"), "wall": None, "picture": ("wall", "on")}
 
 
-def test_what_has_sunk_into_an_unsharp_table_top_is_on_it(made: Made) -> None:
+def test_what_has_sunk_into_an_unsharp_table_top_is_on_it(index_of: IndexOf) -> None:
     top = BoxShell("table", (0.0, 0.0, 0.0), (1.0, 0.8, 0.08), count=6_000)
     knife = BoxShell("knife", (0.1, 0.1, 0.01), (0.2, 0.03, 0.03), count=1_500)
     scene = _scene((top, knife))
-    support = _of(made(scene), "knife").support
+    support = _of(index_of(scene), "knife").support
     assert support is None or (support.label, support.relation) == ("table", "on")

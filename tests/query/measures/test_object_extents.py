@@ -49,17 +49,17 @@ def test_strays_change_neither_size_nor_distance(share: float) -> None:
 def test_what_lies_off_is_left_out_and_the_surface_stays() -> None:
     scene, off = _strewn(0.02)
     rows = np.arange(_COUNT)
-    kept, thickness = without_strays(scene.gaussians, rows)
-    assert 0 < thickness < 0.01 and (np.diff(kept) > 0).all()
-    stays = np.isin(rows, kept)
+    surface_rows, thickness = without_strays(scene.gaussians, rows)
+    assert 0 < thickness < 0.01 and (np.diff(surface_rows) > 0).all()
+    stays = np.isin(rows, surface_rows)
     assert stays[~off[rows]].mean() > 0.98
     assert stays[off[rows]].mean() < 0.5  # the others happen to lie by a surface
 
 
 def test_few_gaussians_are_all_kept() -> None:
     scene, _ = _strewn(0.5)
-    kept, thickness = without_strays(scene.gaussians, np.arange(20))
-    assert len(kept) == 20 and thickness == 0.0
+    surface_rows, thickness = without_strays(scene.gaussians, np.arange(20))
+    assert len(surface_rows) == 20 and thickness == 0.0
 
 
 def test_the_box_does_not_depend_on_the_scenes_frame() -> None:

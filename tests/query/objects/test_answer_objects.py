@@ -53,8 +53,8 @@ def test_two_mugs_are_two_objects() -> None:
     first, second = named(twice, "mug")
     np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
     np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
-    one, other = (twice.objects.rows([obj.id]) for obj in (first, second))
-    assert not (one & other).any()
+    first_rows, second_rows = (twice.objects.rows([obj.id]) for obj in (first, second))
+    assert not (first_rows & second_rows).any()
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask() -> None:

@@ -97,23 +97,23 @@ _BOX = Box(Pose(Vector3(0.3, 0.3, 0.15), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector
 _OBJECT = SceneObject(2, "cup", None, 0.0, (), "object", "", 1.0, 10, _BOX, True)
 
 
-def _map(height: float, floors: tuple[int, ...], others: dict[int, str]) -> OccupancyMap:
+def _map(height: float, floors: tuple[int, ...], names: dict[int, str]) -> OccupancyMap:
     views = views_of((floor(), _CUP), around(2.6, height))
     options = {"resolution": 0.05, "height": 1.5, "most_points": 10**6, "most_cells": 10**6}
-    return occupancy_map(views, floors, others, **options)
+    return occupancy_map(views, floors, names, **options)
 
 
 @pytest.mark.parametrize(
-    ("height", "others", "reason"),
+    ("height", "names", "reason"),
     [(1.6, {9: "dining table"}, r"object 9, 'dining table'"), (0.5, {}, r"0\.50 m below the cameras")],
 )
-def test_no_robot_is_sent_onto_a_table_top(height: float, others: dict[int, str], reason: str) -> None:
-    known = _map(height, (), others)
+def test_no_robot_is_sent_onto_a_table_top(height: float, names: dict[int, str], reason: str) -> None:
+    known = _map(height, (), names)
     assert known.floor_source == "lowest_level"
     with pytest.raises(InvalidInputError, match=reason) as refused:
         goal_near(known, _OBJECT, 0.2)
     assert refused.value.field == "scene_id" and "name its object 'floor'" in refused.value.hint
-    assert goal_near(_map(height, (9,), others), _OBJECT, 0.2).floor_source == "surface", "somebody calls it a floor"
+    assert goal_near(_map(height, (9,), names), _OBJECT, 0.2).floor_source == "surface", "somebody calls it a floor"
 
 
 def test_the_lowest_level_counts_where_nothing_speaks_against_it_and_the_goal_says_so() -> None:

@@ -39,9 +39,9 @@ def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) 
     for label in ("mug", "spoon", "bed"):
         (a,), (b,) = codes.ask([label]), evidence.ask([label])
         np.testing.assert_array_equal(codes.mask3d(a), evidence.mask3d(b))
-        seen, other = codes.mask2d(a, front), evidence.mask2d(b, front)
-        np.testing.assert_array_equal(seen.mask, other.mask)
-        np.testing.assert_array_equal(seen.rgb, other.rgb)
+        seen, evidence_mask = codes.mask2d(a, front), evidence.mask2d(b, front)
+        np.testing.assert_array_equal(seen.mask, evidence_mask.mask)
+        np.testing.assert_array_equal(seen.rgb, evidence_mask.rgb)
 
 
 def test_confidence_is_the_probability_of_the_class() -> None:
@@ -73,8 +73,8 @@ def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(fr
     codes = replace(scene, gaussians=gaussians, head=head)
     np.testing.assert_array_equal(label_gaussians(codes).classes, rows)
     assert 2 in plain_index_of(codes).label_map(front)
-    shown = np.unique(plain_index_of(with_evidence(codes, sure(rows, 80))).label_map(front))
-    assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
+    labels = np.unique(plain_index_of(with_evidence(codes, sure(rows, 80))).label_map(front))
+    assert set(labels.tolist()) <= {0, 1, 3} and {1, 3} <= set(labels.tolist())
 
 
 def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> None:

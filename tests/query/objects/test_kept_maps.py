@@ -34,8 +34,8 @@ def test_kept_maps_are_bounded_by_their_bytes(sides: list[int]) -> None:
 
 def test_the_map_that_was_used_longest_ago_leaves_first() -> None:
     maps = KeptMaps()
-    kept = [maps.get(number, lambda: _drawn(2048)) for number in range(4)]  # as many as there is room for
-    assert maps.get(0, lambda: _drawn(1)) is kept[0]
+    entries = [maps.get(number, lambda: _drawn(2048)) for number in range(4)]  # as many as there is room for
+    assert maps.get(0, lambda: _drawn(1)) is entries[0]
     maps.get(4, lambda: _drawn(2048))
-    assert maps.get(0, lambda: _drawn(1)) is kept[0]
-    assert maps.get(1, lambda: _drawn(1)) is not kept[1]
+    assert maps.get(0, lambda: _drawn(1)) is entries[0]
+    assert maps.get(1, lambda: _drawn(1)) is not entries[1]

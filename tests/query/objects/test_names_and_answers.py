@@ -36,14 +36,14 @@ _NAMES = (
 _FIRST = 40_001  # ids begin with what stands in no sentence for another reason
 _PROBABILITY = st.floats(0.05, 1.0)
 _SUGGESTIONS = st.lists(
-    st.tuples(st.sampled_from(_NAMES), _PROBABILITY).map(lambda each: Suggestion(*each)), max_size=3
+    st.tuples(st.sampled_from(_NAMES), _PROBABILITY).map(lambda pair: Suggestion(*pair)), max_size=3
 )
 
 
 @st.composite
 def _objects(draw: Callable[..., Any]) -> tuple[Object, ...]:
     """Up to five objects with and without names, named by anybody, with suggestions."""
-    made = []
+    objects = []
     for number in range(draw(st.integers(1, 5))):
         suggestions = tuple(draw(_SUGGESTIONS))
         name = draw(st.sampled_from(("", "", *_NAMES)))
@@ -52,8 +52,8 @@ def _objects(draw: Callable[..., Any]) -> tuple[Object, ...]:
             obj = Object(_FIRST + 2 * number, name, source, draw(_PROBABILITY), suggestions=suggestions)
         else:
             obj = Object(_FIRST + 2 * number, suggestions=suggestions)
-        made.append(obj)
-    return tuple(made)
+        objects.append(obj)
+    return tuple(objects)
 
 
 def _scene(objects: tuple[Object, ...], looked_for: list[str]) -> Scene:
@@ -67,15 +67,15 @@ def _scene(objects: tuple[Object, ...], looked_for: list[str]) -> Scene:
     return labelled_scene(means, np.zeros(count, int), dictionary, objects=Objects(objects, membership))
 
 
-def _shown(objects: tuple[Object, ...]) -> Mapping[str, set[int]]:
+def _names(objects: tuple[Object, ...]) -> Mapping[str, set[int]]:
     """By the names that a list of the objects shows, those that bear or may bear them."""
-    shown: dict[str, set[int]] = {}
+    bearers: dict[str, set[int]] = {}
     for obj in objects:
-        suggested = [] if obj.source in ("given", "person") else [each.name for each in obj.suggestions]
+        suggested = [] if obj.source in ("given", "person") else [suggestion.name for suggestion in obj.suggestions]
         for name in (obj.name, *suggested):
             if name:
-                shown.setdefault(name, set()).add(obj.id)
-    return shown
+                bearers.setdefault(name, set()).add(obj.id)
+    return bearers
 
 
 @given(
@@ -87,44 +87,48 @@ def test_no_name_that_is_shown_is_denied(
     objects: tuple[Object, ...], looked_for: list[str], encoder: DrawnEncoder
 ) -> None:
     index = SceneIndex(_scene(objects, looked_for), encoder, QuerySettings(backend="reference"))
-    shown = _shown(objects)
+    bearers = _names(objects)
     table = index.ranked.names.table
-    assert {label_key(name.label) for name in table.values()} == {label_key(name) for name in shown}
+    assert {label_key(name.label) for name in table.values()} == {label_key(name) for name in bearers}
     borne = [not name.suggested for name in table.values()]
     assert borne == sorted(borne, reverse=True)
     for answer in index.ask(_NAMES):
-        assert answer.outcome != "not_seen" and all(each.gaussian_count for each in answer.matches if each.relevant)
+        assert answer.outcome != "not_seen" and all(match.gaussian_count for match in answer.matches if match.relevant)
         assert not re.search(r"40\D?0\d\d", answer.sentence)
         assert sum(answer.sentence.count(f'"{match.label}"') for match in answer.matches if match.relevant) > 0 or (
             answer.outcome not in ("here", "probably_here") or not answer.relevant_ids
         )
-        bearing = set().union(*(ids for name, ids in shown.items() if label_key(name) == label_key(answer.text)))
+        bearing = set().union(*(ids for name, ids in bearers.items() if label_key(name) == label_key(answer.text)))
         if bearing:
             assert (
                 answer.outcome in ("here", "probably_here") and set(answer.object_ids) <= bearing and answer.object_ids
             )
         if answer.outcome == "not_here":
             assert not answer.object_ids and not answer.relevant_ids
-            others = [match.label for match in answer.matches if match.label not in answer.text]
-            assert not any(f'"{label}"' in answer.sentence for label in others)
+            labels = [match.label for match in answer.matches if match.label not in answer.text]
+            assert not any(f'"{label}"' in answer.sentence for label in labels)
 
 
 @given(objects=_objects())
 def test_what_is_suggested_alone_is_as_probable_as_its_likeliest_object(objects: tuple[Object, ...]) -> None:
     index = SceneIndex(_scene(objects, []), calibrated(), QuerySettings(backend="reference"))
     named = {label_key(obj.name) for obj in objects if obj.name}
-    for name in _shown(objects):
+    for name in _names(objects):
         if label_key(name) not in named:
             likely = {
-                obj.id: max(each.probability for each in obj.suggestions if label_key(each.name) == label_key(name))
+                obj.id: max(
+                    suggestion.probability
+                    for suggestion in obj.suggestions
+                    if label_key(suggestion.name) == label_key(name)
+                )
                 for obj in objects
                 if obj.source not in ("given", "person")
-                and any(label_key(each.name) == label_key(name) for each in obj.suggestions)
+                and any(label_key(suggestion.name) == label_key(name) for suggestion in obj.suggestions)
             }
             (answer,) = index.ask([name])
             assert answer.outcome == "probably_here"
             assert answer.probability == pytest.approx(max(likely.values()))
-            assert answer.object_ids[0] in [each for each in likely if likely[each] == max(likely.values())]
+            assert answer.object_ids[0] in [key for key in likely if likely[key] == max(likely.values())]
             assert (index.mask3d(answer) == index.objects.rows(answer.object_ids)).all()
 
 
@@ -140,7 +144,7 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(minilm: TextEncoder, l
         return list(index.ask((name, *_WORDS)))
 
     sure = answers(Object(1, name, "person", 1.0))
-    leading = [each.outcome in ("here", "probably_here") and (each.probability or 0) >= 0.5 for each in sure]
+    leading = [answer.outcome in ("here", "probably_here") and (answer.probability or 0) >= 0.5 for answer in sure]
     assert leading[0] and 2 <= sum(leading) < len(sure) - 3
     for probability in (0.06, 0.42, 0.65):
         suggested = answers(Object(1, suggestions=(Suggestion(name, probability),)))
@@ -182,21 +186,21 @@ def test_fragments_of_one_name_are_counted_once(room: SceneIndex) -> None:
 
 
 def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
-    looks, other = (np.eye(8, dtype=np.float16)[row].tobytes() for row in (0, 1))
+    looks, new_looks = (np.eye(8, dtype=np.float16)[row].tobytes() for row in (0, 1))
     objects = (Object(1, suggestions=(Suggestion("jar", 0.4),), appearance=looks), Object(3, "vase", "person", 1.0))
     index = SceneIndex(_scene(objects, []), DrawnEncoder(), QuerySettings(backend="reference"))
     known = [KnownObject("s", "samovar", looks), KnownObject("own", "jar", looks)]
     ranked = index.ranked.suggesting(known, "own")
     query = check_query(("my samovar", "jar", "vase"), index.settings)
     standing = SubscribedQuery()
-    alone, again, more = (standing.ranked(one, query) for one in (index.ranked, index.ranked, ranked))
+    alone, again, more = (standing.ranked(ranking, query) for ranking in (index.ranked, index.ranked, ranked))
     assert again is alone and more is not alone
     samovar, jar, vase = more.answer(lambda: index.objects)
-    (told,) = ranked.elsewhere.values()
-    assert (samovar.outcome, samovar.probability, samovar.object_ids) == ("probably_here", told.probability, (1,))
+    (suggestion,) = ranked.elsewhere.values()
+    assert (samovar.outcome, samovar.probability, samovar.object_ids) == ("probably_here", suggestion.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
     assert index.ask(["samovar"])[0].outcome == "cannot_say"  # of this scene alone
-    assert index.ranked.suggesting([*known, KnownObject("t", "kettle", other)], "own") is ranked  # it says the same
+    assert index.ranked.suggesting([*known, KnownObject("t", "kettle", new_looks)], "own") is ranked  # it says the same
     assert index.ranked.suggesting(known[1:], "own") is index.ranked
 
 

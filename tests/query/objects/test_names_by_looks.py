@@ -71,8 +71,8 @@ def test_without_looks_or_with_those_of_another_model_nothing_is_suggested() -> 
     known = [_known("mug", (0, 1))]
     assert names_by_looks([], known, {}) == names_by_looks([Object(1)], known, {}) == {}
     assert names_by_looks([Object(1, appearance=_looks((0, 1)))], [], {}) == {}
-    other = KnownObject("one", "mug", np.ones(_SIZE // 2, np.float16).tobytes())
-    assert names_by_looks([Object(1, appearance=_looks((0, 1)))], [other], {}) == {}
+    mug = KnownObject("one", "mug", np.ones(_SIZE // 2, np.float16).tobytes())
+    assert names_by_looks([Object(1, appearance=_looks((0, 1)))], [mug], {}) == {}
 
 
 def test_most_of_a_thousand_objects_that_look_like_nothing_known_stay_without() -> None:
@@ -83,8 +83,8 @@ def test_most_of_a_thousand_objects_that_look_like_nothing_known_stay_without() 
 
 
 def _sized(name: str, look: bytes, *sides: float, scene: str = "one") -> KnownObject:
-    one = evidence_of(np.zeros(1, np.int64), np.ones(1, np.int64), np.full(1, UNIT), 1)
-    objects = Objects((Object(1, appearance=look), Object(2)), one)
+    membership = evidence_of(np.zeros(1, np.int64), np.ones(1, np.int64), np.full(1, UNIT), 1)
+    objects = Objects((Object(1, appearance=look), Object(2)), membership)
     known = described(objects, {1: np.array(sides), 2: np.ones(3)})
     assert list(known) == [1]
     return KnownObject(scene, name, known[1])
@@ -104,8 +104,8 @@ def test_of_two_that_look_the_same_the_one_of_the_same_size_gives_its_name() -> 
 def test_the_more_sizes_differ_the_less_probable_a_name_is() -> None:
     obj = Object(1, appearance=_looks((0, 1)))
     known = [_sized("mug", _looks((0, 0.85), (1, 0.527)), 0.1, 0.1, 0.1), _sized("jar", _looks((2, 1)), 0.1, 0.1, 0.1)]
-    told = [names_by_looks([obj], known, {1: np.full(3, 0.1 * times)}) for times in (1, 1.2, 1.4, 4)]
-    probabilities = [names[1].probability if names else 0.0 for names in told]
+    suggestions = [names_by_looks([obj], known, {1: np.full(3, 0.1 * times)}) for times in (1, 1.2, 1.4, 4)]
+    probabilities = [names[1].probability if names else 0.0 for names in suggestions]
     assert (
         probabilities == sorted(probabilities, reverse=True)
         and probabilities[0] > probabilities[1] > probabilities[2] >= 0.4
@@ -115,8 +115,8 @@ def test_the_more_sizes_differ_the_less_probable_a_name_is() -> None:
     assert flat[1].probability == pytest.approx(0.95)
 
 
-@pytest.mark.parametrize(("alike", "told"), [(0.5, False), (0.64, False), (0.85, True)])
-def test_what_is_hardly_like_the_only_object_that_is_known_is_none_of_these(alike: float, told: bool) -> None:
+@pytest.mark.parametrize(("alike", "is_named"), [(0.5, False), (0.64, False), (0.85, True)])
+def test_what_is_hardly_like_the_only_object_that_is_known_is_none_of_these(alike: float, is_named: bool) -> None:
     known = [_sized("mug", _looks((0, alike), (1, np.sqrt(1 - alike**2))), 0.03, 0.04, 0.05)]
     names = names_by_looks([Object(1, appearance=_looks((0, 1)))], known, {1: np.array([0.03, 0.04, 0.05])})
-    assert bool(names) == told
+    assert bool(names) == is_named

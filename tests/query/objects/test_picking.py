@@ -29,9 +29,9 @@ FRONT = look((0.0, -0.6, 0.35), (0, 0, 0.04), "front.jpg")
 MUG, SPREAD, HALF, BOTH = 3, 5, 6, 9
 
 
-def scene_with(**other: float) -> Scene:
+def scene_with(**changes: float) -> Scene:
     """A mug, object 3, whose upper half is part 6, and a book, object 5, in group 9; consensus .8 but by level."""
-    consensus = {"object": 0.8, "part": 0.8, "group": 0.8, **other}
+    consensus = {"object": 0.8, "part": 0.8, "group": 0.8, **changes}
     scene = scene_of([CUP, BOOK], orbit())
     count = len(scene.gaussians)
     owner = np.repeat([MUG, SPREAD], [CUP.count, BOOK.count])
@@ -66,36 +66,36 @@ def test_every_way_to_pick_answers_all_levels_and_the_probabilities_add_up() -> 
     rows, columns = np.nonzero(objects.map(FRONT) == MUG)
     box = PixelBox(columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0)
     point = Vector3(*index.scene.gaussians.means[objects.part_owner == HALF][0].tolist())
-    pixel = pixel_of(index, lambda shown, parts: (shown == MUG) & (parts == HALF))
+    pixel = pixel_of(index, lambda whole, parts: (whole == MUG) & (parts == HALF))
     for levels in (pick_pixel(objects, FRONT, pixel), pick_box(objects, FRONT, box), pick_point(objects, point)):
-        assert [(each.level, each.id) for each in levels] == [("part", HALF), ("object", MUG), ("group", BOTH)]
-        assert sum(each.probability for each in levels) == pytest.approx(1)
-        assert [each.members for each in levels] == [(), (), (MUG, SPREAD)]
+        assert [(level.level, level.id) for level in levels] == [("part", HALF), ("object", MUG), ("group", BOTH)]
+        assert sum(level.probability for level in levels) == pytest.approx(1)
+        assert [level.members for level in levels] == [(), (), (MUG, SPREAD)]
         assert chosen_level(levels, "likeliest").level == "object"
         assert [chosen_level(levels, level).level for level in get_args(PickLevel)] == list(get_args(PickLevel))
 
 
 def test_a_level_that_is_not_there_is_refused() -> None:
     index = opened(scene_with())
-    lower = pixel_of(index, lambda shown, parts: (shown == MUG) & (parts == 0))
+    lower = pixel_of(index, lambda whole, parts: (whole == MUG) & (parts == 0))
     levels = pick_pixel(index.objects, FRONT, lower)
-    assert [each.level for each in levels] == ["object", "group"]
+    assert [level.level for level in levels] == ["object", "group"]
     with pytest.raises(NotFoundError, match="no part at this place") as raised:
         chosen_level(levels, "part")
     assert raised.value.field == "level"
 
 
 def test_more_consensus_and_more_agreement_make_a_level_likelier() -> None:
-    upper = pixel_of(opened(scene_with()), lambda shown, parts: (shown == MUG) & (parts == HALF))
+    upper = pixel_of(opened(scene_with()), lambda whole, parts: (whole == MUG) & (parts == HALF))
 
     def probabilities(index: SceneIndex, pixel: Pixel = upper) -> dict[str, float]:
-        return {each.level: each.probability for each in pick_pixel(index.objects, FRONT, pixel)}
+        return {level.level: level.probability for level in pick_pixel(index.objects, FRONT, pixel)}
 
     usual = probabilities(opened(scene_with()))
     for level in get_args(PickLevel):
         less = probabilities(opened(scene_with(**{level: 0.4})))
         assert less[level] < usual[level]
-        assert all(less[other] > usual[other] for other in usual if other != level)
+        assert all(less[other_level] > usual[other_level] for other_level in usual if other_level != level)
     index = opened(scene_with())
     whole, parts = index.objects.map(FRONT), index.objects.part_map(FRONT)
     edge = parts[1:] != parts[:-1]
@@ -110,7 +110,7 @@ def test_the_part_that_fits_a_box_is_likelier_there_than_at_the_whole() -> None:
     def part(mask: np.ndarray) -> float:
         rows, columns = np.nonzero(mask)
         box = PixelBox(columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0)
-        return next(each.probability for each in pick_box(objects, FRONT, box) if each.level == "part")
+        return next(level.probability for level in pick_box(objects, FRONT, box) if level.level == "part")
 
     assert part(objects.mask(FRONT, (HALF,))) > part(objects.mask(FRONT, (MUG,)))
 
@@ -128,8 +128,8 @@ def test_a_group_is_its_members_in_masks_and_rows() -> None:
 def test_a_group_of_what_is_gone_is_none_and_comes_back_with_it() -> None:
     before = opened(scene_with())
     after = before.after(apply_edit(before, Edit("remove", object_ids=(SPREAD,))))
-    pixel = pixel_of(after, lambda shown, parts: (shown == MUG) & (parts == 0))
-    assert [each.level for each in pick_pixel(after.objects, FRONT, pixel)] == ["object"]
+    pixel = pixel_of(after, lambda whole, parts: (whole == MUG) & (parts == 0))
+    assert [level.level for level in pick_pixel(after.objects, FRONT, pixel)] == ["object"]
     assert after.objects.groups == {} and after.objects.get(MUG).groups == ()
     merged = before.after(apply_edit(before, Edit("merge", object_ids=(MUG, SPREAD))))
     assert merged.objects.groups == {} and merged.objects.table.groups == ()

@@ -117,23 +117,23 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, 
 @pytest.mark.parametrize("kind", ["labeled", "discovered"])
 def test_a_label_is_the_union_of_the_objects_that_bear_it(request: pytest.FixtureRequest, kind: str) -> None:
     index = opened(request.getfixturevalue(kind))
-    one, other, last = ids_of(index)
-    named = edited(index, name([other, last], "Einmachglas", "jar"), name(one, "kettle"))
+    first, second, last = ids_of(index)
+    named = edited(index, name([second, last], "Einmachglas", "jar"), name(first, "kettle"))
     (answer, alias, kettle) = named.ask(["einmachglas", "a jar", "kettle"])
     assert answer.outcome == alias.outcome == kettle.outcome == "here"
-    assert answer.object_ids == alias.object_ids == (other, last) and kettle.object_ids == (one,)
+    assert answer.object_ids == alias.object_ids == (second, last) and kettle.object_ids == (first,)
     owner = named.objects.owner
-    np.testing.assert_array_equal(named.mask3d(answer), np.isin(owner, [other, last]))
+    np.testing.assert_array_equal(named.mask3d(answer), np.isin(owner, [second, last]))
     np.testing.assert_array_equal(owner, index.objects.owner)
-    shown = named.objects.map(FRONT)
+    object_map = named.objects.map(FRONT)
     mask = named.mask2d(answer, FRONT)
-    np.testing.assert_array_equal(mask.mask, np.isin(shown, [other, last]))
-    assert mask.mask.any() and (shown == one).any()
-    np.testing.assert_array_equal(named.mask2d(kettle, FRONT).mask, shown == one)
+    np.testing.assert_array_equal(mask.mask, np.isin(object_map, [second, last]))
+    assert mask.mask.any() and (object_map == first).any()
+    np.testing.assert_array_equal(named.mask2d(kettle, FRONT).mask, object_map == first)
     assert [obj.id for obj in named.objects_of(answer)] == sorted(
-        [other, last], key=lambda object_id: -(owner == object_id).sum()
+        [second, last], key=lambda object_id: -(owner == object_id).sum()
     )
-    assert answer.matches[0].gaussian_count == np.isin(owner, [other, last]).sum()
+    assert answer.matches[0].gaussian_count == np.isin(owner, [second, last]).sum()
 
 
 def test_naming_changes_no_mask_of_what_is_not_named(labeled: Scene) -> None:
@@ -191,7 +191,7 @@ def test_absence_is_said_only_where_it_can_be_known(
     index = SceneIndex(replace(discovered, facts=facts), calibrated_encoder, settings, lexicon=lexicon)
     words = ("violinist", "spoon", "sofa", "keyboard", "grand piano", "goose")
     violinist, spoon, sofa, keyboard, piano, goose = index.ask([phrasing.format(word) for word in words])
-    assert [each.outcome for each in (violinist, spoon, sofa, piano)] == ["not_here"] * 4
+    assert [answer.outcome for answer in (violinist, spoon, sofa, piano)] == ["not_here"] * 4
     assert 0.5 < (spoon.probability or 0) < (violinist.probability or 0) < 1
     assert (keyboard.outcome, set(keyboard.object_ids), set(goose.object_ids)) == ("cannot_say", {4, 7, 9}, {4, 7})
     assert (
@@ -227,9 +227,9 @@ def _object(levels: tuple[PickedLevel, ...]) -> int:
 
 def test_picking_finds_what_a_picture_shows(discovered: Scene) -> None:
     objects = opened(discovered).objects
-    shown = objects.map(FRONT)
+    object_map = objects.map(FRONT)
     for object_id in (4, 7, 9):
-        rows, columns = np.nonzero(shown == object_id)
+        rows, columns = np.nonzero(object_map == object_id)
         assert _object(pick_pixel(objects, FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.999))) == object_id
         box = PixelBox(columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0)
         assert _object(pick_box(objects, FRONT, box)) == object_id
@@ -237,7 +237,7 @@ def test_picking_finds_what_a_picture_shows(discovered: Scene) -> None:
         mean = discovered.gaussians.means[objects.owner == object_id][0]
         assert _object(pick_point(objects, Vector3(*mean.tolist()))) == object_id
         assert listed.gaussian_count == (objects.owner == object_id).sum()
-    rows, columns = np.nonzero(shown == 0)
+    rows, columns = np.nonzero(object_map == 0)
     with pytest.raises(NotFoundError, match="no object"):
         pick_pixel(objects, FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5))
     for x, y in ((-0.1, 5), (96, 5), (5, 72), (np.nan, 5), (5, -np.inf)):

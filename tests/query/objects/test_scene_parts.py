@@ -73,8 +73,8 @@ def test_lists_are_of_objects_and_have_the_parts_on_request(scene: Scene) -> Non
     rows = [(obj.id, obj.kind, obj.parent) for obj in objects.listed_with_parts]
     assert rows == [(3, "object", 0), (RIM, "part", 3), (5, "object", 0), (SPINE, "part", 5)]
     for part in objects.listed_parts:
-        owned = np.flatnonzero(objects.part_owner == part.id)
-        assert part.gaussian_count == len(owned) and (objects.owner[owned] == part.parent).all()
+        part_rows = np.flatnonzero(objects.part_owner == part.id)
+        assert part.gaussian_count == len(part_rows) and (objects.owner[part_rows] == part.parent).all()
         assert part.box is not None and objects.get(part.id) == part
         whole = objects.get(part.parent).box
         assert whole is not None and min(part.box.size) < min(whole.size)
@@ -82,7 +82,7 @@ def test_lists_are_of_objects_and_have_the_parts_on_request(scene: Scene) -> Non
 
 
 def _ids(levels: tuple[PickedLevel, ...]) -> dict[str, int]:
-    return {each.level: each.id for each in levels}
+    return {level.level: level.id for level in levels}
 
 
 def test_a_click_says_which_part_it_hit(scene: Scene) -> None:
@@ -105,10 +105,10 @@ def test_a_named_part_is_asked_for_and_is_its_own_gaussians(scene: Scene) -> Non
     assert (rim.outcome, rim.object_ids, mug.object_ids) == ("here", (RIM,), (3,))
     np.testing.assert_array_equal(index.mask3d(rim), index.objects.part_owner == RIM)
     np.testing.assert_array_equal(index.mask3d(mug), index.objects.owner == 3)
-    shown = index.objects.part_map(FRONT) == RIM
-    assert shown.sum() > 20
+    rim_mask = index.objects.part_map(FRONT) == RIM
+    assert rim_mask.sum() > 20
     for mask in (index.mask(rim, FRONT), index.mask2d(rim, FRONT).mask):
-        np.testing.assert_array_equal(mask, shown)
+        np.testing.assert_array_equal(mask, rim_mask)
     (item,) = index.objects_of(rim)
     assert (item.id, item.name, item.gaussian_count) == (RIM, "rim", int((index.objects.part_owner == RIM).sum()))
     labels = {entry.label: number for number, entry in enumerate(index.scene.dictionary.entries, start=1)}
@@ -201,9 +201,9 @@ def test_what_becomes_another_object_leaves_the_parts_of_its_old_one(scene: Scen
     before, after = opened(scene).objects, opened(changed).objects
     assert new_id == SPINE + 1 and (np.flatnonzero(after.owner == new_id) == taken).all()
     assert not after.part_owner[taken].any()
-    others = np.setdiff1d(np.arange(len(scene.gaussians)), taken)
-    np.testing.assert_array_equal(after.part_owner[others], before.part_owner[others])
-    np.testing.assert_array_equal(after.owner[others], before.owner[others])
+    rest = np.setdiff1d(np.arange(len(scene.gaussians)), taken)
+    np.testing.assert_array_equal(after.part_owner[rest], before.part_owner[rest])
+    np.testing.assert_array_equal(after.owner[rest], before.owner[rest])
 
 
 def test_a_part_is_not_split(scene: Scene) -> None:

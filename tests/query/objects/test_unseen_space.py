@@ -34,7 +34,7 @@ def from_behind() -> list[PosedCamera]:
 
 def parts_of(scene: Scene) -> tuple[NDArray[np.int32], dict[int, SurfaceKind]]:
     """The label of each Gaussian, and which labels are surfaces."""
-    kinds = {number: surface_kind(each.label) for number, each in enumerate(scene.dictionary.entries, start=1)}
+    kinds = {number: surface_kind(entry.label) for number, entry in enumerate(scene.dictionary.entries, start=1)}
     return scene.gaussians.codes.argmax(axis=1).astype(np.int32), kinds
 
 
@@ -47,7 +47,7 @@ def exactly(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> float:
     """The share by rays: of the points of the room that are in a picture, those that boxes hide in all pictures."""
     axes = [np.arange(low + 0.05, high, 0.1) for low, high in ((-2, 2), (-1.5, 1.5), (0, HEIGHT))]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    shown, seen = np.zeros((2, len(points)), np.bool_)
+    in_view, seen = np.zeros((2, len(points)), np.bool_)
     for posed in cameras:
         camera, pose, eye = posed.camera, posed.camera_from_world(), posed.world_from_camera[:3, 3]
         x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
@@ -58,9 +58,9 @@ def exactly(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> float:
             ends = [(np.add(box.centre, side * np.array(box.size) / 2) - eye) / (points - eye) for side in (-1, 1)]
             enters, leaves = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
             free &= ~((enters < leaves) & (enters > 0) & (enters < 1))
-        shown |= inside
+        in_view |= inside
         seen |= free
-    return float(1 - seen.sum() / shown.sum())
+    return float(1 - seen.sum() / in_view.sum())
 
 
 @pytest.mark.parametrize("turn", range(3))

@@ -45,15 +45,13 @@ def scene(model: LooksModel) -> Scene:
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.72, 0.55, 0.38))
     for number, place in enumerate((-0.4, 0.0, 0.4)):
         room.place("book" if number == 2 else "crate", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, (0.5, 0.5, 0.5))
-    made = scene_of(room, 0, _WORLD)
-    assert made.objects is not None
+    scene = scene_of(room, 0, _WORLD)
+    assert scene.objects is not None
     looks = {_RED: _looks(model, "red"), _BLUE: _looks(model, "blue"), _GREEN: _looks(model, "green")}
-    rows = (replace(obj, looks=looks.get(obj.id)) for obj in made.objects.table)
+    rows = (replace(obj, looks=looks.get(obj.id)) for obj in scene.objects.table)
     nameless = {_RED, _BLUE}
-    rows_ = tuple(
-        replace(each, name="", source=None, probability=0.0) if each.id in nameless else each for each in rows
-    )
-    return replace(made, objects=replace(made.objects, table=rows_))
+    rows_ = tuple(replace(obj, name="", source=None, probability=0.0) if obj.id in nameless else obj for obj in rows)
+    return replace(scene, objects=replace(scene.objects, table=rows_))
 
 
 def _index(scene: Scene, encoder: Any, model: LooksModel | None) -> SceneIndex:
@@ -85,13 +83,13 @@ def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
     "text", ["the red shiny one left of the book", "how many red shiny ones are here?", "the second red shiny one"]
 )
 def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
-    told, plain = (_answer(_index(scene, DrawnEncoder(), each), text) for each in (model, None))
-    assert (told.outcome, told.object_ids, told.sentence) == (plain.outcome, plain.object_ids, plain.sentence)
+    answer, plain = (_answer(_index(scene, DrawnEncoder(), looks), text) for looks in (model, None))
+    assert (answer.outcome, answer.object_ids, answer.sentence) == (plain.outcome, plain.object_ids, plain.sentence)
 
 
 def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
-    told, plain = (_answer(_index(scene, DrawnEncoder(), each), "a submarine") for each in (model, None))
-    assert (told.outcome, told.object_ids) == (plain.outcome, plain.object_ids)
+    answer, plain = (_answer(_index(scene, DrawnEncoder(), looks), "a submarine") for looks in (model, None))
+    assert (answer.outcome, answer.object_ids) == (plain.outcome, plain.object_ids)
 
 
 def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -> None:
@@ -100,11 +98,11 @@ def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -
     even = looks.likely("red", {1: 0.5, 2: 0.5, 3: 0.5})
     assert list(even) == [1, 2] and even[1] > 0.9 > 0.1 > even[2]
     doubted = looks.likely("red", {1: 0.01, 2: 0.5})
-    odds = [each / (1 - each) for each in (even[1], doubted[1])]
+    odds = [probability / (1 - probability) for probability in (even[1], doubted[1])]
     assert odds[1] / odds[0] == pytest.approx(0.01 / 0.99, rel=1e-3)
 
 
 def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
-    other = _looks(model, "red")._replace(sha256="0" * 64)
-    assert not ObjectLooks((Object(1, looks=other),), model) and not ObjectLooks((Object(1),), model)
+    other_looks = _looks(model, "red")._replace(sha256="0" * 64)
+    assert not ObjectLooks((Object(1, looks=other_looks),), model) and not ObjectLooks((Object(1),), model)
     assert not ObjectLooks((Object(1, looks=_looks(model, "red")),), None)

@@ -166,8 +166,10 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
     assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.object_ids
     names = {obj.id: obj.name for obj in index.objects.listed}
-    shown = {match.label for match in answer.matches if match.relevant}
-    assert shown == {names[obj] for obj in answer.object_ids} and set(answer.phrase.undecided) <= set(answer.object_ids)
+    labels = {match.label for match in answer.matches if match.relevant}
+    assert labels == {names[obj] for obj in answer.object_ids} and set(answer.phrase.undecided) <= set(
+        answer.object_ids
+    )
 
 
 @pytest.mark.parametrize("text", ["the piano on the table", "how many pianos are there?"])
@@ -194,14 +196,14 @@ def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneInde
 
 
 def test_a_witness_says_which_objects_what_and_how_clear(index: SceneIndex) -> None:
-    for each, unit in ((index, "m"), (index_of(replace(index.scene, scale="ARBITRARY")), "unit")):
-        phrase = _answer(each, "the mug on the table").phrase
+    for scene_index, unit in ((index, "m"), (index_of(replace(index.scene, scale="ARBITRARY")), "unit")):
+        phrase = _answer(scene_index, "the mug on the table").phrase
         assert phrase is not None and phrase.conditions == ("on the table",) and phrase.head == "mug"
-        own = {witness.measure: witness for witness in phrase.witnesses if witness.object_id == _RED_MUG}
-        assert own["gap"].others == (_TABLE,) and own["gap"].unit == unit and abs(own["gap"].value) < 0.01
-        assert own["overlap"].value > 0.9 and min(own["gap"].clearness, own["overlap"].clearness) >= 1
-        other = [witness for witness in phrase.witnesses if witness.object_id == _BLUE_MUG]
-        assert min(witness.clearness for witness in other) <= -1
+        red = {witness.measure: witness for witness in phrase.witnesses if witness.object_id == _RED_MUG}
+        assert red["gap"].compared_ids == (_TABLE,) and red["gap"].unit == unit and abs(red["gap"].value) < 0.01
+        assert red["overlap"].value > 0.9 and min(red["gap"].clearness, red["overlap"].clearness) >= 1
+        blue = [witness for witness in phrase.witnesses if witness.object_id == _BLUE_MUG]
+        assert min(witness.clearness for witness in blue) <= -1
 
 
 def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> None:
@@ -251,7 +253,7 @@ def test_a_part_that_is_known_decides_what_an_object_has(scene: Scene) -> None:
         Object(20, "handle", "person", 1.0, parent=_RED_MUG),
         Object(21, "lid", "person", 1.0, parent=_BLUE_MUG),
     )
-    ids = np.repeat([20, 21], [len(each) for each in rows])
+    ids = np.repeat([20, 21], [len(part_rows) for part_rows in rows])
     counts = np.full(len(ids), 16 * UNIT, np.int64)
     parts = Parts(table_of_parts, evidence_of(np.concatenate(rows), ids, counts, len(owner)))
     dictionary, embeddings = scene.dictionary, scene.label_embeddings

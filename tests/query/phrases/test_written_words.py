@@ -39,10 +39,10 @@ def scene() -> Scene:
     for place, color in ((-0.4, (0.75, 0.1, 0.1)), (0.0, (0.75, 0.1, 0.1)), (0.4, (0.12, 0.25, 0.75))):
         room.place("book", box((0.2, 0.15, 0.06)), (place, 0, 0.75), 0.2, color)
     room.place("crate", box((0.15, 0.15, 0.2)), (0.0, 0.25, 0.75), 0.2, (0.95, 0.95, 0.93))
-    made = scene_of(room, 0, _WORLD)
-    assert made.objects is not None
-    table_ = tuple(replace(obj, reads=_READS.get(obj.id, ())) for obj in made.objects.table)
-    return replace(made, objects=replace(made.objects, table=table_))
+    scene = scene_of(room, 0, _WORLD)
+    assert scene.objects is not None
+    table_ = tuple(replace(obj, reads=_READS.get(obj.id, ())) for obj in scene.objects.table)
+    return replace(scene, objects=replace(scene.objects, table=table_))
 
 
 @pytest.fixture(scope="module")

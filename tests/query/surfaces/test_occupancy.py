@@ -38,8 +38,8 @@ _LAMP = Solid((-0.9, 0.5, 1.55), (-0.6, 0.8, 1.6), 3)  # above the robot
 _ROOM = (floor(), _CHEST, _PLATE, _LAMP)
 
 
-def _map(views: Sequence[SurfaceView], floors: Sequence[int] = (9,), **others: float) -> OccupancyMap:
-    options = {"resolution": 0.05, "height": 1.5, "most_points": 10**6, "most_cells": 10**6, **others}
+def _map(views: Sequence[SurfaceView], floors: Sequence[int] = (9,), **changes: float) -> OccupancyMap:
+    options = {"resolution": 0.05, "height": 1.5, "most_points": 10**6, "most_cells": 10**6, **changes}
     return occupancy_map(views, floors, {}, **options)
 
 
@@ -153,9 +153,9 @@ def test_a_map_is_bounded_and_its_numbers_are_checked() -> None:
         _map(views_of([Solid((-1, -1, 3.0), (1, 1, 3.5), 1)]))  # a ceiling alone
 
 
-def _scene(motion: np.ndarray, **others: object) -> Scene:
+def _scene(motion: np.ndarray, **fields: object) -> Scene:
     cameras = [PosedCamera(CAMERA, motion @ pose, f"{n}.png") for n, pose in enumerate(around())]
-    return labelled_scene(np.zeros((1, 3)), [1], ["x"], cameras=cameras, **others)
+    return labelled_scene(np.zeros((1, 3)), [1], ["x"], cameras=cameras, **fields)
 
 
 def test_a_scene_without_meters_or_vertical_is_refused() -> None:

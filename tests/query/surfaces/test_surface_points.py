@@ -112,13 +112,15 @@ def test_the_file_holds_points_labels_and_names(index: SceneIndex) -> None:
     content = points_file(index, 'a "table"\nelement vertex 9', (), 0.05)
     ply = PlyData.read(io.BytesIO(content))
     vertex = ply["vertex"]
-    assert [one.name for one in vertex.properties] == ("x y z nx ny nz red green blue label object confidence".split())
+    assert [column.name for column in vertex.properties] == (
+        "x y z nx ny nz red green blue label object confidence".split()
+    )
     comments = ply.comments
     assert 'units "metres"' in comments and "cell 0.05" in comments
     assert 'label 1 "red half"' in comments and 'object 2 "gr\\u00fcn\\nhalf"' in comments
     assert sum(line.startswith("scene ") for line in comments) == 1 and len(ply.elements) == 1
-    one = PlyData.read(io.BytesIO(points_file(index, "", (2,), 0.05)))["vertex"]
-    assert set(one["object"].tolist()) == {2} and one.count == (vertex["object"] == 2).sum()
+    half = PlyData.read(io.BytesIO(points_file(index, "", (2,), 0.05)))["vertex"]
+    assert set(half["object"].tolist()) == {2} and half.count == (vertex["object"] == 2).sum()
     with pytest.raises(NotFoundError):
         points_file(index, "", (9,), 0.05)
 

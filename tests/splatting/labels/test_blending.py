@@ -50,8 +50,8 @@ def whole(
     features = torch.from_numpy(np.concatenate([table, (table @ relevancy)[:, None]], axis=1).astype(np.float32))
     drawn = rasterize(replace(splats, features=features), viewmat, camera)
     best = drawn.image[..., :-1].argmax(dim=2)
-    shown = drawn.image[..., :-1].amax(dim=2) > 0
-    return torch.where(shown & (drawn.alpha >= 0.5), best, 0), drawn.image[..., -1]
+    visible = drawn.image[..., :-1].amax(dim=2) > 0
+    return torch.where(visible & (drawn.alpha >= 0.5), best, 0), drawn.image[..., -1]
 
 
 @pytest.mark.parametrize("classes", [2, 20, 90])

@@ -21,7 +21,7 @@ Region = tuple[int, int]  # view and region number, 1 the first
 def group_regions(sums: Iterable[LabelSums], counts: Sequence[int], overlap: float = 0.5) -> list[tuple[Region, ...]]:
     """Groups as discovery makes them, of regions that do not overlap in their view."""
     overlaps = overlaps_of(
-        lift_regions(own, one_piece_each(count, own)) for own, count in zip(sums, counts, strict=True)
+        lift_regions(view_sums, one_piece_each(count, view_sums)) for view_sums, count in zip(sums, counts, strict=True)
     )
     regions = [(view, region) for view, count in enumerate(counts) for region in range(1, count + 1)]
     groups = greedy_groups(overlaps, overlaps.agreement(overlap), overlap)
@@ -39,10 +39,10 @@ def made_sums(
         visible = rng.random(gaussians) < seen
         slipped = rng.random(gaussians) < slips
         label = number[np.where(slipped, rng.integers(0, regions + 1, gaussians), obj)]
-        other = rng.integers(0, regions + 1, gaussians)
-        two = visible & (rng.random(gaussians) < slips) & (other != label)
+        stray_label = rng.integers(0, regions + 1, gaussians)
+        two = visible & (rng.random(gaussians) < slips) & (stray_label != label)
         rows = np.concatenate([np.flatnonzero(visible), np.flatnonzero(two)])
-        labels = np.concatenate([label[visible], other[two]])
+        labels = np.concatenate([label[visible], stray_label[two]])
         weights = rng.integers(1, 9, len(rows)).astype(np.float64)  # with 1, 2, 4 or 8 views every sum is exact
         order = np.lexsort((labels, rows))
         starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=gaussians))])
@@ -80,9 +80,9 @@ def dense_similarity(sums: Sequence[LabelSums], pairs: Sequence[Region]) -> np.n
     seen = np.zeros((len(sums), count), np.float32)
     inside = np.zeros((len(pairs), count), np.float32)
     place = {pair: row for row, pair in enumerate(pairs)}
-    for view, own in enumerate(sums):
-        rows = np.repeat(np.arange(count), np.diff(own.starts.numpy()))
-        labels, weights = own.labels.numpy(), own.sums.numpy()
+    for view, view_sums in enumerate(sums):
+        rows = np.repeat(np.arange(count), np.diff(view_sums.starts.numpy()))
+        labels, weights = view_sums.labels.numpy(), view_sums.sums.numpy()
         seen[view] = np.bincount(rows, weights, count)
         most = weights > 0.5 * seen[view, rows]
         for region in np.unique(labels[most]):

@@ -34,8 +34,8 @@ def assert_follows(
     loss, wanted = ours(*mine), truth(*exact)
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=bound, abs=1e-7)
     gradients = torch.autograd.grad(3.0 * loss, mine), torch.autograd.grad(3.0 * wanted, exact)
-    for one, other in zip(*gradients, strict=True):
-        assert float((one - other).norm()) <= bound * float(other.norm()) + 1e-9
+    for gradient, expected in zip(*gradients, strict=True):
+        assert float((gradient - expected).norm()) <= bound * float(expected.norm()) + 1e-9
 
 
 def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:

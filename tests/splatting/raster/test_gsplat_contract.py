@@ -61,13 +61,13 @@ def test_arguments_are_where_gsplat_expects_them(rasterization: ast.FunctionDef,
     assert isinstance(starred, ast.Starred) and isinstance(starred.value, ast.GeneratorExp)
     (loop,) = starred.value.generators
     assert isinstance(loop.iter, ast.Tuple)
-    own = [node.attr for node in loop.iter.elts if isinstance(node, ast.Attribute)]
-    own += [ast.unparse(node) for node in rest]
+    arguments = [node.attr for node in loop.iter.elts if isinstance(node, ast.Attribute)]
+    arguments += [ast.unparse(node) for node in rest]
     named = {"colors": "features", "viewmats": "viewmat", "Ks": "_intrinsics"}
-    positional = parameters[: len(own)]
-    assert len(own) == 9
-    assert [name for name, text in zip(positional, own, strict=True) if named.get(name, name) not in text] == []
-    assert {keyword.arg for keyword in call.keywords} <= set(parameters[len(own) :])
+    positional = parameters[: len(arguments)]
+    assert len(arguments) == 9
+    assert [name for name, text in zip(positional, arguments, strict=True) if named.get(name, name) not in text] == []
+    assert {keyword.arg for keyword in call.keywords} <= set(parameters[len(arguments) :])
 
 
 def test_words_are_among_those_that_gsplat_knows(rasterization: ast.FunctionDef, call: ast.Call) -> None:

@@ -156,8 +156,8 @@ def test_bits_do_not_depend_on_threads(isa: str, threads: int) -> None:
         with running_with(threads=number):
             seen, sums = mapped(view, weight, bias, relevancy=bias.sigmoid()), summed(view, labels, 18)
         results.append((seen.classes, seen.alpha, seen.relevancy, sums.starts, sums.labels, sums.sums))
-    for one, other in zip(*results, strict=True):
-        assert one is not None and other is not None and torch.equal(one, other)
+    for first, second in zip(*results, strict=True):
+        assert first is not None and second is not None and torch.equal(first, second)
 
 
 @pytest.mark.parametrize("side", [1, 5])
@@ -216,8 +216,8 @@ def test_thousands_of_labels_take_no_more_memory_than_there_are_entries(isa: str
     view = crowded(12, count=200, width=90, height=60)
     labels = torch.arange(90 * 60).reshape(60, 90)
     sums = summed(view, labels, 60_000)
-    ones = torch.ones(60, 90, 1)
-    weights = accumulate_weights(view.splats, view.viewmat, view.camera, ones, backend="reference")[:, 0]
+    unit_image = torch.ones(60, 90, 1)
+    weights = accumulate_weights(view.splats, view.viewmat, view.camera, unit_image, backend="reference")[:, 0]
     totals = torch.zeros(200, dtype=torch.float64)
     totals.index_add_(0, torch.repeat_interleave(torch.arange(200), sums.starts.diff()), sums.sums)
     assert relative(totals, weights) < 1e-5

@@ -87,8 +87,8 @@ def test_accumulated_weights_are_weights_times_values(isa: str, width: int) -> N
     truth = accumulate_weights(view.splats, view.viewmat, view.camera, values, backend="reference")
     ours = accumulate_weights(view.splats, view.viewmat, view.camera, values, backend="cpu")
     assert relative(ours, truth) < 1e-5
-    ones = torch.ones(29, 37, 1)
-    weights = accumulate_weights(view.splats, view.viewmat, view.camera, ones)
+    unit_image = torch.ones(29, 37, 1)
+    weights = accumulate_weights(view.splats, view.viewmat, view.camera, unit_image)
     assert float(weights.sum()) == pytest.approx(float(render(view, "cpu").alpha.sum()), rel=1e-5)
 
 

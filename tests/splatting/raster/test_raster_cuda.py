@@ -91,11 +91,11 @@ def test_parity_with_cpu() -> None:
     for ours, theirs in zip(*results, strict=True):
         assert relative(theirs, ours) < 1e-3
     on_gpu = Splats(**{name: getattr(view.splats, name).cuda() for name in NAMES})
-    for one in (view, deep()):
+    for scene_view in (view, deep()):
         with torch.no_grad():
-            there = one.with_splats(**{name: getattr(one.splats, name).cuda() for name in NAMES})
-            found = render(replace(there, background=one.background.cuda()), "cuda").median_depth
-            truth = render(one, "cpu").median_depth
+            there = scene_view.with_splats(**{name: getattr(scene_view.splats, name).cuda() for name in NAMES})
+            found = render(replace(there, background=scene_view.background.cuda()), "cuda").median_depth
+            truth = render(scene_view, "cpu").median_depth
         assert found is not None and truth is not None
         assert_the_same_median(found.cpu(), truth)
     values = torch.rand(29, 37, 3)

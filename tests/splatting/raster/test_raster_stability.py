@@ -40,9 +40,9 @@ def lone(**changes: object) -> View:
     }
     values.update(changes)
     parts = {name: torch.tensor(values[name], dtype=torch.float32) for name in NAMES}
-    ones = torch.ones(16, 16)
+    unit_image = torch.ones(16, 16)
     camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0)
-    return View(Splats(**parts), torch.eye(4), camera, torch.zeros(3), torch.ones(16, 16, 3), ones, ones)
+    return View(Splats(**parts), torch.eye(4), camera, torch.zeros(3), torch.ones(16, 16, 3), unit_image, unit_image)
 
 
 def assert_sane(view: View, backend: Backend) -> dict[str, Tensor]:
@@ -156,13 +156,13 @@ def test_a_broken_row_is_culled_counted_and_never_spread(backend: Backend, name:
     rendering, gradients = render_with_gradients(view.with_splats(**{name: broken}), backend, torch.float32)
     assert rendering.culled_non_finite == 1
     assert int(rendering.radii[17]) == 0
-    kept = [i for i in range(60) if i != 17]
-    without = view.with_splats(**{part: getattr(view.splats, part)[kept] for part in NAMES})
+    rest = [i for i in range(60) if i != 17]
+    without = view.with_splats(**{part: getattr(view.splats, part)[rest] for part in NAMES})
     alone, wanted = render_with_gradients(without, backend, torch.float32)
     assert torch.equal(rendering.image, alone.image)
     for part in NAMES:
         assert float(gradients[part][17].abs().max()) == 0.0, part
-        assert torch.equal(gradients[part][kept], wanted[part]), part
+        assert torch.equal(gradients[part][rest], wanted[part]), part
 
 
 def test_nothing_to_draw(backend: Backend) -> None:
@@ -259,8 +259,8 @@ def test_the_bound_on_intersections_is_named(backend: Backend) -> None:
 
 
 def test_a_blanket_over_a_large_image_meets_the_bound_instead_of_memory(backend: Backend) -> None:
-    one = lone(scales=[[1e6] * 3]).splats
-    splats = Splats(*(torch.cat([getattr(one, name)] * 400) for name in NAMES))
+    blanket = lone(scales=[[1e6] * 3]).splats
+    splats = Splats(*(torch.cat([getattr(blanket, name)] * 400) for name in NAMES))
     camera = Camera(4000, 3000, 4000.0, 4000.0, 2000.0, 1500.0)
     with pytest.raises(ResourceError):
         rasterize(splats, torch.eye(4), camera, settings=RasterSettings(max_isects=100_000), backend=backend)

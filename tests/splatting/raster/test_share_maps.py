@@ -44,8 +44,8 @@ def whole(view: View, shares: tuple[np.ndarray, ...], backend: Backend, alpha_mi
     best, winner = image.image.max(dim=2)
     first = (image.image == best[..., None]).int().argmax(dim=2)
     assert bool((image.image.gather(2, winner[..., None]) == image.image.gather(2, first[..., None])).all())
-    shown = (best > 0) & (image.alpha >= alpha_min)
-    return torch.where(shown, torch.from_numpy(names.astype(np.int32))[first], 0).to(torch.int32)
+    visible = (best > 0) & (image.alpha >= alpha_min)
+    return torch.where(visible, torch.from_numpy(names.astype(np.int32))[first], 0).to(torch.int32)
 
 
 @pytest.mark.parametrize("spread", [1, 601])

@@ -53,7 +53,7 @@ def _make(folder: Path, views: int, width: int = 64, height: int = 48) -> tuple[
     quats = torch.tensor([1.0, 0, 0, 0]).repeat(len(means), 1)
     splats = Splats(means, quats, scales, torch.full((len(means),), 0.95), torch.cat([colors, one_hot], 1))
     camera = Camera(width, height, 1.1 * width, 1.1 * width, width / 2, height / 2)
-    made, maps = [], []
+    capture_views, maps = [], []
     for index in range(views):
         angle = 2 * np.pi * index / views
         position = np.array([2.2 * np.cos(angle), 2.2 * np.sin(angle), 1.2 + 0.3 * (index % 2)])
@@ -64,13 +64,13 @@ def _make(folder: Path, views: int, width: int = 64, height: int = 48) -> tuple[
         Image.fromarray((image[..., :3].clamp(0, 1) * 255).round().byte().numpy()).save(path)
         evidence = torch.cat([torch.full_like(image[..., :1], 0.5), image[..., 3:]], dim=2)
         maps.append(evidence.argmax(dim=2).numpy().astype(np.uint16))
-        made.append(View(posed, path))
+        capture_views.append(View(posed, path))
     random = np.random.default_rng(0)
     rows = random.choice(len(means), 150, replace=False)
     points = means.numpy()[rows] + random.normal(0, 0.02, size=(150, 3)).astype(np.float32)
     shades = (colors.numpy()[rows] * 255).round().astype(np.uint8)
     report = CaptureReport("images", views)
-    capture = Capture(tuple(made), points.astype(np.float32), shades, "ARBITRARY", report)
+    capture = Capture(tuple(capture_views), points.astype(np.float32), shades, "ARBITRARY", report)
     return capture, Labelling(dictionary_of(LABELS), tuple(maps))
 
 
@@ -138,8 +138,8 @@ def repainted(capture: Capture, folder: Path, paint: Callable[[int, np.ndarray],
 
 def exposed(pixels: np.ndarray, correction: Tensor) -> np.ndarray:
     """The photo uint8 [H, W, 3] as one of that exposure and white balance [3], EV, shows it."""
-    shown = correct(torch.from_numpy(pixels.copy()).double() / 255, correction).clamp(0, 1)
-    return (shown * 255).round().byte().numpy()
+    image = correct(torch.from_numpy(pixels.copy()).double() / 255, correction).clamp(0, 1)
+    return (image * 255).round().byte().numpy()
 
 
 def stopping_at(iteration: int) -> Callable[[ProgressEvent], None]:

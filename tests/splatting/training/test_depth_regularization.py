@@ -46,10 +46,10 @@ def test_spread_and_smoothness_do_not_depend_on_the_unit_of_length() -> None:
     weights, depths = torch.rand(3, 9, 9, generator=random) / 3, 1 + torch.rand(3, 9, 9, generator=random)
     alpha, target = weights.sum(0), torch.zeros(9, 9, 3)
     for unit in (1e-3, 1e3):
-        one, other = (((weights * d).sum(0), (weights * d * d).sum(0)) for d in (depths, unit * depths))
-        assert torch.allclose(depth_spread(alpha, *one), depth_spread(alpha, *other), rtol=1e-3)
+        base, scaled = (((weights * d).sum(0), (weights * d * d).sum(0)) for d in (depths, unit * depths))
+        assert torch.allclose(depth_spread(alpha, *base), depth_spread(alpha, *scaled), rtol=1e-3)
         assert torch.allclose(
-            depth_roughness(alpha, one[0], target), depth_roughness(alpha, other[0], target), rtol=1e-3
+            depth_roughness(alpha, base[0], target), depth_roughness(alpha, scaled[0], target), rtol=1e-3
         )
 
 

@@ -48,9 +48,9 @@ def of_views(trained: TrainedSplats, world: World, indices: tuple[int, ...]) -> 
 def test_a_run_in_evidence_mode_names_its_gaussians_without_codes(trained: TrainedSplats, world: World) -> None:
     assert trained.evidence is not None
     assert trained.gaussians.codes.shape[1] == 0 and trained.quality["evidence_seconds"] > 0
-    kept, held_out = split_views(len(world[0].views), 8)
+    training_views, held_out = split_views(len(world[0].views), 8)
     assert trained.held_out == tuple(world[0].views[index].posed.name for index in held_out)
-    assert same(trained.evidence, of_views(trained, world, kept))
+    assert same(trained.evidence, of_views(trained, world, training_views))
     found = posterior(trained.evidence, CLASSES)
     red = trained.gaussians.sh[:, 0, 0] - trained.gaussians.sh[:, 0, 1:].max(axis=1)
     ball = (found.classes == 2) & (found.confidence > 0.9) & (seen_pixels(trained.evidence) > 5)
@@ -105,11 +105,11 @@ def test_one_label_and_ten_thousand_can_be_trained(
     trained = train(capture, Labelling(names, maps), settings, silent)
     if trained.evidence is None:
         assert trained.head.weight.shape == (labels + 1, 1 if labels == 1 else 13)
-        shown = np.unique((trained.gaussians.codes @ trained.head.weight.T + trained.head.bias).argmax(axis=1))
+        classes = np.unique((trained.gaussians.codes @ trained.head.weight.T + trained.head.bias).argmax(axis=1))
     else:
-        shown = np.unique(posterior(trained.evidence, labels + 1).classes)
-    assert len(shown) > 1 or labels == 1
-    assert set(shown.tolist()) <= set(ids.tolist())
+        classes = np.unique(posterior(trained.evidence, labels + 1).classes)
+    assert len(classes) > 1 or labels == 1
+    assert set(classes.tolist()) <= set(ids.tolist())
 
 
 def test_a_view_nobody_looked_at_says_nothing(world: World) -> None:
@@ -156,8 +156,8 @@ def test_held_out_label_maps_have_no_say(world: World, quick: Callable[..., Trai
 def test_views_that_contradict_each_other_are_counted_as_they_are(trained: TrainedSplats, world: World) -> None:
     posed = world[0].views[0].posed
     shape = world[1].label_maps[0].shape
-    ones, twos = (view_evidence(trained.gaussians, posed, np.full(shape, n), CLASSES) for n in (1, 2))
-    found = posterior(merged([ones, twos, twos]), CLASSES)
-    seen = seen_pixels(ones) > 20
+    ones_evidence, twos = (view_evidence(trained.gaussians, posed, np.full(shape, n), CLASSES) for n in (1, 2))
+    found = posterior(merged([ones_evidence, twos, twos]), CLASSES)
+    seen = seen_pixels(ones_evidence) > 20
     assert seen.any() and (found.classes[seen] == 2).all()
     np.testing.assert_allclose(found.confidence[seen], 2 / 3, atol=0.02)

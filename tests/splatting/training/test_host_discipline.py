@@ -108,9 +108,12 @@ def test_questions_pictures_and_places(device: str) -> None:
     }
     rows, columns = np.nonzero(index["cpu"].objects.map(FRONT) == MUG)
     middle = Pixel(float(np.median(columns)) + 0.5, float(np.median(rows)) + 0.5)
-    renderer = {backend: Renderer(each.scene, each.settings) for backend, each in index.items()}
-    labelled = {backend: Renderer(scene_of([CUP, BOOK], orbit()), each.settings) for backend, each in index.items()}
-    asked: dict[str, Callable[[str], Any]] = {
+    renderer = {backend: Renderer(scene_index.scene, scene_index.settings) for backend, scene_index in index.items()}
+    labelled = {
+        backend: Renderer(scene_of([CUP, BOOK], orbit()), scene_index.settings)
+        for backend, scene_index in index.items()
+    }
+    calls: dict[str, Callable[[str], Any]] = {
         "colors": lambda backend: renderer[backend].colors(FRONT),
         "depth": lambda backend: renderer[backend].depth(FRONT),
         "normals": lambda backend: renderer[backend].geometry(FRONT).normals,
@@ -121,7 +124,7 @@ def test_questions_pictures_and_places(device: str) -> None:
         "place": lambda backend: locate(index[backend], Place(pixel=middle, camera=FRONT)).point,
         "surfaces": lambda backend: surface_views(index[backend])[0].objects,
     }
-    for what, ask in asked.items():
+    for what, ask in calls.items():
         ours, theirs = (np.asarray(ask(backend), float) for backend in ("cpu", "cuda"))
         assert ours.shape == theirs.shape and ours.size, what
         assert np.quantile(np.abs(ours - theirs), 0.98) <= 1e-3 + 1e-3 * np.abs(ours).max(), what
@@ -154,11 +157,13 @@ def test_labels_fused_onto_an_imported_splat(device: str, tmp_path: Path, mode: 
 def test_viewpoints_and_pictures_of_a_splat_without_photos(device: str, tmp_path: Path) -> None:
     room = make_room(tmp_path, views=4)
     bulk, up, camera = find_bulk(room.gaussians), np.array([0.0, 0.0, 1.0]), trial_camera(60.0)
-    ours, theirs = (choose_viewpoints(room.gaussians, bulk, up, 2, 60.0, backend=each) for each in ("cpu", "cuda"))
+    ours, theirs = (
+        choose_viewpoints(room.gaussians, bulk, up, 2, 60.0, backend=backend) for backend in ("cpu", "cuda")
+    )
     assert len(ours) == len(theirs) > 0
     posed = PosedCamera(camera, ours[0], "picture")
-    drawn = [Painter(room.gaussians, each).picture(posed)[0].astype(int) for each in ("cpu", "cuda")]
+    drawn = [Painter(room.gaussians, backend).picture(posed)[0].astype(int) for backend in ("cpu", "cuda")]
     assert np.quantile(np.abs(drawn[0] - drawn[1]), 0.98) <= 2 and drawn[0].any()
-    shown = np.ones(len(room.gaussians), bool)
-    covered = [silhouette(room.gaussians, shown, posed, each) for each in ("cpu", "cuda")]
+    visible = np.ones(len(room.gaussians), bool)
+    covered = [silhouette(room.gaussians, visible, posed, backend) for backend in ("cpu", "cuda")]
     assert np.mean(covered[0] == covered[1]) > 0.98 and covered[0].any()

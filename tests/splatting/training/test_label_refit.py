@@ -98,8 +98,8 @@ def test_a_run_fits_labels_to_exact_maps_alone(world, quick) -> None:
     assert np.array_equal(fitted.gaussians.sh, left.gaussians.sh)
     assert not np.array_equal(fitted.gaussians.codes, left.gaussians.codes)
     inexact = (train(capture, labelling, quick(label_refit_epochs=epochs), silent) for epochs in (2, 0))
-    one, other = (trained.gaussians.codes for trained in inexact)
-    assert np.array_equal(one, other)
+    first, second = (trained.gaussians.codes for trained in inexact)
+    assert np.array_equal(first, second)
 
 
 def test_the_gradient_of_gaussians_labels_is_that_of_float64() -> None:
@@ -112,15 +112,15 @@ def test_the_gradient_of_gaussians_labels_is_that_of_float64() -> None:
     gaussian_label_loss(leaves, classes, weights).backward()
     exact = {name: value.double().requires_grad_() for name, value in values.items()}
     logits = exact["codes"] @ exact["weight"].T + exact["bias"]
-    own = -torch.log_softmax(logits, dim=1)[torch.arange(50), classes]
-    (weights.double() * own).mean().backward()
+    losses = -torch.log_softmax(logits, dim=1)[torch.arange(50), classes]
+    (weights.double() * losses).mean().backward()
     for name, leaf in leaves.items():
         assert leaf.grad is not None and exact[name].grad is not None
         assert torch.allclose(leaf.grad.double(), exact[name].grad, rtol=1e-4, atol=1e-7)
 
 
 def test_the_same_seed_gives_the_same_bits(world) -> None:
-    (one, views, class_codes), (other, _, _) = _started(world), _started(world)
-    for state in (one, other):
+    (first, views, class_codes), (second, _, _) = _started(world), _started(world)
+    for state in (first, second):
         _refit(state, views, class_codes)
-    assert torch.equal(one.parameters["codes"], other.parameters["codes"])
+    assert torch.equal(first.parameters["codes"], second.parameters["codes"])

@@ -77,8 +77,8 @@ def test_no_correction_changes_no_bit_and_two_undo_each_other() -> None:
 def test_what_is_brighter_than_white_is_no_error() -> None:
     target = torch.tensor([[[1.0, 0.5, 1.0]]])
     image = torch.tensor([[[0.9, 0.5, 0.2]]])
-    shown = corrected_for(image, torch.tensor([1.0, 0.0, 0.0]), target)
-    assert shown[0, 0, 0] == 1 and shown[0, 0, 1] > 0.6 and shown[0, 0, 2] < 0.5
+    result = corrected_for(image, torch.tensor([1.0, 0.0, 0.0]), target)
+    assert result[0, 0, 0] == 1 and result[0, 0, 1] > 0.6 and result[0, 0, 2] < 0.5
 
 
 def test_a_fit_finds_the_correction_although_a_third_of_the_photo_shows_something_else() -> None:
@@ -96,9 +96,9 @@ def test_color_correction_undoes_an_affine_map_of_colors_and_no_more() -> None:
     image = _image(20, 20).clamp(0.2, 0.7).float()
     mixed = image @ torch.tensor([[0.9, 0.05, 0.0], [0.0, 0.8, 0.1], [0.05, 0.0, 1.0]]) + 0.03
     assert torch.allclose(color_corrected(image, mixed), mixed, atol=1e-4)
-    other = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(3)) * 0.9
-    residual = (color_corrected(image, other) - other).square().mean()
-    assert residual > 0.5 * (other - other.mean(dim=(0, 1))).square().mean()
+    noise = torch.rand(20, 20, 3, generator=torch.Generator().manual_seed(3)) * 0.9
+    residual = (color_corrected(image, noise) - noise).square().mean()
+    assert residual > 0.5 * (noise - noise.mean(dim=(0, 1))).square().mean()
     masked = torch.zeros(20, 20, dtype=torch.bool)
     assert torch.equal(color_corrected(image, mixed, masked), image), "without a pixel there is nothing to fit"
 
@@ -107,8 +107,8 @@ def _perturbed(capture: Capture, folder: Path) -> tuple[Capture, Tensor]:
     """The capture with photos of drawn exposures, and their corrections."""
     evs = np.random.default_rng(4).uniform(-0.8, 0.8, len(capture.views))
     corrections = torch.tensor(np.column_stack([evs, 0.05 * evs[::-1], -0.05 * evs]))
-    made = repainted(capture, folder, lambda index, pixels: exposed(pixels, corrections[index]))
-    return made, zero_mean(corrections)
+    new_capture = repainted(capture, folder, lambda index, pixels: exposed(pixels, corrections[index]))
+    return new_capture, zero_mean(corrections)
 
 
 def _rows(trained: TrainedSplats) -> Tensor:
@@ -192,9 +192,9 @@ def test_corrections_begin_where_photos_differ_and_are_dropped_where_they_agree(
     assert state.exp_avg.keys() == state.parameters.keys()
     if (before, after) == (FITS, CORRECTIONS):
         assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
-    asked = _noted(0.02, 150, CORRECTIONS)
-    PhotometricTraining(TrainingSettings(photometric="on")).decide_if_due(asked)
-    assert CORRECTIONS in asked.parameters
+    forced_state = _noted(0.02, 150, CORRECTIONS)
+    PhotometricTraining(TrainingSettings(photometric="on")).decide_if_due(forced_state)
+    assert CORRECTIONS in forced_state.parameters
 
 
 def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_first_step() -> None:
@@ -268,10 +268,10 @@ def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure
         return gaussians
 
     monkeypatch.setattr(train_module, "prune_to_psnr", unpruned)
-    for photometric, figure, other in (("on", "psnr_cc", "psnr"), ("off", "psnr", "psnr_cc")):
+    for photometric, figure, other_figure in (("on", "psnr_cc", "psnr"), ("off", "psnr", "psnr_cc")):
         settings = quick(photometric=photometric, held_out_every=4, max_psnr_drop_db=1.0)
         quality = train(*world, settings, silent).quality
-        assert measured.pop() == pytest.approx(quality[figure]) != pytest.approx(quality[other])
+        assert measured.pop() == pytest.approx(quality[figure]) != pytest.approx(quality[other_figure])
 
 
 def test_corrections_go_on_from_the_training_stage_into_the_scenes_figures(world, quick, tmp_path: Path) -> None:

@@ -51,8 +51,8 @@ def test_harmonics_that_gain_nothing_go_and_those_that_gain_stay() -> None:
     scene = _gaussians(64, degree=2)
     flat = prune_to_psnr(scene, np.ones(64), lambda some: 20.0 + 100 * (len(some) == 64), 0.05)
     assert flat.sh_degree == 0 and len(flat) == 64
-    kept = prune_to_psnr(scene, np.ones(64), lambda some: 20.0 + min(some.sh_degree, 1) + len(some), 0.05)
-    assert kept.sh_degree == 1 and len(kept) == 64
+    result = prune_to_psnr(scene, np.ones(64), lambda some: 20.0 + min(some.sh_degree, 1) + len(some), 0.05)
+    assert result.sh_degree == 1 and len(result) == 64
 
 
 def test_all_that_is_worth_nothing_goes_to_a_64th() -> None:

@@ -57,8 +57,8 @@ def test_a_rise_over_hundreds_of_steps_leads_back_and_not_the_order_of_the_views
 def _gathering(views: tuple[TrainingView, ...], at: int) -> Callable[..., None]:
     """Densification that once puts every second Gaussian, opaque, before a camera."""
 
-    def densify(state: SplatState, *others: Any) -> None:
-        densify_if_due(state, *others)
+    def densify(state: SplatState, *args: Any) -> None:
+        densify_if_due(state, *args)
         if state.iteration == at:
             for row, view in zip(range(0, state.count, 2), cycle(views), strict=False):
                 state.parameters["means"].detach()[row] = view.position + 0.15 * view.viewmat[2, :3]

@@ -51,12 +51,12 @@ def _photographed(
     parameters: Mapping[str, Tensor], views: tuple[TrainingView, ...], corrections: Tensor
 ) -> tuple[TrainingView, ...]:
     """The views with photos of the scene itself, by those corrections, cut off at white and of 8 bits."""
-    made = []
+    new_views = []
     for view, correction in zip(views, corrections, strict=True):
-        shown = correct(_image(parameters, view), correction).clamp(0, 1)
-        rgb = (shown * 255).round().to(torch.uint8)
-        made.append(dataclasses.replace(view, frames=(dataclasses.replace(view.frames[-1], rgb=rgb),)))
-    return tuple(made)
+        image = correct(_image(parameters, view), correction).clamp(0, 1)
+        rgb = (image * 255).round().to(torch.uint8)
+        new_views.append(dataclasses.replace(view, frames=(dataclasses.replace(view.frames[-1], rgb=rgb),)))
+    return tuple(new_views)
 
 
 def test_an_exposed_scene_has_the_light_of_its_pictures_multiplied(scene, views) -> None:
@@ -79,8 +79,8 @@ def test_a_scene_is_darkened_as_far_as_photos_show_it_below_white_and_no_further
     photos = _photographed(parameters, views, dark)
     ev = display_ev(parameters, photos, dark, "cpu")
     assert -2 < ev < -0.2
-    shown = color_parameters(exposed(bright, _ev(ev)))
-    share = float((torch.stack([_image(shown, view) for view in views]).amax(dim=3) > 1.002).float().mean())
+    display = color_parameters(exposed(bright, _ev(ev)))
+    share = float((torch.stack([_image(display, view) for view in views]).amax(dim=3) > 1.002).float().mean())
     assert share < 0.03
     # In photos of the scene's own exposure the same surfaces are white: nothing is known that could be shown.
     unknown = torch.zeros(12, 3)

@@ -96,8 +96,8 @@ def _measure(result: TrainedSplats, root: Path, capture: Capture, labelling: Lab
         depth.append(error)
         spread.append(float(depth_spread(out.alpha, out.depth, out.image[..., -1])))
         surfaces.append(TrueSurface(posed, _true_depth(root, view), labelling.label_maps[row]))
-    own = (gaussians.codes @ head.weight.T + head.bias).argmax(axis=1)
-    masks = mask3d_counts(own, gaussian_truth(gaussians.means, surfaces, classes), classes)
+    gaussian_labels = (gaussians.codes @ head.weight.T + head.bias).argmax(axis=1)
+    masks = mask3d_counts(gaussian_labels, gaussian_truth(gaussians.means, surfaces, classes), classes)
     return _Figures(
         psnr=float(np.mean(color)),
         miou=labels.macro_iou(),

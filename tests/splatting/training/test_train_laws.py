@@ -65,11 +65,11 @@ def test_rows_are_in_morton_order(world, quick) -> None:
 
 def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(world, quick) -> None:
     settings = quick(densify_events=10)
-    first, again, other = (
+    first, again, other_seed = (
         train(*world, s, silent) for s in (settings, settings, settings.model_copy(update={"seed": 1}))
     )
     assert same_run(first, again)
-    assert not same_run(first, other)
+    assert not same_run(first, other_seed)
 
 
 def test_held_out_views_never_touch_the_result(make_world, quick) -> None:

@@ -44,11 +44,11 @@ from fastsplat_contract.geometry.camera import Camera
 
 @given(st.integers(0, 200), st.integers(0, 50))
 def test_a_split_is_a_partition_and_few_views_keep_none_back(count: int, every: int) -> None:
-    kept, held_out = split_views(count, every)
-    assert sorted(kept + held_out) == list(range(count))
+    training_views, held_out = split_views(count, every)
+    assert sorted(training_views + held_out) == list(range(count))
     assert bool(held_out) == (count >= 4 and every >= 2)
     assert len(held_out) <= max(1, math.ceil(count / max(every, 1)))
-    assert count == 0 or kept
+    assert count == 0 or training_views
 
 
 def test_morton_order_follows_the_curve_and_keeps_equal_rows() -> None:

@@ -103,17 +103,17 @@ def test_a_run_that_was_ended_early_is_not_trained_further_after_a_crash(
 
 
 def test_when_a_run_is_over_nothing_holds_its_views(world, quick, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: list[weakref.ref[optimization.Trainer]] = []
+    references: list[weakref.ref[optimization.Trainer]] = []
 
     class Watched(optimization.Trainer):
         def run(self) -> None:
-            kept.append(weakref.ref(self))
+            references.append(weakref.ref(self))
             super().run()
 
     monkeypatch.setattr("fastsplat.service.splatting.training.train.Trainer", Watched)
     gc.disable()  # on a GPU, whose memory Python does not count, it may come late
     try:
         train(*world, quick(iterations=2), silent, watch=TrainingWatch(lambda picture: None))
-        assert len(kept) == 1 and kept[0]() is None
+        assert len(references) == 1 and references[0]() is None
     finally:
         gc.enable()

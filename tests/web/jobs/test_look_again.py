@@ -16,14 +16,14 @@ def _look(visit: Visit, names: str) -> None:
     visit.page.get_by_role("button", name="Look again").click()
 
 
-def test_names_are_looked_for(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}", viewport=_PHONE) as visit:
+def test_names_are_looked_for(place: Place, browser: Browser, scene_id: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}", viewport=_PHONE) as visit:
         _look(visit, f"trophy, {MARKUP}")
         note = visit.page.locator(".improve [role=status]")
         expect(note).to_contain_text("Waiting for a worker.")
         visit.check_accessible()
         assert visit.fits()
-        (job,) = [each for each in place.service.list_operations().operations if each.kind == "look_again"]
+        (job,) = [job for job in place.service.list_operations().operations if job.kind == "look_again"]
         record = place.service._store.scenes.operation(job.id).order
         assert list(record["texts"]) == ["trophy", MARKUP]
         place.service.cancel_operation(job.id)

@@ -82,27 +82,27 @@ def test_a_phone_posts_one_scene_by_the_code_and_follows_it(guarded: Place, brow
 
 
 def test_of_two_phones_with_one_link_the_later_is_told(guarded: Place, browser: Browser, tmp_path: Path) -> None:
-    made = guarded.service.keys.create_for_upload(UploadKeyIn())
-    address = f"#/phone?key={made.secret}"
-    with visiting(browser, guarded.url, address, **_PHONE) as one, visiting(browser, guarded.url, address) as other:
-        for number, visit in enumerate((one, other)):
+    new_key = guarded.service.keys.create_for_upload(UploadKeyIn())
+    address = f"#/phone?key={new_key.secret}"
+    with visiting(browser, guarded.url, address, **_PHONE) as first, visiting(browser, guarded.url, address) as second:
+        for number, visit in enumerate((first, second)):
             (tmp_path / str(number)).mkdir()
             files = write_photos(tmp_path / str(number), 3, seed=10 * number)
             visit.page.get_by_label("Choose files").set_input_files(files)
-        one.page.get_by_role("button", name="Upload").click()
-        expect(one.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
-        other.expected.append("409")
-        other.page.get_by_role("button", name="Upload").click()
-        expect(other.page.get_by_role("alert")).to_contain_text("one upload")
-        other.check_accessible()
+        first.page.get_by_role("button", name="Upload").click()
+        expect(first.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
+        second.expected.append("409")
+        second.page.get_by_role("button", name="Upload").click()
+        expect(second.page.get_by_role("alert")).to_contain_text("one upload")
+        second.check_accessible()
     assert len(_posted(guarded)) == 1
 
 
 def test_a_link_that_has_expired_says_so(guarded: Place, browser: Browser) -> None:
-    made = guarded.service.keys.create_for_upload(UploadKeyIn())
+    new_key = guarded.service.keys.create_for_upload(UploadKeyIn())
     with transaction(guarded.service._store.engine) as connection:
-        connection.execute(update(api_keys).where(api_keys.c.id == made.key.id).values(expires_at=time.time() - 1))
-    for address in (f"#/phone?key={made.secret}", "#/phone?key=fsk_wrong", "#/phone", "#/phone?key=<b>x</b>"):
+        connection.execute(update(api_keys).where(api_keys.c.id == new_key.key.id).values(expires_at=time.time() - 1))
+    for address in (f"#/phone?key={new_key.secret}", "#/phone?key=fsk_wrong", "#/phone", "#/phone?key=<b>x</b>"):
         with visiting(browser, guarded.url, address, **_PHONE) as visit:
             visit.expected.append("401")
             expect(visit.page.get_by_role("heading", name=re.compile("not valid|not found"))).to_be_visible()

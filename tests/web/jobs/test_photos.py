@@ -27,7 +27,7 @@ def test_verdicts_are_there_during_the_job_and_stay_with_the_scene(place: Place,
         page = visit.page
         expect(page.get_by_role("progressbar", name="Photos and cameras")).to_be_visible()
         expect(page.get_by_role("heading", name="Photos", exact=True)).to_have_count(0)
-        store.jobs.record_photos(claim, [to_plain(each) for each in (_SHAKEN, _TWICE, _GOOD)])
+        store.jobs.record_photos(claim, [to_plain(verdict) for verdict in (_SHAKEN, _TWICE, _GOOD)])
         store.jobs.report(claim, [{**running, "fraction": 1.0}])
         expect(page.get_by_text("2 of 3 photos placed. 2 photos need a look.")).to_be_visible()
         photos = page.locator(".photo-list > li")

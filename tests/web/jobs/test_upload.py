@@ -120,7 +120,7 @@ def test_an_upload_that_is_left_goes_on_and_takes_no_page_over(
 ) -> None:
     held: list[Route] = []
     (tmp_path / "others").mkdir()
-    others = write_photos(tmp_path / "others", 2, 7)
+    other_photos = write_photos(tmp_path / "others", 2, 7)
     with visiting(browser, place.url, "#/new") as visit:
         page = visit.page
         page.route("**/v1/uploads/*", lambda route: route.continue_() if held else held.append(route))
@@ -134,7 +134,7 @@ def test_an_upload_that_is_left_goes_on_and_takes_no_page_over(
         expect(note.get_by_role("progressbar")).to_be_visible()
         visit.check_accessible()
         page.get_by_role("link", name="New scene").first.click()
-        _choose(page, others)
+        _choose(page, other_photos)
         expect(page.get_by_text("2 files,")).to_be_visible()
         held[0].continue_()
         expect(note.get_by_role("status")).to_have_text(re.compile("“the first” has been sent"))
@@ -154,9 +154,9 @@ def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser
         (tmp_path / name).write_bytes(content)
     with visiting(browser, place.url, "#/new") as visit:
         _choose(visit.page, [tmp_path / name for name in names])
-        told = visit.page.get_by_role("alert")
+        alert = visit.page.get_by_role("alert")
         for name in ("a.gif", "notes <b>.docx", "empty.jpg"):
-            expect(told).to_contain_text(name)
+            expect(alert).to_contain_text(name)
         expect(visit.page.get_by_text("2 files,")).to_be_visible()
         visit.check_accessible()
         assert not [url for url in visit.requests if "/v1/uploads/" in url]

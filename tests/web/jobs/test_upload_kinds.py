@@ -52,11 +52,11 @@ def _archive(folder: Path) -> tuple[str, list[Path] | Path, set[str]]:
     return "Choose files", [folder / "capture.tar.gz"], {"0.jpg", "1.jpg", "2.jpg"}
 
 
-@pytest.mark.parametrize("made", [_folder, _video, _archive])
+@pytest.mark.parametrize("make", [_folder, _video, _archive])
 def test_each_kind_of_capture_becomes_a_job(
-    place: Place, browser: Browser, tmp_path: Path, made: Callable[[Path], tuple[str, list[Path] | Path, set[str]]]
+    place: Place, browser: Browser, tmp_path: Path, make: Callable[[Path], tuple[str, list[Path] | Path, set[str]]]
 ) -> None:
-    button, files, names = made(tmp_path)
+    button, files, names = make(tmp_path)
     with visiting(browser, place.url, "#/new") as visit:
         visit.page.get_by_label(button).set_input_files(files)
         scene_id = _post(visit.page, place)

@@ -38,8 +38,8 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         cameras = page.get_by_role("img", name="Drawing of the cameras of 2 of 3 photos, and points")
         expect(cameras).to_have_attribute("data-cameras", "2")
         expect(cameras).to_have_attribute("data-points", "200")
-        for shown in (picture, page.get_by_role("progressbar", name="Training")):
-            expect(shown).to_be_in_viewport(ratio=0.9)  # both at once
+        for element in (picture, page.get_by_role("progressbar", name="Training")):
+            expect(element).to_be_in_viewport(ratio=0.9)  # both at once
         colors = "canvas => canvas.getContext('2d').getImageData(0, 0, 640, 640).data.filter(value => value).length"
         before = cameras.evaluate("canvas => canvas.toDataURL()")
         assert cameras.evaluate(colors) > 1_000
@@ -51,8 +51,8 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         for number in (2, 3):
             show_training(place.service, training, number)
             expect(picture).to_have_attribute("data-step", str(300 * number))
-        asked = [url for url in visit.requests if url.endswith(f"/operations/{training.operation.id}")]
-        assert len(asked) <= 1  # the rest came as events
+        polls = [url for url in visit.requests if url.endswith(f"/operations/{training.operation.id}")]
+        assert len(polls) <= 1  # the rest came as events
         assert any(url.endswith("/events") for url in visit.requests)
 
 
@@ -127,26 +127,26 @@ def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, bro
     error = {"kind": "FAILED_PRECONDITION", "reason": "RECONSTRUCTION_FAILED", "stage": "capture", "details": details}
     blamed = {**error, "message": "IMG_0012.jpg fits nowhere", "recurs": True, "photos": ["IMG_0012.jpg"]}
     jobs.fail(training, blamed)
-    asked: list[object] = []
+    bodies: list[object] = []
     with visiting(browser, place.url) as visit:
         page = visit.page
 
         def refuse(route: Route) -> None:
-            asked.append(route.request.post_data_json)
+            bodies.append(route.request.post_data_json)
             route.abort()
 
         visit.expected.append("ERR_FAILED")
         page.route(f"**/operations/{job}:retry", refuse)
         page.goto(f"{place.url}/#/scenes/{training.operation.scene_id}")
-        told = ("Failed in the stage “Photos and cameras”.", "fits nowhere.", "Limit: 3 photos.", "Take more photos.")
-        for text in told:
+        texts = ("Failed in the stage “Photos and cameras”.", "fits nowhere.", "Limit: 3 photos.", "Take more photos.")
+        for text in texts:
             expect(page.get_by_role("alert")).to_contain_text(text)
         offers = page.locator(".job .buttons").locator("button, a")
         expect(offers.first).to_have_text("Leave out IMG_0012.jpg and go on")
         expect(offers.nth(1)).to_have_text("Try again with the same photos")
         offers.first.click()
         expect(page.get_by_role("alert").last).to_be_visible()
-        assert asked == [{"exclude": ["IMG_0012.jpg"]}]
+        assert bodies == [{"exclude": ["IMG_0012.jpg"]}]
         visit.check_accessible()
         for more, offer in (({"recurs": True}, "Choose other photos"), ({"recurs": False}, "Try again")):
             jobs.retry(job, 0.0)

@@ -20,10 +20,10 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
         settings = page_settings(tmp_path, captioner=CaptionerSettings(url=captioner.url, model="eyes:7b"))
         host = settings.captioner.host
         with running(settings) as place:
-            own = place.new_scene("own")
-            ids = [obj.id for obj in place.service.answers.list_objects(own).objects]
-            place.service.versions.edit(own, [Edit("unname", object_ids=tuple(ids))])
-            with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+            scene_id = place.new_scene("own")
+            ids = [obj.id for obj in place.service.answers.list_objects(scene_id).objects]
+            place.service.versions.edit(scene_id, [Edit("unname", object_ids=tuple(ids))])
+            with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
                 visit.scene_shown()
                 objects = visit.tab("Objects")
                 expect(objects).to_contain_text(f"eyes:7b at {host} can suggest names")
@@ -37,14 +37,14 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
                 note = objects.locator("[role=status]")
                 expect(note).to_contain_text("Waiting for a worker.")
                 visit.check_accessible()
-                (job,) = [each for each in place.service.list_operations().operations if each.kind == "ask_captioner"]
+                (job,) = [job for job in place.service.list_operations().operations if job.kind == "ask_captioner"]
                 claim = place.service._store.jobs.claim(job.id)
                 assert claim is not None
-                told = CaptionerResult(3, 4, 1, "", place.service.get_scene(own).version)
-                place.service._store.jobs.succeed_with_version(claim, None, to_plain(told))
+                result = CaptionerResult(3, 4, 1, "", place.service.get_scene(scene_id).version)
+                place.service._store.jobs.succeed_with_version(claim, None, to_plain(result))
                 expect(note).to_contain_text("3 names suggested for 4 objects. 1 name was refused.")
                 visit.check_accessible()
                 assert not captioner.got, "a worker asks"
                 objects.get_by_role("button", name="Take the agreement back").click()
                 expect(objects.get_by_role("button", name=f"Agree to send pictures to {host}")).to_be_visible()
-            assert not any(obj.name for obj in place.service.answers.list_objects(own).objects)
+            assert not any(obj.name for obj in place.service.answers.list_objects(scene_id).objects)

@@ -35,10 +35,10 @@ def _menu(visit: Visit, obj: str = "ball") -> Locator:
 
 
 def test_an_object_is_moved_with_a_handle_on_show_and_then_on_the_server(
-    place: Place, webgl_browser: Browser, own: str
+    place: Place, webgl_browser: Browser, scene_id: str
 ) -> None:
-    before = _gaussians(place, own)
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    before = _gaussians(place, scene_id)
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         menu.get_by_role("button", name="Move or turn").click()
@@ -58,18 +58,18 @@ def test_an_object_is_moved_with_a_handle_on_show_and_then_on_the_server(
         panel = page.locator(".move")
         expect(panel.get_by_label("z", exact=True).last).to_have_value("30")
         visit.check_accessible()
-        shown = _picture(page)
-        assert np.abs(shown - here).mean() > 1  # it moves on show
-        assert len(place.service.versions.all(own)) == 1  # and nowhere else
+        preview = _picture(page)
+        assert np.abs(preview - here).mean() > 1  # it moves on show
+        assert len(place.service.versions.all(scene_id)) == 1  # and nowhere else
         panel.get_by_role("button", name="Move it").click()
         expect(page.get_by_text("Moved.")).to_be_visible()
         expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("^e"))
         moved = _picture(page)
-        assert np.abs(moved - shown).mean() < 0.15 * np.abs(shown - here).mean()
-    made = place.service.versions.all(own)[-1]
-    (edit,) = made.edits
+        assert np.abs(moved - preview).mean() < 0.15 * np.abs(preview - here).mean()
+    version = place.service.versions.all(scene_id)[-1]
+    (edit,) = version.edits
     assert edit.action == "move" and edit.object_ids == (2,) and edit.transform is not None
-    matrix, after = edit.transform.matrix(), _gaussians(place, own)
+    matrix, after = edit.transform.matrix(), _gaussians(place, scene_id)
     assert 0.1 < matrix[2, 3] < 2 and matrix[1, 0] == pytest.approx(0.5, abs=1e-6)
     rows = (after.means != before.means).any(axis=1)
     ball = (np.linalg.norm(before.means - [0.0, 0.3, 0.3], axis=1) < 0.31) & (before.means[:, 2] > 0.05)
@@ -78,8 +78,8 @@ def test_an_object_is_moved_with_a_handle_on_show_and_then_on_the_server(
     np.testing.assert_allclose(after.means[rows], expected, atol=1e-5)
 
 
-def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, scene_id: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
         menu = _menu(visit, "mug")
         menu.get_by_role("button", name="Move or turn").click()
@@ -87,38 +87,40 @@ def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -
         visit.page.locator(".move").get_by_role("button", name="Place a copy there").click()
         expect(visit.page.get_by_text("Copied.")).to_be_visible()
         expect(visit.page.locator(".object-list li")).to_have_count(4)
-    objects = place.service.answers.list_objects(own).objects
+    objects = place.service.answers.list_objects(scene_id).objects
     mugs = [obj for obj in objects if obj.name == "mug"]
     assert len(mugs) == 2 and mugs[0].box is not None and mugs[1].box is not None
     offset = np.subtract(mugs[1].box.center.position, mugs[0].box.center.position)
     np.testing.assert_allclose(offset, [0.0, -0.8, 0.0], atol=1e-4)
 
 
-def test_an_object_is_recolored_and_removed_and_both_are_undone(place: Place, webgl_browser: Browser, own: str) -> None:
-    count, trained = len(_gaussians(place, own)), place.service.versions.resolve(own)
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_an_object_is_recolored_and_removed_and_both_are_undone(
+    place: Place, webgl_browser: Browser, scene_id: str
+) -> None:
+    count, trained = len(_gaussians(place, scene_id)), place.service.versions.resolve(scene_id)
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         menu.get_by_label("New color").fill("#ff00ff")
         menu.get_by_role("button", name="Recolor").click()
         expect(page.get_by_text("Recolored.")).to_be_visible()
-        assert place.service.versions.all(own)[-1].edits[0].color == (1.0, 0.0, 1.0)
-        recolored = place.service.versions.resolve(own)
+        assert place.service.versions.all(scene_id)[-1].edits[0].color == (1.0, 0.0, 1.0)
+        recolored = place.service.versions.resolve(scene_id)
         menu.get_by_role("button", name="Remove").click()
         expect(page.get_by_text("Removed.")).to_be_visible()
         expect(page.locator(".object-list li")).to_have_count(2)
-        assert len(_gaussians(place, own)) < count - 500
+        assert len(_gaussians(place, scene_id)) < count - 500
         for version in (recolored, trained):
             page.locator("canvas").focus()
             page.keyboard.press("Control+z")
             expect(page.get_by_text("Undone.")).to_be_visible()
             expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(f"^{version} "))
         expect(page.locator(".object-list li")).to_have_count(3)
-    assert len(_gaussians(place, own)) == count
+    assert len(_gaussians(place, scene_id)) == count
 
 
-def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser: Browser, own: str) -> None:
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser: Browser, scene_id: str) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         here = _picture(page)
@@ -131,12 +133,12 @@ def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser
         page.get_by_role("button", name="Show everything").click()
         assert np.abs(_picture(page) - here).mean() < 0.5
         visit.check_accessible()
-    assert len(place.service.versions.all(own)) == 1
+    assert len(place.service.versions.all(scene_id)) == 1
 
 
-def test_changing_on_a_phone(place: Place, browser: Browser, own: str) -> None:
+def test_changing_on_a_phone(place: Place, browser: Browser, scene_id: str) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **phone) as visit:
         visit.scene_shown()
         menu = _menu(visit)
         menu.get_by_role("button", name="Move or turn").click()

@@ -22,9 +22,9 @@ def _goes(page: Page) -> int:
     return int(said.inner_text().partition(" of ")[0].replace(",", ""))
 
 
-def test_what_a_box_says_goes_as_a_version_that_is_undone(place: Place, own: str, browser: Browser) -> None:
-    before = place.service.get_scene(own)
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+def test_what_a_box_says_goes_as_a_version_that_is_undone(place: Place, scene_id: str, browser: Browser) -> None:
+    before = place.service.get_scene(scene_id)
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
         page = visit.page
         _panel(page)
@@ -36,19 +36,19 @@ def test_what_a_box_says_goes_as_a_version_that_is_undone(place: Place, own: str
         inside = _goes(page)
         assert 0 < inside < before.gaussians
         visit.check_accessible()
-        assert place.service.get_scene(own).version == before.version  # looking changes nothing
+        assert place.service.get_scene(scene_id).version == before.version  # looking changes nothing
         remove.click()
         expect(page.get_by_text("Cleaned up.")).to_be_visible()
-        after = place.service.get_scene(own)
+        after = place.service.get_scene(scene_id)
         assert after.gaussians == before.gaussians - inside
         page.get_by_role("button", name="Undo").click()
         expect(page.get_by_text("Undone.")).to_be_visible()
-        assert place.service.get_scene(own).version == before.version
+        assert place.service.get_scene(scene_id).version == before.version
 
 
-def test_objects_that_are_drawn_over_go(place: Place, own: str, webgl_browser: Browser) -> None:
-    ball = next(obj for obj in place.service.answers.list_objects(own).objects if obj.name == "ball")
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}") as visit:
+def test_objects_that_are_drawn_over_go(place: Place, scene_id: str, webgl_browser: Browser) -> None:
+    ball = next(obj for obj in place.service.answers.list_objects(scene_id).objects if obj.name == "ball")
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}") as visit:
         canvas = visit.scene_shown()
         page = visit.page
         page.get_by_role("searchbox").fill("ball")
@@ -67,18 +67,18 @@ def test_objects_that_are_drawn_over_go(place: Place, own: str, webgl_browser: B
         assert _goes(page) >= ball.gaussian_count
         visit.at_rest()
         assert page.url == view  # the camera stood still
-        asked: list[Route] = []
-        page.route("**/*:query", lambda route: asked.append(route))  # kept waiting
+        routes: list[Route] = []
+        page.route("**/*:query", lambda route: routes.append(route))  # kept waiting
         page.get_by_role("button", name="Remove them").click()
         expect(page.get_by_role("tab", name="Objects 2")).to_be_visible()
         visit.at_rest()
         # Until the question is answered anew, nothing is asked of what is no more.
-        version = place.service.get_scene(own).version
+        version = place.service.get_scene(scene_id).version
         assert not [url for url in visit.requests if "/views?" in url and f"version={version}" in url]
         assert page.get_by_role("alert").count() == 0
-        for route in asked:
+        for route in routes:
             route.continue_()
         expect(page.get_by_text("Cleaned up.")).to_be_visible()
-        assert ball.id not in {obj.id for obj in place.service.answers.list_objects(own).objects}
+        assert ball.id not in {obj.id for obj in place.service.answers.list_objects(scene_id).objects}
         visit.tab("Ask")
         expect(page.get_by_text("Not here")).to_be_visible()

@@ -24,8 +24,10 @@ _CLICK_AND_TYPE = """(button, text) => new Promise((resolve) => {
 """Clicks, types into the card's field in the very turn in which it is drawn, and waits until its effects have run."""
 
 
-def test_a_name_typed_in_the_turn_in_which_the_card_is_drawn_stays(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+def test_a_name_typed_in_the_turn_in_which_the_card_is_drawn_stays(
+    place: Place, browser: Browser, scene_id: str
+) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         page = visit.page
         visit.scene_shown()
         objects = visit.tab("Objects")
@@ -33,4 +35,4 @@ def test_a_name_typed_in_the_turn_in_which_the_card_is_drawn_stays(place: Place,
         expect(page.locator(".object-card").get_by_label("Name", exact=True)).to_have_value("violin")
         page.keyboard.press("Enter")
         expect(page.locator(".object-card").get_by_role("heading", name="violin")).to_be_visible()
-    assert "violin" in [obj.name for obj in place.service.answers.list_objects(own).objects]
+    assert "violin" in [obj.name for obj in place.service.answers.list_objects(scene_id).objects]

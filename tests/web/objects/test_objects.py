@@ -32,9 +32,9 @@ def _middle(canvas: Locator) -> dict[str, float]:
 
 
 def test_an_object_is_clicked_named_asked_for_and_the_name_undone(
-    place: Place, webgl_browser: Browser, own: str
+    place: Place, webgl_browser: Browser, scene_id: str
 ) -> None:
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         canvas.click(position=_middle(canvas))
         card = page.locator(".object-card")
@@ -64,7 +64,7 @@ def test_an_object_is_clicked_named_asked_for_and_the_name_undone(
         expect(visit.tab("Objects").locator(".object-list")).to_contain_text("ball")
         page.reload()
         expect(page.get_by_text("Not here")).to_be_visible()
-    (first, *_) = place.service.versions.all(own)
+    (first, *_) = place.service.versions.all(scene_id)
     assert first.current
 
 
@@ -87,8 +87,8 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
         ),
         groups=(ObjectGroup(5, (1, 2, 3), 0.9),),
     )
-    own = store_scene(service._store, replace(scene, objects=objects), "levels")
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    scene_id = store_scene(service._store, replace(scene, objects=objects), "levels")
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         here = _middle(canvas) | {"y": _middle(canvas)["y"] - 30}
         card = page.locator(".object-card")
@@ -106,13 +106,13 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
         expect(card.get_by_role("heading", name="violin")).to_be_visible()
         expect(page.get_by_role("tab", name="Objects 2", exact=True)).to_be_visible()
         expect(visit.tab("Objects").get_by_text("2 objects and 1 surface. All objects have names.")).to_be_visible()
-    (part,) = (obj for obj in service.answers.list_objects(own, parts=True).objects if obj.parent)
+    (part,) = (obj for obj in service.answers.list_objects(scene_id, parts=True).objects if obj.parent)
     assert (part.id, part.name) == (4, "violin")
-    service.delete_scene(own)
+    service.delete_scene(scene_id)
 
 
 def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
-    place: Place, browser: Browser, own: str
+    place: Place, browser: Browser, scene_id: str
 ) -> None:
     """The server has no lexicon and asks nothing, so that its answer is changed on the way."""
 
@@ -121,7 +121,7 @@ def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
         named = json.loads(route.request.post_data or "")["edits"][0]
         route.fulfill(response=response, json={**response.json(), "asks_kind": not named.get("kinds")})
 
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
         page, card = visit.page, visit.page.locator(".object-card")
         page.route("**/*:edit", asks)
@@ -143,9 +143,9 @@ def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
 
 
 def test_a_click_with_shift_adds_what_an_object_lacks_and_both_are_made_one(
-    place: Place, webgl_browser: Browser, own: str
+    place: Place, webgl_browser: Browser, scene_id: str
 ) -> None:
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         middle = _middle(canvas)
         beside = middle | {"x": middle["x"] + _BESIDE}
@@ -161,12 +161,12 @@ def test_a_click_with_shift_adds_what_an_object_lacks_and_both_are_made_one(
             expect(canvas).to_have_attribute("data-hovered", "2")
             page.mouse.move(5, 5)
             expect(canvas).to_have_attribute("data-hovered", "0")
-    names = [obj.name for obj in place.service.answers.list_objects(own).objects]
+    names = [obj.name for obj in place.service.answers.list_objects(scene_id).objects]
     assert len(names) == 2 and "ball" in names
 
 
-def test_two_objects_are_merged_and_one_discarded(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+def test_two_objects_are_merged_and_one_discarded(place: Place, browser: Browser, scene_id: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
         page, rows = visit.page, visit.tab("Objects").locator(".object-list li")
         page.get_by_role("checkbox", name="Select mug").check()
@@ -185,11 +185,11 @@ def test_two_objects_are_merged_and_one_discarded(place: Place, browser: Browser
 
 
 def test_objects_without_a_name_are_named_by_an_answer_and_worked_through_by_keyboard(
-    place: Place, browser: Browser, own: str
+    place: Place, browser: Browser, scene_id: str
 ) -> None:
-    ids = [obj.id for obj in place.service.answers.list_objects(own).objects]
-    place.service.versions.edit(own, [Edit("unname", object_ids=tuple(ids))])
-    with visiting(browser, place.url, f"#/scenes/{own}?q=where+is+the+submarine") as visit:
+    ids = [obj.id for obj in place.service.answers.list_objects(scene_id).objects]
+    place.service.versions.edit(scene_id, [Edit("unname", object_ids=tuple(ids))])
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?q=where+is+the+submarine") as visit:
         visit.scene_shown()
         page = visit.page
         expect(page.locator(".verdict.cannot_say")).to_be_visible()
@@ -208,29 +208,29 @@ def test_objects_without_a_name_are_named_by_an_answer_and_worked_through_by_key
             page.keyboard.press("Enter")
             expect(page.get_by_text(f"Named “{name}”.")).to_be_visible()
         expect(page.get_by_text("All objects have names.")).to_be_visible()
-    names = [obj.name for obj in place.service.answers.list_objects(own).objects]
+    names = [obj.name for obj in place.service.answers.list_objects(scene_id).objects]
     assert names == ["elephant", MARKUP, "moon"]
 
 
 def test_suggested_names_are_taken_by_one_key_an_object_or_all_likely_ones_at_once(
-    place: Place, browser: Browser, own: str
+    place: Place, browser: Browser, scene_id: str
 ) -> None:
-    ids = [obj.id for obj in place.service.answers.list_objects(own).objects]
-    told = [
+    ids = [obj.id for obj in place.service.answers.list_objects(scene_id).objects]
+    suggestions = [
         SuggestedName(ids[0], "elephant", 0.9, "eyes", "eyes:7b", ("jumbo",)),
         SuggestedName(ids[1], MARKUP, 0.6, MARKUP),
         SuggestedName(ids[2], "moon", 0.85, "eyes", "eyes:7b"),
     ]
-    place.service.versions.edit(own, [Edit("unname", object_ids=tuple(ids))])
-    place.service.versions.edit(own, [Edit("suggest", suggestions=tuple(told))])
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+    place.service.versions.edit(scene_id, [Edit("unname", object_ids=tuple(ids))])
+    place.service.versions.edit(scene_id, [Edit("suggest", suggestions=tuple(suggestions))])
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
         page = visit.page
         visit.tab("Objects")
         page.evaluate("addEventListener('keydown', () => (window.keys = (window.keys ?? 0) + 1), true)")
         page.get_by_role("button", name="Name the next one").focus()
         page.keyboard.press("Enter")
-        for told_of in told:
+        for told_of in suggestions:
             field = page.get_by_label(f"Object {told_of.object_id}, no name", exact=True)
             expect(field).to_be_focused()
             expect(field).to_have_value(told_of.name)
@@ -240,8 +240,8 @@ def test_suggested_names_are_taken_by_one_key_an_object_or_all_likely_ones_at_on
             page.keyboard.press("Enter")
             expect(page.get_by_text(f"Named “{told_of.name}”.")).to_be_visible()
         expect(page.get_by_text("All objects have names.")).to_be_visible()
-        assert page.evaluate("window.keys") == 1 + len(told)
-        for _ in told:
+        assert page.evaluate("window.keys") == 1 + len(suggestions)
+        for _ in suggestions:
             page.get_by_role("button", name="Undo").click()
             expect(page.get_by_text("Undone.")).to_be_visible()
         expect(page.get_by_text("3 objects without a name")).to_be_visible()
@@ -259,25 +259,25 @@ def test_suggested_names_are_taken_by_one_key_an_object_or_all_likely_ones_at_on
         page.keyboard.press("Backspace")
         page.keyboard.press("Enter")
         expect(page.get_by_role("button", name="Name the next one")).to_be_visible()
-    assert [obj.name for obj in place.service.answers.list_objects(own).objects] == ["elephant", "", "moon"]
-    assert {"jumbo"} <= {alias for each in place.service.get_scene(own).dictionary for alias in each.aliases}
+    assert [obj.name for obj in place.service.answers.list_objects(scene_id).objects] == ["elephant", "", "moon"]
+    assert {"jumbo"} <= {alias for entry in place.service.get_scene(scene_id).dictionary for alias in entry.aliases}
 
 
-def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, scene_id: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
-        place.service.versions.edit(own, [Edit("name", object_ids=(1,), name="volcano")])
+        place.service.versions.edit(scene_id, [Edit("name", object_ids=(1,), name="volcano")])
         expect(visit.tab("Objects").locator(".object-list")).to_contain_text("volcano")
         expect(visit.page.get_by_text("The scene has changed.")).to_be_visible()
 
 
-def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, browser: Browser, scene_id: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         visit.scene_shown()
         visit.expected.append("40")
         visit.page.route("**/versions", lambda route: route.abort())  # the page does not notice
         visit.expected.append("ERR_FAILED")
-        place.service.versions.edit(own, [Edit("name", object_ids=(1,), name="volcano")])
+        place.service.versions.edit(scene_id, [Edit("name", object_ids=(1,), name="volcano")])
         visit.tab("Objects").locator(".object-list").get_by_role("button", name="mug").click()
         visit.page.locator(".object-card").get_by_label("Name", exact=True).fill("moon")
         visit.page.get_by_role("button", name="Save the name").click()

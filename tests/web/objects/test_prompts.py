@@ -12,7 +12,7 @@ from fastsplat_contract.messages.scenes import Edit
 from tests.web.browser import visiting
 from tests.web.places import Place
 
-_MADE = re.compile(r"Object 4 has \d+ Gaussians")
+_NOTE = re.compile(r"Object 4 has \d+ Gaussians")
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 
@@ -21,10 +21,10 @@ def _owner(place: Place, scene_id: str) -> np.ndarray:
 
 
 def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser) -> None:
-    own = place.new_scene("own")
-    truth = _owner(place, own)
-    merged = place.service.versions.edit(own, [Edit("merge", object_ids=(1, 2))])
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    scene_id = place.new_scene("own")
+    truth = _owner(place, scene_id)
+    merged = place.service.versions.edit(scene_id, [Edit("merge", object_ids=(1, 2))])
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
         assert box is not None
@@ -34,28 +34,28 @@ def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser:
         expect(page.get_by_text("Click the part that is an object of its own.")).to_be_visible()
         visit.check_accessible()
         canvas.click(position=ball)
-        expect(page.locator(".tool-note")).to_contain_text(_MADE)
+        expect(page.locator(".tool-note")).to_contain_text(_NOTE)
         visit.check_accessible()
         expect(page.locator(".object-card h2").first).to_have_text("Object 4, no name")
-        piece = _owner(place, own) == 4
+        piece = _owner(place, scene_id) == 4
         overlap = (piece & (truth == 2)).sum() / (piece | (truth == 2)).sum()
         assert overlap > 0.6, overlap
         canvas.click(position={"x": ball["x"] + 15, "y": ball["y"] + 10})
         expect(page.get_by_role("button", name="Done")).to_be_disabled()
-        expect(page.locator(".tool-note")).to_contain_text(_MADE)
+        expect(page.locator(".tool-note")).to_contain_text(_NOTE)
         expect(page.get_by_role("button", name="Done")).to_be_enabled()
-        made = next(version for version in place.service.versions.all(own) if version.current)
-        assert made.parent == merged.version and made.edits[0].prompt is not None
-        assert len(made.edits[0].prompt.pixels) == 2  # in place of the first one
+        current_version = next(version for version in place.service.versions.all(scene_id) if version.current)
+        assert current_version.parent == merged.version and current_version.edits[0].prompt is not None
+        assert len(current_version.edits[0].prompt.pixels) == 2  # in place of the first one
         page.get_by_role("button", name="Undo it").click()
         expect(page.locator(".object-list li")).to_have_count(2)
-    assert place.service.versions.resolve(own) == merged.version
+    assert place.service.versions.resolve(scene_id) == merged.version
 
 
 def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser) -> None:
-    own = place.new_scene("own")
-    place.service.versions.edit(own, [Edit("discard", object_ids=(2,))])
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    scene_id = place.new_scene("own")
+    place.service.versions.edit(scene_id, [Edit("discard", object_ids=(2,))])
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
         page = visit.page
         page.get_by_role("tab", name="Ask").focus()
@@ -65,21 +65,21 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
         middle = page.get_by_role("button", name="Take what is in the middle")
         middle.focus()
         page.keyboard.press("Enter")
-        expect(page.locator(".tool-note")).to_contain_text(_MADE)
+        expect(page.locator(".tool-note")).to_contain_text(_NOTE)
         page.get_by_role("button", name="Done").click()
         expect(page.locator(".tool-note")).to_have_count(0)
         expect(page.locator(".object-list li")).to_have_count(3)
-    assert (_owner(place, own) == 4).sum() > 200
+    assert (_owner(place, scene_id) == 4).sum() > 200
 
 
 def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser) -> None:
-    own = place.new_scene("alike")
+    scene_id = place.new_scene("alike")
     upright = Quaternion(0.0, 0.0, 0.0, 1.0)
-    place.service.versions.edit(own, [Edit("unname", object_ids=(1, 2, 3))])
+    place.service.versions.edit(scene_id, [Edit("unname", object_ids=(1, 2, 3))])
     for height in (0.8, 1.6):
         copy = Edit("duplicate", object_ids=(1,), transform=Pose(Vector3(0.0, 0.0, height), upright))
-        place.service.versions.edit(own, [copy])
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        place.service.versions.edit(scene_id, [copy])
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         visit.tab("Objects").locator(".object-list").get_by_role("button", name="Object 1").click()
         page.locator(".object-card").get_by_label("Name", exact=True).fill("violin")
@@ -94,5 +94,5 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
         page.keyboard.press("n")
         expect(panel).to_have_count(0)
         expect(page.locator(".object-list")).to_contain_text("Object 5, no name")
-    names = [obj.name for obj in place.service.answers.list_objects(own).objects]
+    names = [obj.name for obj in place.service.answers.list_objects(scene_id).objects]
     assert names == ["violin", "", "", "violin", ""]

@@ -32,8 +32,8 @@ def _opened(browser: Browser, file: Path, fragment: str = "", **options: Any) ->
         visit.page.goto(f"{file.as_uri()}{fragment}")
         yield visit
         visit.check(file.parent.as_uri())
-        asked = {url.partition("#")[0] for url in visit.requests if not url.startswith(("blob:", "data:"))}
-        assert asked == {file.as_uri()}
+        urls = {url.partition("#")[0] for url in visit.requests if not url.startswith(("blob:", "data:"))}
+        assert urls == {file.as_uri()}
     finally:
         context.close()
 
@@ -51,14 +51,14 @@ def test_what_glows_in_the_file_is_the_servers_mask(place: Place, webgl_browser:
         plain = canvas_pixels(visit.page)
     with _opened(webgl_browser, file, f"#?view={_VIEW}&q=mugs") as visit:
         _wait_for(visit, "answer$")
-        shown = glowing(plain, canvas_pixels(visit.page))
-        height, width = shown.shape
+        glow_mask = glowing(plain, canvas_pixels(visit.page))
+        height, width = glow_mask.shape
         posed = page_camera(visit.page, width, height)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
         ).answers
         mask = answer.masks[0].array()
-        assert mask.sum() > 2_000 and overlap(mask, shown) >= 0.9
+        assert mask.sum() > 2_000 and overlap(mask, glow_mask) >= 0.9
 
 
 def test_the_file_answers_its_own_names_as_the_server_does(
@@ -68,8 +68,8 @@ def test_the_file_answers_its_own_names_as_the_server_does(
         _wait_for(visit, "plain$")
         visit.check_accessible()
         before = canvas_pixels(visit.page)
-        for asked, label in (("Where are the mugs?", "mug"), ("story book", "story book")):
-            visit.page.get_by_role("searchbox").fill(asked)
+        for question, label in (("Where are the mugs?", "mug"), ("story book", "story book")):
+            visit.page.get_by_role("searchbox").fill(question)
             visit.page.get_by_role("button", name="Ask", exact=True).click()
             expect(visit.page.locator(".verdict.here")).to_be_visible()
             (answer,) = place.service.answers.query(QueryRequest(place.scene_id, (label,))).answers

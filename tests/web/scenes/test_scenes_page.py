@@ -37,7 +37,7 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None
 
 
 def test_scenes_are_found_by_name_and_by_the_objects_in_them(place: Place, browser: Browser) -> None:
-    other = place.new_scene("workshop")
+    workshop_id = place.new_scene("workshop")
     with visiting(browser, place.url) as visit:
         page, cards = visit.page, visit.page.get_by_role("list", name="Scenes").get_by_role("link")
         expect(cards).to_have_count(2)
@@ -56,7 +56,7 @@ def test_scenes_are_found_by_name_and_by_the_objects_in_them(place: Place, brows
         visit.check_accessible()
         found.get_by_role("link", name="workshop").click()
         expect(page.locator(".verdict.here")).to_be_visible()
-        assert f"#/scenes/{other}?q=ball" in page.url
+        assert f"#/scenes/{workshop_id}?q=ball" in page.url
 
 
 def test_several_scenes_are_deleted_at_once(place: Place, browser: Browser) -> None:

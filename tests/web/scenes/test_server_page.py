@@ -37,10 +37,10 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
         page.get_by_label("It expires").select_option("day")
         page.get_by_role("button", name="Make a key").click()
         secret = page.get_by_label("New key").input_value()
-        (made,) = [key for key in service.keys.list("operator").keys if key.name == MARKUP]
-        assert (made.role, made.state) == ("reader", "VALID") and made.expires_at is not None
+        (new_key,) = [key for key in service.keys.list("operator").keys if key.name == MARKUP]
+        assert (new_key.role, new_key.state) == ("reader", "VALID") and new_key.expires_at is not None
         stored = service.admin.keys.valid().find(secret)
-        assert stored is not None and stored.id == made.id
+        assert stored is not None and stored.id == new_key.id
         visit.check_accessible()
         page.get_by_role("button", name="I have stored it").click()
         expect(page.get_by_label("New key")).to_have_count(0)

@@ -18,11 +18,11 @@ def test_a_key_is_asked_for_and_remembered_until_signed_out(guarded: Place, brow
         expect(visit.page.get_by_role("link", name="a table")).to_be_visible()
         visit.page.reload()
         expect(visit.page.get_by_role("link", name="a table")).to_be_visible()
-        other = visit.page.context.new_page()
-        other.goto(f"{guarded.url}/")
-        expect(other.get_by_role("link", name="a table")).to_be_visible()
+        tab = visit.page.context.new_page()
+        tab.goto(f"{guarded.url}/")
+        expect(tab.get_by_role("link", name="a table")).to_be_visible()
         visit.page.get_by_role("button", name="Sign out").click()
-        expect(other.get_by_label("Access key")).to_be_visible()  # in all tabs
+        expect(tab.get_by_label("Access key")).to_be_visible()  # in all tabs
         visit.page.reload()
         expect(visit.page.get_by_label("Access key")).to_be_visible()
 

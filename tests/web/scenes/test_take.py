@@ -46,8 +46,8 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
             row = visit.page.get_by_role("listitem").filter(has_text=label)
             expect(row).to_contain_text("about")
             ((number, unit),) = re.findall(r"about ([\d.]+) (\w+)", row.inner_text())
-            told = float(number) * {"B": 1, "kB": 1e3, "MB": 1e6}[unit]
-            assert abs(told / len(file(ExportRequest(scene_id, format))) - 1) < 0.1
+            size = float(number) * {"B": 1, "kB": 1e3, "MB": 1e6}[unit]
+            assert abs(size / len(file(ExportRequest(scene_id, format))) - 1) < 0.1
         name, content = _saved(visit, "One HTML file")
         assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
         name, content = _saved(visit, "Its Gaussians as PLY")
@@ -87,7 +87,7 @@ def test_where_no_link_can_be_made_the_page_says_so_and_offers_a_file(place: Pla
 
 def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Browser) -> None:
     scene_id = guarded.new_scene("for Ada")
-    other = guarded.new_scene("for nobody else")
+    other_id = guarded.new_scene("for nobody else")
     with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
         visit.sign_in(guarded.new_key("admin"))
         _wait_for(visit, "plain$")
@@ -124,7 +124,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
             visitor.page.reload()
             expect(visitor.page.locator(".verdict.here")).to_be_visible()
             visitor.expected += ["404", "401"]
-            visitor.page.evaluate(f"location.hash = location.hash.replace('{scene_id}', '{other}')")
+            visitor.page.evaluate(f"location.hash = location.hash.replace('{scene_id}', '{other_id}')")
             expect(visitor.page.get_by_role("alert")).to_contain_text("No scene")
 
             visit.page.get_by_role("button", name="Revoke the link for Ada <b>").click()

@@ -61,8 +61,8 @@ def _photo_below_bar(visit: Visit) -> tuple[dict[str, float], float]:
 def _at(place: Place, picture: NDArray[np.float64], visit: Visit, view: str) -> NDArray[np.float64]:
     """The server's picture of a view where `_compared` has cut it out."""
     box, top = _photo_below_bar(visit)
-    with Image.open(io.BytesIO(place.service.answers.picture(PictureRequest(place.scene_id, "rgb", view=view)))) as own:
-        large = own.convert("RGB").resize((round(box["width"]), round(box["height"])), Image.Resampling.BICUBIC)
+    with Image.open(io.BytesIO(place.service.answers.picture(PictureRequest(place.scene_id, "rgb", view=view)))) as png:
+        large = png.convert("RGB").resize((round(box["width"]), round(box["height"])), Image.Resampling.BICUBIC)
     pixels = np.asarray(large, dtype=np.float64)[round(top - box["y"]) + 2 :, 2:]
     return pixels[: len(picture), : picture.shape[1]]
 
@@ -139,14 +139,14 @@ def test_colors_say_objects_labels_depth_and_normals(place: Place, webgl_browser
         canvas = _ready(visit)
         box = canvas.bounding_box()
         assert box is not None
-        own = _balls(visit, box)
+        true_colors = _balls(visit, box)
         legend = visit.page.get_by_role("region", name="What the colors mean")
         for mode in ("Depth", "Normals", "Labels", "Objects"):
             visit.page.get_by_label("Colors show").select_option(mode)
             expect(canvas).to_have_attribute("data-colors", mode.lower())
             expect(visit.page).to_have_url(re.compile(f"look={mode.lower()}"))
             colors = _balls(visit, box)
-            assert all(np.abs(colors[obj] - own[obj]).max() > 25 for obj in _PLACES), mode
+            assert all(np.abs(colors[obj] - true_colors[obj]).max() > 25 for obj in _PLACES), mode
             if mode == "Depth":
                 expect(legend).to_contain_text(re.compile(r"\d m.*\d m"))
                 # The ball in the middle stands farther away than the two others, which are about as far.
@@ -163,14 +163,14 @@ def test_colors_say_objects_labels_depth_and_normals(place: Place, webgl_browser
 def _check_legend(legend: Locator, colors: dict[int, NDArray[np.float64]]) -> None:
     """Each object has a color of its own, of the hue that the legend says."""
     for obj in _PLACES:
-        others = [np.abs(colors[obj] - colors[other]).max() for other in _PLACES if other != obj]
-        assert min(others) > 60, colors
+        distances = [np.abs(colors[obj] - colors[other_obj]).max() for other_obj in _PLACES if other_obj != obj]
+        assert min(distances) > 60, colors
     swatches = legend.locator(".swatch rect").evaluate_all("(all) => all.map((each) => each.getAttribute('fill'))")
     names = [name.strip() for name in legend.locator("li").all_inner_texts()]
     for obj, label in enumerate(("mug", "ball", "story book"), start=1):
-        told = np.array([int(part) for part in re.findall(r"\d+", swatches[names.index(label)])], dtype=np.float64)
+        swatch = np.array([int(part) for part in re.findall(r"\d+", swatches[names.index(label)])], dtype=np.float64)
         seen = colors[obj]
-        assert seen @ told / np.linalg.norm(seen) / np.linalg.norm(told) > 0.98
+        assert seen @ swatch / np.linalg.norm(seen) / np.linalg.norm(swatch) > 0.98
 
 
 def _balls(visit: Visit, box: dict[str, float]) -> dict[int, NDArray[np.float64]]:

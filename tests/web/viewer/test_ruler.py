@@ -18,7 +18,7 @@ _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 
 @pytest.fixture
-def own(place: Place) -> str:
+def scene_id(place: Place) -> str:
     """A scene without a scale."""
     return store_scene(place.service._store, replace(table(place.settings), scale="ARBITRARY"), "own")
 
@@ -31,9 +31,9 @@ def _ruler(visit: Visit) -> Locator:
 
 
 def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
-    place: Place, webgl_browser: Browser, own: str
+    place: Place, webgl_browser: Browser, scene_id: str
 ) -> None:
-    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
         assert box is not None
@@ -49,9 +49,9 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         expect(page.get_by_text("The scene is in meters now.")).to_be_visible()
         visit.tab("Objects")
         expect(page.get_by_text(re.compile(r"In meters by 1 known length, ± [\d.]+ %"))).to_be_visible()
-        scene = place.service.get_scene(own)
+        scene = place.service.get_scene(scene_id)
         assert scene.scale == "METRIC" and scene.scaling is not None and scene.scaling.meters_per_unit < 1
-        (edit,) = place.service.versions.all(own)[-1].edits
+        (edit,) = place.service.versions.all(scene_id)[-1].edits
         assert [known.meters for known in edit.known_lengths] == [0.25]
         expect(page).not_to_have_url(re.compile(_VIEW))
         position = [float(number) for number in parse_qs(page.url.partition("?")[2])["view"][0].split("_")]
@@ -64,12 +64,12 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         page.get_by_role("button", name="Put the ruler away").click()
         page.get_by_role("button", name="Undo").click()
         expect(page.get_by_text("In meters by")).to_have_count(0)
-    assert place.service.get_scene(own).scale == "ARBITRARY"
+    assert place.service.get_scene(scene_id).scale == "ARBITRARY"
 
 
-def test_measuring_by_keyboard_alone(place: Place, browser: Browser, own: str) -> None:
+def test_measuring_by_keyboard_alone(place: Place, browser: Browser, scene_id: str) -> None:
     phone = {"viewport": {"width": 390, "height": 844}}
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}", **phone) as visit:
         visit.scene_shown()
         note = _ruler(visit)
         visit.page.locator("canvas").focus()

@@ -66,11 +66,11 @@ class _Covered:
         depth = self._depth(posed)
         points = _points(posed, depth)
         seen = np.zeros(len(points), dtype=int)
-        for photo, shown in self._photos:
+        for photo, photo_depth in self._photos:
             x, y, z = projected(photo, points)
             inside = (z > 0) & (x >= 0) & (y >= 0) & (x < photo.camera.width) & (y < photo.camera.height)
             front = np.zeros(len(points))
-            front[inside] = shown[y[inside].astype(int), x[inside].astype(int)]
+            front[inside] = photo_depth[y[inside].astype(int), x[inside].astype(int)]
             seen += inside & (front > 0) & (np.abs(z - front) < 0.05 * front)
         return float((seen >= 2).sum() / depth.size)
 

@@ -31,13 +31,13 @@ def test_the_server_draws_the_view_and_says_so(place: Place, browser: Browser) -
         visit.scene_shown()
         expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
         visit.check_accessible()
-        shown = 255 * canvas_pixels(visit.page)
-        height, width, _ = shown.shape
+        picture = 255 * canvas_pixels(visit.page)
+        height, width, _ = picture.shape
         truth = place.service.answers.picture(
             PictureRequest(place.scene_id, "rgb", camera=page_camera(page, width, height))
         )
         exact = pixels_of(truth)
-        assert np.abs(shown - exact).mean() < 4 and exact.mean() > 20
+        assert np.abs(picture - exact).mean() < 4 and exact.mean() > 20
 
 
 def test_the_scene_is_loaded_some_time_after_the_servers_one_picture(place: Place, browser: Browser) -> None:
@@ -61,13 +61,13 @@ def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Br
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}&q=mug", device_scale_factor=1) as visit:
         expect(visit.page.locator(".verdict.here")).to_be_visible()
         _shows(visit.page, "answer$")
-        shown = 255 * canvas_pixels(visit.page)
-        height, width, _ = shown.shape
+        picture = 255 * canvas_pixels(visit.page)
+        height, width, _ = picture.shape
         posed = page_camera(visit.page, width, height)
         truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed))
         plain = pixels_of(truth)
         glow = 0.25 * plain + 0.75 * 255 * np.array(FOUND[0])
-        glows = np.abs(shown - glow).sum(axis=2) < np.abs(shown - 0.45 * plain).sum(axis=2)
+        glows = np.abs(picture - glow).sum(axis=2) < np.abs(picture - 0.45 * plain).sum(axis=2)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
         ).answers
@@ -106,17 +106,17 @@ def test_a_person_steers_with_one_request_under_way(place: Place, browser: Brows
             page.keyboard.press("ArrowLeft")
         expect(page).not_to_have_url(re.compile(_VIEW))
         visit.at_rest()
-        shown = 255 * canvas_pixels(visit.page)
+        picture = 255 * canvas_pixels(visit.page)
         assert most == 1 and len(sizes) > 1
         box = canvas.bounding_box()
         assert box is not None and sizes[-1] == (round(box["width"]), round(box["height"]))
         truth = place.service.answers.picture(
             PictureRequest(place.scene_id, "rgb", camera=page_camera(page, *sizes[-1]))
         )
-        assert np.abs(shown - pixels_of(truth)).mean() < 4
-        assert np.abs(shown - before).mean() > 4
-        asked = visit.requests_within(10)
-        assert not [url for url in asked if url.endswith(":render")]  # nothing is drawn while nothing changes
+        assert np.abs(picture - pixels_of(truth)).mean() < 4
+        assert np.abs(picture - before).mean() > 4
+        urls = visit.requests_within(10)
+        assert not [url for url in urls if url.endswith(":render")]  # nothing is drawn while nothing changes
 
 
 def test_objects_are_pointed_at_and_clicked(place: Place, browser: Browser) -> None:

@@ -49,8 +49,8 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
     deployment.service.delete_scene(scene.id)
 
     assert (report.scenes, report.versions, report.uploads, report.missing) == (1, 1, 2, ())
-    with postgres.database() as other:
-        url = other if deployment.settings.database_url else ""
+    with postgres.database() as database:
+        url = database if deployment.settings.database_url else ""
         (tmp_path / "again").mkdir()
         restore(tmp_path / "backup", tmp_path / "again" / "data", url)
         again = Deployment(tmp_path / "again", url)

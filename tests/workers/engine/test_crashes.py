@@ -127,7 +127,7 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
         deployment.start_command([sys.executable, "-c", deployment.worker_code()], **role.environment)
     for operation in operations:
         deployment.wait_in("training", operation)
-    notes = [json.loads((deployment.settings.data_dir / f"{each.id}.json").read_text()) for each in operations]
+    notes = [json.loads((deployment.settings.data_dir / f"{job.id}.json").read_text()) for job in operations]
     assert {note["CUDA_VISIBLE_DEVICES"] for note in notes} == {"0", "7"}
     assert {note["OMP_NUM_THREADS"] for note in notes} == {str(max(1, len(os.sched_getaffinity(0)) // 2))}
     assert {note["FASTSPLAT_DATABASE_URL"] for note in notes} == {note["AWS_SECRET_ACCESS_KEY"] for note in notes}
@@ -221,9 +221,9 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
 
 @on_both_databases()
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(deployment: Deployment) -> None:
-    kept, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
+    ready, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
     first = deployment.start_worker()
-    for operation in (kept, gone, failed):
+    for operation in (ready, gone, failed):
         deployment.wait_over(operation)
     log = deployment.service._store.blobs.log(failed.id)
     assert log.exists()
@@ -233,5 +233,5 @@ def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_s
 
     deployment.wait_for(lambda: not log.exists())
     listed = deployment.service._store.scenes.list_operations
-    deployment.wait_for(lambda: {record.id for record in listed(9)} == {kept.id, failed.id})
-    assert deployment.service.get_scene(kept.scene_id).state == "READY"
+    deployment.wait_for(lambda: {record.id for record in listed(9)} == {ready.id, failed.id})
+    assert deployment.service.get_scene(ready.scene_id).state == "READY"

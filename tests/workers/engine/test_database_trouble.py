@@ -21,14 +21,14 @@ def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, r
     first, second = deployment.post("perception:until_told"), deployment.post()
     worker = deployment.start_worker()
     deployment.wait_in("perception", first)
-    told = deployment.settings.data_dir / "told.txt"
+    flag = deployment.settings.data_dir / "told.txt"
 
     if deployment.settings.database_url:
         server = request.getfixturevalue("postgres")
         server.crash()
         with pytest.raises(DatabaseError):
             deployment.post()  # whose files stay for a while: for all it knows, the job is there
-        told.touch()
+        flag.touch()
         deployment.wait_in("export", first)  # the worker cannot write that a stage is complete
         time.sleep(_WITHOUT_DATABASE_S)
         server.start()
@@ -36,7 +36,7 @@ def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, r
         path = deployment.settings.data_dir / "fastsplat.sqlite"
         with closing(sqlite3.connect(path, timeout=60, isolation_level=None)) as held:
             held.execute("BEGIN IMMEDIATE")
-            told.touch()
+            flag.touch()
             deployment.wait_in("export", first)  # only writers wait
 
     for operation in (first, second):

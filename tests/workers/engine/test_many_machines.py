@@ -48,9 +48,9 @@ class Store:
 
 @pytest.fixture
 def store(s3: str) -> Iterator[Store]:
-    made = Store(s3)
-    yield made
-    made.stop()
+    store = Store(s3)
+    yield store
+    store.stop()
 
 
 def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, store: Store, tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, s
         jobs.append(first.post_over_http(request_id="second"))
         kill(worker, server)
         assert [second.post_over_http("training:sleep_once 600", request_id="first")] == jobs[:1]  # sent again
-        others = [machine.start_worker() for machine in (second, third)]
+        workers = [machine.start_worker() for machine in (second, third)]
         jobs += [second.post_over_http(f"{stage}:sleep 1") for stage in ("capture", "training", "export")]
 
         first.wait_for(lambda: any(is_in("capture", job) for job in jobs[2:]))
@@ -90,7 +90,7 @@ def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, s
 
         ended = [first.wait_over(first.service.get_operation(job)) for job in jobs]
         assert [(operation.state, operation.error) for operation in ended] == [("SUCCEEDED", None)] * len(jobs)
-        assert all(worker.poll() is None for worker in others)
+        assert all(worker.poll() is None for worker in workers)
         assert all(is_in(stage, job) for stage in STAGES for job in jobs)
         listed = httpx.get(f"{second.http}/v1/scenes", timeout=60).raise_for_status().json()["scenes"]
         assert sorted(scene["id"] for scene in listed) == sorted(operation.scene_id for operation in ended)

@@ -17,8 +17,8 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Seconds of the monotonic clock of the log; the filter has forgotten earlier tests."""
     seconds = [0.0]
     monkeypatch.setattr(periodic.time, "monotonic", lambda: seconds[0])
-    for each in periodic.logger.filters:
-        monkeypatch.setattr(each, "_passed_at", {})
+    for log_filter in periodic.logger.filters:
+        monkeypatch.setattr(log_filter, "_passed_at", {})
     return seconds
 
 

@@ -126,7 +126,7 @@ def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_traine
     assert claim is not None
     result = tmp_path / "export"
     result.mkdir()
-    made = {
+    summary = {
         "gaussians": 3,
         "objects": 0,
         "scale": "ARBITRARY",
@@ -134,7 +134,7 @@ def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_traine
         "cameras": [],
         "quality": {"stage_seconds": {}},
     }
-    (result / "summary.json").write_text(json.dumps(made))
+    (result / "summary.json").write_text(json.dumps(summary))
     (result / "stage.json").write_text(json.dumps({"seconds": 1.5}))
     write_digests(result)
     store.blobs.publish(result, "scene", claim.operation.run_id)

@@ -56,13 +56,13 @@ def test_a_draft_that_cannot_be_made_does_not_end_its_job(
         raise IndexError("of a view that is not there")
 
     monkeypatch.setattr(create_scene, "first_draft", fail)
-    told: list[ProgressEvent] = []
+    events: list[ProgressEvent] = []
     job = Job("operation", 1, tmp_path / "upload", tmp_path, SceneOptions(), Settings(data_dir=tmp_path))
-    made = create_scene.Drafts(job, ProgressFiles(job, "perception", told.append))
+    drafts = create_scene.Drafts(job, ProgressFiles(job, "perception", events.append))
     report = CaptureReport("images", 0)
     capture = Capture((), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), "metric", report)
-    made.of_points(capture, Labelling(Dictionary(()), ()), ())
-    assert not told and "of a view that is not there" in capsys.readouterr().err
+    drafts.of_points(capture, Labelling(Dictionary(()), ()), ())
+    assert not events and "of a view that is not there" in capsys.readouterr().err
 
 
 @on_both_databases()
@@ -71,10 +71,10 @@ def test_a_draft_is_a_version_until_the_scene_is_done(deployment: Deployment) ->
     deployment.start_worker()
     operation = deployment.post("perception:draft", "training:draft", "training:until_told")
     deployment.wait_for(lambda: deployment.service.get_scene(operation.scene_id).provisional == _TRAINING)
-    deployment.wait_for(lambda: (told := deployment.service.get_operation(operation.id).draft) and told.number == 2)
-    told = deployment.service.get_operation(operation.id).draft
+    deployment.wait_for(lambda: (draft := deployment.service.get_operation(operation.id).draft) and draft.number == 2)
+    draft = deployment.service.get_operation(operation.id).draft
     scene = deployment.service.get_scene(operation.scene_id)
-    assert told is not None and (told.number, told.version) == (2, scene.version)
+    assert draft is not None and (draft.number, draft.version) == (2, scene.version)
     assert (scene.state, len(scene.dictionary), len(scene.cameras), scene.assessment) == ("TRAINING", 2, 1, None)
     versions = deployment.service.versions.all(operation.scene_id)
     assert [version.current for version in versions] == [False, True]

@@ -81,13 +81,13 @@ def test_edits_of_a_draft_hold_by_object(words: Deployment) -> None:
     assert abs(twin.centroid.x - PLACES[1]) < 0.2 and abs(twin.centroid.y + 2.0) < 0.2
     assert done.create_scene is not None and done.create_scene.carried == 4
     known = {
-        each.name: np.frombuffer(each.appearance[-6:], np.float16) for each in words.service._store.known_names.all()
+        name.name: np.frombuffer(name.appearance[-6:], np.float16) for name in words.service._store.known_names.all()
     }
     assert known.keys() == {"Oskar", "twin"}, "what they are known by in other scenes"
     assert all(size == pytest.approx([0.1] * 3, abs=0.05) for size in known.values()), "their spread in meters"
     assert [text.partition(":")[0] for text in done.create_scene.lost] == ["name 'ghost'", "recolor"]
     versions = words.service.versions.all(scene_id)
-    assert [[each.action for each in version.edits] for version in versions] == [
+    assert [[change.action for change in version.edits] for version in versions] == [
         [], ["name"], ["recolor"], ["duplicate"], ["name"],
     ]  # fmt: skip
     assert edit(scene_id, named, "a-request").version == versions[1].version
@@ -115,7 +115,7 @@ def test_a_draft_takes_over_edits_of_the_one_before_and_loses_none(words: Deploy
     # Until the worker has seen it: a draft made without it is not published.
     words.wait_for(lambda: any("Oskar" in path.read_text() for path in words.settings.data_dir.rglob(EDITS)))
     _tell(words)
-    words.wait_for(lambda: (told := words.service.get_operation(operation.id).draft) and told.number == 2)
+    words.wait_for(lambda: (draft := words.service.get_operation(operation.id).draft) and draft.number == 2)
     assert _names(words, operation)[_MIDDLE] == "Oskar"
     (words.settings.data_dir / "asked.txt").touch()
     assert words.wait_over(operation).error is None

@@ -89,22 +89,22 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
     posed.mkdir()
     alone.mkdir()
     room = make_room(posed, views=6)
-    own, owner = _shuffled(room)
+    splat, owner = _shuffled(room)
     _posed_photos(room, posed)
     for folder in (posed, alone):
-        write_ply(own, folder / "own.ply")
+        write_ply(splat, folder / "own.ply")
     with open_service(settings) as service:
         with_photos = post_folder(service, posed, SceneOptions())
         without = post_folder(service, alone, SceneOptions(up="z"))
         assert (ended := _end(service, with_photos)).state == "SUCCEEDED", ended.error
 
         info = service.get_scene(with_photos.scene_id)
-        assert info.gaussians == len(own) and info.quality["splat"] == "own.ply" and info.quality["psnr"] > 20
+        assert info.gaussians == len(splat) and info.quality["splat"] == "own.ply" and info.quality["psnr"] > 20
         assert any("row 17" in warning for warning in info.quality["warnings"])
-        finite = np.arange(len(own)) != 17
+        finite = np.arange(len(splat)) != 17
         exported = read_ply(service.answers.scene_ply(info.id)[0])
         for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
-            np.testing.assert_array_equal(getattr(exported, name)[finite], getattr(own, name)[finite])
+            np.testing.assert_array_equal(getattr(exported, name)[finite], getattr(splat, name)[finite])
 
         view = info.cameras[0].name
         outputs = frozenset({"mask2d", "mask3d"})
@@ -115,7 +115,7 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
         assert len(rows) > 20 and 17 not in rows and (owner[rows] == 1).mean() > 0.9
         (answer,) = service.answers.query(replace(request, mask3d_encoding="ply")).answers
         (tmp_path / "ball.ply").write_bytes(answer.mask3d or b"")
-        np.testing.assert_array_equal(read_ply(tmp_path / "ball.ply").means, own.means[rows])
+        np.testing.assert_array_equal(read_ply(tmp_path / "ball.ply").means, splat.means[rows])
         picture = service.answers.picture(PictureRequest(info.id, "overlay", "red ball", view=view))
         assert picture.startswith(b"\x89PNG")
         assert [photo.view for photo in service.photos.all(info.id).photos] == [posed.name for posed in info.cameras]
@@ -123,9 +123,9 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
         assert (ended := _end(service, without)).state == "SUCCEEDED", ended.error
         rendered = service.get_scene(without.scene_id)
         assert service.photos.all(rendered.id).photos == ()  # pictures that were rendered are no photos
-        assert (rendered.gaussians, rendered.quality["source"], len(rendered.cameras)) == (len(own), "splat", 3)
+        assert (rendered.gaussians, rendered.quality["source"], len(rendered.cameras)) == (len(splat), "splat", 3)
         np.testing.assert_array_equal(
-            read_ply(service.answers.scene_ply(rendered.id)[0]).means[finite], own.means[finite]
+            read_ply(service.answers.scene_ply(rendered.id)[0]).means[finite], splat.means[finite]
         )
 
 

@@ -71,10 +71,10 @@ def test_a_look_makes_a_version_that_is_undone_like_an_edit(looking: Deployment)
     assert queued.kind == "look_again" and queued.scene_id == scene_id and not queued.done
     done = looking.wait_over(queued)
     assert done.state == "SUCCEEDED" and [stage.stage for stage in done.stages] == ["looking", "naming"]
-    made = _versions(looking, scene_id)[-1]
-    assert made.current and made.parent == trained.version
-    assert done.look_again is not None and done.look_again.version == made.version
-    assert [(edit.action, edit.texts) for edit in made.edits] == [("look_again", ("trophy", "toy bulldozer"))]
+    version = _versions(looking, scene_id)[-1]
+    assert version.current and version.parent == trained.version
+    assert done.look_again is not None and done.look_again.version == version.version
+    assert [(edit.action, edit.texts) for edit in version.edits] == [("look_again", ("trophy", "toy bulldozer"))]
     assert looking.service.get_scene(scene_id).dictionary[0].label == "trophy"
     assert _look(looking, scene_id, "trophy", "toy bulldozer", request_id="once").id == queued.id
     assert looking.service.get_scene(scene_id).operation_id != queued.id

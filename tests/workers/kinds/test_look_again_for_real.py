@@ -71,7 +71,7 @@ def test_a_scene_is_searched_from_the_command_line(service: SceneService, test_d
     assert [version.version for version in versions] == ["1", result["version"]] and versions[-1].current
     objects = {obj.id: obj for obj in service.answers.list_objects(scene_id).objects}
     assert {obj.id for obj in objects.values() if obj.source == "detected"} == set(named)
-    (operation,) = [one for one in service.list_operations().operations if one.kind == "look_again"]
+    (operation,) = [job for job in service.list_operations().operations if job.kind == "look_again"]
     assert operation.state == "SUCCEEDED" and [stage.stage for stage in operation.stages] == ["looking", "naming"]
     ply = [service._store.blobs.version(scene_id, version.version) / "scene.ply" for version in versions]
     assert ply[0].samefile(ply[1])  # the Gaussians are the same

@@ -57,9 +57,9 @@ def service(settings: Settings) -> Iterator[SceneService]:
 
 
 def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, models_dir, tmp_path):
-    made = trained_tabletop(test_data, models_dir)
-    tabletop = made / "table top"
-    shutil.copytree(made / "scene", tmp_path / "data")
+    folder = trained_tabletop(test_data, models_dir)
+    tabletop = folder / "table top"
+    shutil.copytree(folder / "scene", tmp_path / "data")
     with open_service(Settings(data_dir=tmp_path / "data", models=models_dir)) as service:
         (info,) = service.list_scenes().scenes
         info = service.get_scene(info.id)
@@ -87,7 +87,7 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
         assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
 
         # The photos stay with the scene, each that of its camera, and are covered by its digests.
-        assert [photo.view for photo in service.photos.all(info.id).photos] == [one.name for one in info.cameras]
+        assert [photo.view for photo in service.photos.all(info.id).photos] == [posed.name for posed in info.cameras]
         sources = {posed.name: next(tabletop.glob(f"images/{Path(posed.name).stem}.*")) for posed in info.cameras}
         for posed in info.cameras:
             path, version = service.photos.path(info.id, posed.name)
@@ -96,7 +96,7 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
         digests = path.parent.parent / "files.sha256"
         assert f"photos/{path.name}" in digests.read_text() and version == info.version
         best = service.photos.best_views(info.id, text="mug")
-        assert best.views and all(one.photo and one.share > 0 for one in best.views)
+        assert best.views and all(view.photo and view.share > 0 for view in best.views)
 
 
 def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(test_data, service, tmp_path):
@@ -124,9 +124,9 @@ def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(tes
     assert quality["psnr"] > 12
 
 
-def _difference(one: Path, other: Path) -> float:
+def _difference(left: Path, right: Path) -> float:
     """Of two pictures of one size, in steps of 8 bits."""
-    first, second = (np.asarray(Image.open(path).convert("RGB"), dtype=np.float64) for path in (one, other))
+    first, second = (np.asarray(Image.open(path).convert("RGB"), dtype=np.float64) for path in (left, right))
     return float(np.abs(first - second).mean())
 
 

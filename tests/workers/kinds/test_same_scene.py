@@ -103,8 +103,8 @@ def test_the_same_capture_gives_the_same_manifest_keys_and_arrays(
     )
     manifests = [json.loads((artefact / "scene.json").read_text()) for artefact in artefacts]
     watched = {"/quality/preview_seconds"}  # only a worker's training is watched; it is the same training
-    by_worker, *others = [sorted(set(_keys(manifest)) - watched) for manifest in manifests]
-    assert others == [by_worker] * 2
+    by_worker, *key_lists = [sorted(set(_keys(manifest)) - watched) for manifest in manifests]
+    assert key_lists == [by_worker] * 2
     assert {f"/quality/{name}" for name in ("preset", "tradeoffs", "label_source", "stage_seconds/capture")} <= set(
         by_worker
     )

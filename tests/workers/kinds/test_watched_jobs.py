@@ -19,11 +19,11 @@ from tests.workers.deployment import Deployment, kill
 def _wait_for_pictures(deployment: Deployment, operation: Operation, number: int) -> Operation:
     """The operation once it has shown so many pictures."""
 
-    def shown() -> Operation:
+    def with_pictures() -> Operation:
         return deployment.service.get_operation(operation.id)
 
-    deployment.wait_for(lambda: (preview := shown().preview) is not None and preview.number >= number)
-    return shown()
+    deployment.wait_for(lambda: (preview := with_pictures().preview) is not None and preview.number >= number)
+    return with_pictures()
 
 
 def test_a_job_shows_itself_until_it_is_ended_early_and_is_ready_then(shared_deployment: Deployment) -> None:

@@ -53,7 +53,7 @@ export function FollowUps({ state, answer, onAsk, onObject, lookAgain }: Propert
               >
                 {object.name || object.id}
               </Chip>
-              {!object.name && !answer.phrase?.refusal && confirm([object], answer.asked)}
+              {!object.name && !answer.phrase?.refusal && confirm([object], answer.noun_phrase)}
             </Fragment>
           ))}
         </ul>

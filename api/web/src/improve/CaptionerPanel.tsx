@@ -60,7 +60,7 @@ function outcome({ ask_captioner: told }: Operation) {
   return (
     told && (
       <p>
-        {texts.captioner.told(told.suggested, told.shown, told.refused)} {told.problem}
+        {texts.captioner.told(told.suggested, told.objects, told.refused)} {told.problem}
       </p>
     )
   );

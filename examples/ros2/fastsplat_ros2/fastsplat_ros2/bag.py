@@ -69,11 +69,11 @@ class BagMessages:
         return np.asarray(values)
 
 
-def write_bag(shown: Snapshot, folder: Path) -> list[str]:
+def write_bag(snapshot: Snapshot, folder: Path) -> list[str]:
     """Write a new bag (MCAP) of a scene; returns its topics. All messages have the time at which the version was made.
 
     Args:
-        shown: the scene.
+        snapshot: of the scene.
         folder: of the bag, which is not there yet.
 
     Raises:
@@ -82,14 +82,14 @@ def write_bag(shown: Snapshot, folder: Path) -> list[str]:
     """
     store = types_with_vision()
     make = BagMessages(store)
-    sent = [(topic, TOPICS[topic], message) for topic, message in published(make, shown)]
-    transform = messages.map_transform(make, shown.scene, shown.detections.frame_id, shown.stamp_ns)
+    sent = [(topic, TOPICS[topic], message) for topic, message in published(make, snapshot)]
+    transform = messages.map_transform(make, snapshot.scene, snapshot.detections.frame_id, snapshot.stamp_ns)
     if transform is not None:
         sent.append(("/tf_static", _TRANSFORMS, make.message(_TRANSFORMS, transforms=[transform])))
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
         for topic, kind, message in sent:
             connection = bag.add_connection(topic, kind, typestore=store, offered_qos_profiles=[_LATCHED])
-            bag.write(connection, shown.stamp_ns, store.serialize_cdr(message, kind))
+            bag.write(connection, snapshot.stamp_ns, store.serialize_cdr(message, kind))
     return [topic for topic, _, _ in sent]
 
 
@@ -102,16 +102,16 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         with Client(options.server, key=os.environ.get("FASTSPLAT_KEY", "")) as client:
-            shown = read_snapshot(client, options.scene)
+            snapshot = read_snapshot(client, options.scene)
     except FastSplatError as error:
         print(f"{error.reason}: {error.message}. {error.hint}", file=sys.stderr)
         return 1
     if options.out.exists():
         print(f"{options.out} is there already", file=sys.stderr)
         return 1
-    print("\n".join(write_bag(shown, options.out)))
-    if shown.no_map:
-        print(f"without a map: {shown.no_map}", file=sys.stderr)
+    print("\n".join(write_bag(snapshot, options.out)))
+    if snapshot.no_map:
+        print(f"without a map: {snapshot.no_map}", file=sys.stderr)
     return 0
 
 

@@ -60,17 +60,17 @@ def detection_array(make: MessageMaker, page: DetectionList, stamp_ns: int) -> A
         InvalidInputError: the scene is not in meters.
     """
     check_meters(page.meters)
-    boxed = [each for each in page.detections if each.box is not None]
+    boxed = [detection for detection in page.detections if detection.box is not None]
     return make.message(
         "vision_msgs/msg/Detection3DArray",
         header=_header(make, page.frame_id, stamp_ns),
-        detections=[_detection(make, each, page.frame_id, stamp_ns) for each in boxed],
+        detections=[_detection(make, detection, page.frame_id, stamp_ns) for detection in boxed],
     )
 
 
 def found(page: DetectionList, answer: Answer) -> DetectionList:
     """The objects that answer a question, the best first; parts of objects are not among them."""
-    by_id = {each.object_id: each for each in page.detections}
+    by_id = {detection.object_id: detection for detection in page.detections}
     return page._replace(detections=tuple(by_id[number] for number in answer.object_ids if number in by_id))
 
 
@@ -189,8 +189,8 @@ def check_meters(meters: bool) -> None:
 
 def whole(pages: Iterable[DetectionList]) -> DetectionList:
     """All pages of one list as one."""
-    first, *others = pages
-    everything = (*first.detections, *(each for page in others for each in page.detections))
+    first, *rest = pages
+    everything = (*first.detections, *(detection for page in rest for detection in page.detections))
     return first._replace(detections=everything, next_page_token="")
 
 
@@ -215,14 +215,14 @@ def pgm_pixels(content: bytes) -> NDArray[np.uint8]:
     return np.frombuffer(content, np.uint8, width * height, header.end()).reshape(height, width)
 
 
-def _detection(make: MessageMaker, each: Detection, frame_id: str, stamp_ns: int) -> Any:
-    assert each.box is not None
-    names = [(name, probability) for name, probability, *_ in each.alternatives]
-    if each.label and each.probability is not None:
-        names.insert(0, (each.label, each.probability))
-    seen_ns = stamp_ns if each.last_seen is None else round(each.last_seen.timestamp() * 1e6) * 1000
-    pose = _pose(make, each.box.center)
-    covariance = make.array(pose_covariance(each).ravel())
+def _detection(make: MessageMaker, detection: Detection, frame_id: str, stamp_ns: int) -> Any:
+    assert detection.box is not None
+    names = [(name, probability) for name, probability, *_ in detection.alternatives]
+    if detection.label and detection.probability is not None:
+        names.insert(0, (detection.label, detection.probability))
+    seen_ns = stamp_ns if detection.last_seen is None else round(detection.last_seen.timestamp() * 1e6) * 1000
+    pose = _pose(make, detection.box.center)
+    covariance = make.array(pose_covariance(detection).ravel())
     return make.message(
         "vision_msgs/msg/Detection3D",
         header=_header(make, frame_id, seen_ns),
@@ -234,18 +234,18 @@ def _detection(make: MessageMaker, each: Detection, frame_id: str, stamp_ns: int
             )
             for name, score in names
         ],
-        bbox=make.message("vision_msgs/msg/BoundingBox3D", center=pose, size=_vector(make, each.box.size)),
-        id=str(each.object_id),
+        bbox=make.message("vision_msgs/msg/BoundingBox3D", center=pose, size=_vector(make, detection.box.size)),
+        id=str(detection.object_id),
     )
 
 
-def pose_covariance(each: Detection) -> NDArray[np.float64]:
+def pose_covariance(detection: Detection) -> NDArray[np.float64]:
     """float64 [6, 6] of x y z and rotations about x y z: `Detection.covariance`, with `UNKNOWN_ROTATION` for what is
     not known of the orientation; every object with a box has one of its position."""
-    if each.rotation_covariance:
-        return each.covariance()
+    if detection.rotation_covariance:
+        return detection.covariance()
     unknown = tuple((UNKNOWN_ROTATION * np.eye(3)).ravel().tolist())
-    return replace(each, rotation_covariance=unknown).covariance()
+    return replace(detection, rotation_covariance=unknown).covariance()
 
 
 def _time(make: MessageMaker, stamp_ns: int) -> Any:

@@ -44,7 +44,7 @@ class SceneNode(Node):  # type: ignore[misc]  # rclpy has no types
             self.declare_parameter(name, value)
         self._scene_id: str = self.get_parameter("scene").value
         self._client = Client(self.get_parameter("server").value, key=os.environ.get("FASTSPLAT_KEY", ""))
-        self._shown: Snapshot | None = None
+        self._published: Snapshot | None = None
         self._make = RosMessages()
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._publishers_of = {
@@ -58,29 +58,29 @@ class SceneNode(Node):  # type: ignore[misc]  # rclpy has no types
     def refresh(self) -> None:
         """Publish the scene's current version, if it is not the one that is shown."""
         try:
-            if self._shown and self._client.scene(self._scene_id).version == self._shown.scene.version:
+            if self._published and self._client.scene(self._scene_id).version == self._published.scene.version:
                 return
-            shown = read_snapshot(self._client, self._scene_id)
+            snapshot = read_snapshot(self._client, self._scene_id)
         except FastSplatError as error:
             self.get_logger().error(f"{error.reason}: {error.message}. {error.hint}")
             return
-        for topic, message in published(self._make, shown):
+        for topic, message in published(self._make, snapshot):
             self._publishers_of[topic].publish(message)
-        transform = messages.map_transform(self._make, shown.scene, shown.detections.frame_id, shown.stamp_ns)
+        transform = messages.map_transform(self._make, snapshot.scene, snapshot.detections.frame_id, snapshot.stamp_ns)
         if transform is not None:
             self._transforms.sendTransform(transform)
-        if shown.no_map:
-            self.get_logger().warning(f"no map is published: {shown.no_map}")
-        self._shown = shown
+        if snapshot.no_map:
+            self.get_logger().warning(f"no map is published: {snapshot.no_map}")
+        self._published = snapshot
 
     def find(self, request: Any, response: Any) -> Any:
         """Answer a question about the version that is shown."""
         response.success, response.probability = False, float("nan")
-        if self._shown is None:
+        if self._published is None:
             response.message = "no scene is shown yet; the log says why"
             return response
         try:
-            version = self._shown.scene.version
+            version = self._published.scene.version
             (answer,) = self._client.query(self._scene_id, request.text, outputs=["objects"], version=version)
         except FastSplatError as error:
             response.message = f"{error.reason}: {error.message}. {error.hint}"
@@ -89,8 +89,8 @@ class SceneNode(Node):  # type: ignore[misc]  # rclpy has no types
         response.version = answer.version
         if answer.probability is not None:
             response.probability = answer.probability
-        page = messages.found(self._shown.detections, answer)
-        response.detections = messages.detection_array(self._make, page, self._shown.stamp_ns)
+        page = messages.found(self._published.detections, answer)
+        response.detections = messages.detection_array(self._make, page, self._published.stamp_ns)
         return response
 
 

@@ -65,9 +65,9 @@ def _pages(client: Client, scene_id: str, version: str) -> Iterator[DetectionLis
 
 
 def _made_at(client: Client, scene_id: str, version: str) -> datetime:
-    for made in client.versions(scene_id):
-        if made.version == version:
-            return made.created_at
+    for candidate in client.versions(scene_id):
+        if candidate.version == version:
+            return candidate.created_at
     raise NotFoundError(f"version {version!r} was removed meanwhile", field="version", hint="Read the scene again.")
 
 

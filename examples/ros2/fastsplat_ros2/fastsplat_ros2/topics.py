@@ -24,10 +24,10 @@ class Published(NamedTuple):
     message: Any
 
 
-def published(make: MessageMaker, shown: Snapshot) -> Iterator[Published]:
+def published(make: MessageMaker, snapshot: Snapshot) -> Iterator[Published]:
     """All messages of `TOPICS` that a scene has: a map only where it has one."""
-    frame_id, stamp_ns = shown.detections.frame_id, shown.stamp_ns
-    yield Published("/fastsplat/detections", messages.detection_array(make, shown.detections, stamp_ns))
-    yield Published("/fastsplat/points", messages.point_cloud(make, shown.points, frame_id, stamp_ns))
-    if shown.floor_map is not None:
-        yield Published("/map", messages.occupancy_grid(make, shown.floor_map, frame_id, stamp_ns))
+    frame_id, stamp_ns = snapshot.detections.frame_id, snapshot.stamp_ns
+    yield Published("/fastsplat/detections", messages.detection_array(make, snapshot.detections, stamp_ns))
+    yield Published("/fastsplat/points", messages.point_cloud(make, snapshot.points, frame_id, stamp_ns))
+    if snapshot.floor_map is not None:
+        yield Published("/map", messages.occupancy_grid(make, snapshot.floor_map, frame_id, stamp_ns))

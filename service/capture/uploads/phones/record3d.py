@@ -82,9 +82,9 @@ def _matrix(pose: Any, field: str) -> arkit.F64:
 
 def _intrinsics(document: Mapping[str, Any], index: int, name: str) -> list[float]:
     """Reads (fx, fy, cx, cy) of a frame, which change with focus."""
-    each = document.get("perFrameIntrinsicCoeffs")
-    if isinstance(each, list) and index < len(each):
-        return [float(value) for value in arkit.numbers(each[index], 4, f"{name}: perFrameIntrinsicCoeffs {index}")]
+    rows = document.get("perFrameIntrinsicCoeffs")
+    if isinstance(rows, list) and index < len(rows):
+        return [float(value) for value in arkit.numbers(rows[index], 4, f"{name}: perFrameIntrinsicCoeffs {index}")]
     k = arkit.numbers(document.get("K"), 9, f"{name}: K")
     return [float(k[0]), float(k[4]), float(k[6]), float(k[7])]
 

@@ -49,7 +49,7 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
     for rows, table in read_element(path, header, chunks):
         for group, names in _BOUNDS.items():
             if group != "color" or colored:
-                bounds[group][rows] = np.stack([table[own] for own in names], axis=1)
+                bounds[group][rows] = np.stack([table[column] for column in names], axis=1)
     count = vertex.count
     sh_count = _sh_count(path, name, header, count)
     result = SplatRows.empty(count, sh_count)
@@ -66,13 +66,13 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
     return result
 
 
-def _element(name: str, header: PlyHeader, own: str, properties: tuple[str, ...], kind: str) -> Element:
-    element = header.element(own)
+def _element(name: str, header: PlyHeader, element_name: str, properties: tuple[str, ...], kind: str) -> Element:
+    element = header.element(element_name)
     if element is None:
-        raise bad_splat(name, f"is a compressed splat without an element called {own}")
+        raise bad_splat(name, f"is a compressed splat without an element called {element_name}")
     for needed in properties:
         if needed not in (element.layout.names or ()) or element.layout[needed] != np.dtype(kind):
-            raise bad_splat(name, f"has no {np.dtype(kind).name} property {needed} in its element {own}")
+            raise bad_splat(name, f"has no {np.dtype(kind).name} property {needed} in its element {element_name}")
     return element
 
 
@@ -119,13 +119,13 @@ def _unpack_11_10_11(packed: U32) -> F32:
 
 def _unpack_rotation(packed: U32) -> F32:
     """Unpacks quaternions w x y z, [K, 4]; the highest bits locate the omitted component."""
-    others = np.stack([_unit(packed >> shift, 10) for shift in (20, 10, 0)], axis=1)
-    others = (others - 0.5) * np.float32(np.sqrt(2))
-    largest = np.sqrt(np.maximum(0, 1 - (others**2).sum(axis=1)))
+    components = np.stack([_unit(packed >> shift, 10) for shift in (20, 10, 0)], axis=1)
+    components = (components - 0.5) * np.float32(np.sqrt(2))
+    largest = np.sqrt(np.maximum(0, 1 - (components**2).sum(axis=1)))
     place = (packed >> 30).astype(np.intp)
     quats = np.empty((len(packed), 4), np.float32)
     for index in range(4):
-        own = place == index
-        quats[np.ix_(own, [column for column in range(4) if column != index])] = others[own]
-        quats[own, index] = largest[own]
+        rows = place == index
+        quats[np.ix_(rows, [column for column in range(4) if column != index])] = components[rows]
+        quats[rows, index] = largest[rows]
     return quats

@@ -68,9 +68,9 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
     place, width, harmonic = _LEVELS[level]
     at, parts = _HEADER.itemsize + len(sections) * _SECTION.itemsize, []
     for section in ({key: section[key].item() for key in _SECTION.names or ()} for section in sections):
-        own = SH_COUNTS[section["degree"]] - 1
+        sh_count = SH_COUNTS[section["degree"]] - 1
         fields = [("means", place, 3), ("scales", width, 3), ("quats", width, 4), ("rgba", "u1", 4)]
-        layout = np.dtype([*fields, ("sh", harmonic, 3 * own)])
+        layout = np.dtype([*fields, ("sh", harmonic, 3 * sh_count)])
         centers_at = at + 4 * section["partial"]
         rows_at = centers_at + section["bucket_bytes"] * section["buckets"]
         table = take(rows_at, layout, section["count"])
@@ -85,10 +85,10 @@ def read_ksplat(path: Path, name: str, limits: SplatLimits) -> SplatRows:
             steps = section["steps"] or _STEPS
             means = (means - steps) * np.float32(section["block"] / 2 / steps) + centers[bucket]
         sh = np.zeros((len(table), higher, 3), np.float32)
-        sh[:, :own] = _harmonics(table["sh"].astype(np.float32), section["degree"])
+        sh[:, :sh_count] = _harmonics(table["sh"].astype(np.float32), section["degree"])
         if harmonic == "u1":
             least, most = float(header["least"]) or -_SH_BOUND, float(header["most"]) or _SH_BOUND
-            sh[:, :own] = least + sh[:, :own] / 255 * (most - least)
+            sh[:, :sh_count] = least + sh[:, :sh_count] / 255 * (most - least)
         parts.append(_rows(means, table["quats"], table["scales"], table["rgba"], sh))
         at = rows_at + layout.itemsize * section["room"]
     return SplatRows(**{key: np.concatenate([getattr(part, key) for part in parts]) for key in vars(parts[0])})

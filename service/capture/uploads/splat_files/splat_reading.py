@@ -62,7 +62,7 @@ def is_splat_file(path: Path) -> bool:
         return suffix in _BY_SUFFIX or (suffix == ".zip" and is_sog(path))
     with path.open("rb") as file:
         header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
-    return bool(end) and header.startswith(b"ply") and any(all(own in header for own in marks) for marks in _MARKS)
+    return bool(end) and header.startswith(b"ply") and any(all(mark in header for mark in marks) for marks in _MARKS)
 
 
 def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
@@ -158,15 +158,15 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
         raise bad_splat(name, "has no element called vertex")
     check_count(name, vertex.count, limits)
     present = set(vertex.layout.names or ())
-    rest = sum(own.startswith("f_rest_") for own in present)
+    rest = sum(column.startswith("f_rest_") for column in present)
     if rest not in SH_OF_REST:
         raise bad_splat(name, f"has {rest} f_rest properties, expected {', '.join(map(str, SH_OF_REST))}")
     rest_names = tuple(f"f_rest_{index}" for index in range(rest))
     colors: tuple[str, ...] = _RGB if not present.intersection(_DC) and present.issuperset(_RGB) else _DC
-    scales = tuple(own for own in _SCALES if own in present or own != _SCALES[2])  # the splats of 2DGS are flat
-    for own in (*_MEANS, *colors, *rest_names, "opacity", *scales, *_QUATS):
-        if own not in present:
-            raise bad_splat(name, f"has no property {own}, which every Gaussian needs")
+    scales = tuple(axis for axis in _SCALES if axis in present or axis != _SCALES[2])  # the splats of 2DGS are flat
+    for column in (*_MEANS, *colors, *rest_names, "opacity", *scales, *_QUATS):
+        if column not in present:
+            raise bad_splat(name, f"has no property {column}, which every Gaussian needs")
     count, sh_count = vertex.count, SH_OF_REST[rest]
     check_size(path, header, vertex)
     result = SplatRows.empty(count, sh_count)
@@ -188,5 +188,5 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
 
 def _fill(out: F32, table: Table, names: tuple[str, ...]) -> None:
     with np.errstate(over="ignore", invalid="ignore"):  # a double that no float can hold becomes infinite
-        for column, own in enumerate(names):
-            out[:, column] = table[own]
+        for column, name in enumerate(names):
+            out[:, column] = table[name]

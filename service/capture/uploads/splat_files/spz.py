@@ -107,14 +107,14 @@ def _streams(file: BinaryIO, name: str, sizes: list[int]) -> tuple[list[bytes], 
     records = file.read(begin - file.tell())
     table = file.read(_STREAM.size * len(sizes))
     lengths = list(_STREAM.iter_unpack(table)) if len(table) == _STREAM.size * len(sizes) else []
-    if [whole for _, whole in lengths] != sizes or file.tell() + sum(own for own, _ in lengths) > os.fstat(
+    if [whole for _, whole in lengths] != sizes or file.tell() + sum(length for length, _ in lengths) > os.fstat(
         file.fileno()
     ).st_size:
         raise bad_splat(name, "has streams of other sizes than its header says")
     contents = []
-    for (own, _), size in zip(lengths, sizes, strict=True):
+    for (length, _), size in zip(lengths, sizes, strict=True):
         inflater = zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW_BYTES)
-        with inflater.stream_reader(file.read(own)) as stream:
+        with inflater.stream_reader(file.read(length)) as stream:
             contents.append(stream.read(size))
     return contents, records
 
@@ -173,7 +173,7 @@ def _smallest_three(packed: U8) -> F32:
     xyzw = np.zeros((len(word), 4), np.float32)
     for index in range(4):
         rows = np.flatnonzero(place == index)
-        for shift, column in enumerate(own for own in (3, 2, 1, 0) if own != index):
+        for shift, column in enumerate(component for component in (3, 2, 1, 0) if component != index):
             part = word[rows] >> np.uint32(10 * shift)
             magnitude = (part & 511).astype(np.float32) * np.float32(np.sqrt(0.5) / 511)
             xyzw[rows, column] = np.where(part & 512, -magnitude, magnitude)

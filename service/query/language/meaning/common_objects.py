@@ -45,10 +45,10 @@ def _by_name() -> dict[str, tuple[CommonObject, ...]]:
     """Objects of the list by name."""
     found: dict[str, list[CommonObject]] = {}
     for line in FILE.read_text("ascii").splitlines():
-        name, others, kinds, uses = line.split("|")
-        obj = CommonObject((name.strip(), *_parts(others, ",")), frozenset(_parts(kinds, ",")), _parts(uses, ";"))
-        for each in obj.names:
-            found.setdefault(each, []).append(obj)
+        name, aliases, kinds, uses = line.split("|")
+        obj = CommonObject((name.strip(), *_parts(aliases, ",")), frozenset(_parts(kinds, ",")), _parts(uses, ";"))
+        for obj_name in obj.names:
+            found.setdefault(obj_name, []).append(obj)
     return {name: tuple(objects) for name, objects in found.items()}
 
 
@@ -76,18 +76,18 @@ def are_other_objects(text: str, names: Sequence[str]) -> bool:
     Whole names only. Most of their kinds must belong to one alone: a sofa is no teddy bear, a chair no dining table
     (both are furniture). A fork and a spoon, of the same kinds, may stand in for each other, as may objects named by a
     use (coffee, cup)."""
-    asked, whole = common_objects(text)
+    text_objects, whole = common_objects(text)
     found = [objects for objects, sure in map(common_objects, names) if sure]
     if not whole or not found:
         return False
     labeled = {obj for objects in found for obj in objects}
-    own = {label_key(name) for name in names} | {name for obj in labeled for name in obj.names}
-    wanted = {label_key(text)} | {name for obj in asked for name in obj.names}
-    above = {kind for obj in asked for kind in obj.kinds}
+    label_names = {label_key(name) for name in names} | {name for obj in labeled for name in obj.names}
+    wanted = {label_key(text)} | {name for obj in text_objects for name in obj.names}
+    above = {kind for obj in text_objects for kind in obj.kinds}
     below = {kind for obj in labeled for kind in obj.kinds}
     shared, used = above & below, _use_words(labeled)
     served = {text} if shared else {text, *above}
-    if own & (wanted | above) or below & wanted or any(stems(each) <= used for each in served):
+    if label_names & (wanted | above) or below & wanted or any(stems(phrase) <= used for phrase in served):
         return False
     return 2 * len(shared) < len(above | below)
 
@@ -96,28 +96,34 @@ class KnownLabels:
     """Knowledge of the list about N labels (names of each, its own first); thread-safe."""
 
     def __init__(self, names: Sequence[Sequence[str]], cache: TextCache) -> None:
-        found = [[common_objects(name) for name in each] for each in names]
-        objects = [tuple(dict.fromkeys(obj for some, _ in each for obj in some)) for each in found]
-        whole = np.array([any(whole for _, whole in each) for each in found], dtype=np.bool_)
-        self._label_known = 0.5 * (np.array([bool(each) for each in objects]) + whole.astype(np.float64))
-        kinds = [frozenset[str]().union(*(obj.kinds for obj in each)) for each in objects]
-        self._kinds = np.array([len(each) for each in kinds], dtype=np.float64)
+        found = [[common_objects(name) for name in label_names] for label_names in names]
+        objects = [tuple(dict.fromkeys(obj for some, _ in matches for obj in some)) for matches in found]
+        whole = np.array([any(whole for _, whole in matches) for matches in found], dtype=np.bool_)
+        self._label_known = 0.5 * (
+            np.array([bool(label_objects) for label_objects in objects]) + whole.astype(np.float64)
+        )
+        kinds = [frozenset[str]().union(*(obj.kinds for obj in label_objects)) for label_objects in objects]
+        self._kinds = np.array([len(label_kinds) for label_kinds in kinds], dtype=np.float64)
         self._by_kind = rows_by_key(kinds)
-        self._by_use_word = rows_by_key([_use_words(each) for each in objects])
-        keys = [{label_key(name) for name in each} for each in names]
+        self._by_use_word = rows_by_key([_use_words(label_objects) for label_objects in objects])
+        keys = [{label_key(name) for name in label_names} for label_names in names]
         self._by_name = rows_by_key(keys)
-        self._by_object = rows_by_key([each if sure else () for each, sure in zip(objects, whole, strict=True)])
-        others = [
-            _first(other for obj in each for other in obj.names if other not in own) if sure else ()
-            for each, sure, own in zip(objects, whole, keys, strict=True)
+        self._by_object = rows_by_key(
+            [label_objects if sure else () for label_objects, sure in zip(objects, whole, strict=True)]
+        )
+        synonyms = [
+            _first(name for obj in label_objects for name in obj.names if name not in label_keys) if sure else ()
+            for label_objects, sure, label_keys in zip(objects, whole, keys, strict=True)
         ]
-        self._others = LabelTexts(others, cache)
-        self._uses = LabelTexts([_first(use for obj in each for use in obj.uses) for each in objects], cache)
+        self._synonyms = LabelTexts(synonyms, cache)
+        self._uses = LabelTexts(
+            [_first(use for obj in label_objects for use in obj.uses) for label_objects in objects], cache
+        )
 
     @property
     def nbytes(self) -> int:
         """Bytes of the embeddings."""
-        return self._others.nbytes + self._uses.nbytes
+        return self._synonyms.nbytes + self._uses.nbytes
 
     @property
     def keys(self) -> int:
@@ -137,11 +143,11 @@ class KnownLabels:
             question: float32 [E], its embedding.
             similarity: float64 [N], cosines with the labels.
         """
-        asked, whole = common_objects(phrase)
+        objects, whole = common_objects(phrase)
         key = label_key(phrase)
-        above = frozenset[str]().union(*(obj.kinds for obj in asked))
+        above = frozenset[str]().union(*(obj.kinds for obj in objects))
         columns = np.zeros((len(COLUMNS), len(self._kinds)))
-        for obj in asked if whole else ():
+        for obj in objects if whole else ():
             columns[0, self._by_object.get(obj, NO_ROWS)] = 1.0
         columns[0, self._by_name.get(key, NO_ROWS)] = 1.0
         columns[1, self._by_kind.get(key, NO_ROWS)] = 1.0
@@ -149,12 +155,12 @@ class KnownLabels:
             columns[2, self._by_name.get(kind, NO_ROWS)] = float(whole)
             columns[3, self._by_kind.get(kind, NO_ROWS)] += 1.0
         columns[3] /= np.maximum(len(above) + self._kinds - columns[3], 1.0)
-        used = _use_words(asked) if whole else frozenset[str]()
+        used = _use_words(objects) if whole else frozenset[str]()
         for word in used:
             columns[4, self._by_use_word.get(word, NO_ROWS)] += 1.0 / len(used)
-        columns[5] = np.maximum(self._others.nearest(question, similarity), similarity)
+        columns[5] = np.maximum(self._synonyms.nearest(question, similarity), similarity)
         columns[6] = self._uses.nearest(question, UNKNOWN * similarity)
-        columns[7] = 0.5 * (bool(asked) + whole)
+        columns[7] = 0.5 * (bool(objects) + whole)
         columns[8] = self._label_known
         return columns.T
 

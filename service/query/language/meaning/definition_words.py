@@ -53,12 +53,12 @@ class DefinitionWords:
 
     def shared(self, question: str) -> F64:
         """Share of the question's words in each label's definitions, [N]; common words weigh less."""
-        asked = stems(question)
+        question_stems = stems(question)
         values = np.zeros(self._count)
-        for stem in asked:
+        for stem in question_stems:
             rows = self._rows.get(stem, NO_ROWS)
             values[rows] += 1.0 - len(rows) / (self._count + 1)
-        return values / max(len(asked), 1)
+        return values / max(len(question_stems), 1)
 
     def done(self, verbs: Mapping[str, int]) -> F64:
         """Verbs (with hypernym steps) in each label's definitions, float64 [N], 0..1."""
@@ -96,11 +96,11 @@ def verbs_of(words: Sequence[str], lexicon: Lexicon) -> tuple[dict[str, int], li
 def rows_by_key(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:
     """Rows that have each key, in order."""
     found: dict[_Key, list[int]] = {}
-    for row, each in enumerate(keys):
-        for key in each:
+    for row, row_keys in enumerate(keys):
+        for key in row_keys:
             found.setdefault(key, []).append(row)
     return {key: np.array(rows, dtype=np.intp) for key, rows in found.items()}
 
 
 def _by_stem(texts: Sequence[Iterable[str]]) -> dict[str, NDArray[np.intp]]:
-    return rows_by_key([frozenset[str]().union(*map(stems, each)) for each in texts])
+    return rows_by_key([frozenset[str]().union(*map(stems, row_texts)) for row_texts in texts])

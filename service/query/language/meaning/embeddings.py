@@ -70,9 +70,9 @@ class TextCache:
 
     def of(self, owner: str) -> TextCache:
         """Returns one owner's view, so that response times leak no queries; capacity is shared."""
-        other = copy.copy(self)
-        other._owner = owner
-        return other
+        view = copy.copy(self)
+        view._owner = owner
+        return view
 
     def embed(self, names: Sequence[str], templates: Sequence[str] | None = None) -> F32:
         """Embeds names in `templates` (or the cache's own), [B, E], unit length, encoding only new ones."""

@@ -119,7 +119,7 @@ class LabelMeanings:
     def __init__(self, dictionary: Dictionary, lexicon: Lexicon, caches: TextCaches) -> None:
         self._lexicon, self._cache = lexicon, caches.texts
         self._names = names = _names(dictionary)
-        meanings = [label_meaning(each, lexicon) for each in names]
+        meanings = [label_meaning(label_names, lexicon) for label_names in names]
         self._count = len(names)
         self._known = np.array([bool(meaning.senses) for meaning in meanings], dtype=np.bool_)
         self._whole = np.array([meaning.whole for meaning in meanings], dtype=np.float64)
@@ -128,7 +128,7 @@ class LabelMeanings:
         ).reshape(self._count, len(SOLID))
         self._meanings = meanings
         self._definitions = LabelTexts(
-            [definitions(each[0], m.senses, lexicon) for each, m in zip(names, meanings, strict=True)],
+            [definitions(label_names[0], m.senses, lexicon) for label_names, m in zip(names, meanings, strict=True)],
             caches.definitions,
         )
         self._known_objects = KnownLabels(names, caches.definitions)
@@ -138,8 +138,8 @@ class LabelMeanings:
                 for m in meanings
             ],
             [
-                [*each, *(word for s in m.senses[:1] for word in s.words)]
-                for each, m in zip(names, meanings, strict=True)
+                [*label_names, *(word for s in m.senses[:1] for word in s.words)]
+                for label_names, m in zip(names, meanings, strict=True)
             ],
         )
         self._by_sense = _inverted((row, s.id, rare) for row, m in enumerate(meanings) for s, rare in m.ranked)
@@ -154,9 +154,9 @@ class LabelMeanings:
         self._parts = _inverted(
             (row, part, rare) for row, m in enumerate(meanings) for s, rare in m.ranked for part in s.parts
         )
-        words = [label_key(each[0]).split(" ") for each in names]
-        self._last = _inverted((row, each[-1], 1.0) for row, each in enumerate(words))
-        self._words = _inverted((row, word, 1.0) for row, each in enumerate(words) for word in each)
+        words = [label_key(label_names[0]).split(" ") for label_names in names]
+        self._last = _inverted((row, label_words[-1], 1.0) for row, label_words in enumerate(words))
+        self._words = _inverted((row, word, 1.0) for row, label_words in enumerate(words) for word in label_words)
 
     @property
     def nbytes(self) -> int:
@@ -172,7 +172,7 @@ class LabelMeanings:
 
     def is_word(self, word: str) -> bool:
         """True if the lexicon has the word, its singular, its two parts, or a verb."""
-        known = any(self._lexicon.senses(each) for each in (word, label_key(word))) or self._lexicon.is_verb(word)
+        known = any(self._lexicon.senses(form) for form in (word, label_key(word))) or self._lexicon.is_verb(word)
         return known or len(compound_parts(word, self._lexicon)) > 1
 
     def meaning(self, text: str) -> Meaning:
@@ -219,9 +219,9 @@ class LabelMeanings:
         for name in _CLASSES:
             columns[place[f"is_{name}"]] = name in classes
         columns[place["is_other"]] = bool(classes) and not classes & set(_CLASSES)
-        columns[place["compound"]] = named_last.kept
+        columns[place["compound"]] = named_last.same_kind
         columns[place["feigned"]] = named_last.feigned
-        columns[place["other_name"]] = named_last.other
+        columns[place["other_name"]] = named_last.other_name
         verbs, glosses_of_verbs = verbs_of(self._verbs_in(words), self._lexicon)
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)
@@ -236,8 +236,8 @@ class LabelMeanings:
             _raise(same, self._by_sense.get(sense.id), partial(_nearness, 1.0 + rare))
             _raise(wider, self._above.get(sense.id), partial(_nearness, rare))
             _raise(part, self._parts.get(sense.id), partial(_nearness, 1.0 + rare))
-            for own in sense.parts:
-                _raise(whole, self._by_sense.get(own), partial(_nearness, 1.0 + rare))
+            for part_id in sense.parts:
+                _raise(whole, self._by_sense.get(part_id), partial(_nearness, 1.0 + rare))
             for above, steps in self._lexicon.wider(sense.id).items():
                 if steps:
                     _raise(narrower, self._by_sense.get(above), partial(_nearness, steps + rare))
@@ -324,9 +324,9 @@ def _inverted(triples: Iterable[tuple[int, _Key, float]]) -> dict[_Key, tuple[Ro
 class Compounds:
     """Labels that end the question, after words without a label; of N labels."""
 
-    kept: _Mask  # bool [N], those that these words leave what they are: "chair" of "wicker chair"
+    same_kind: _Mask  # bool [N], those that these words leave what they are: "chair" of "wicker chair"
     feigned: _Mask  # bool [N], those of which they make something else: "car" of "toy car"
-    other: _Mask  # bool [N], those that end the name of something else: "table" of "periodic table"
+    other_name: _Mask  # bool [N], those that end the name of something else: "table" of "periodic table"
     before: Mapping[int, str]  # by row of a kept one, the words before it: "wicker"
 
 
@@ -350,20 +350,20 @@ def _compounds_of(
         labels: meanings of the labels.
         wider: hypernyms of the question's first sense, by id, including itself.
     """
-    kept, feigned, other = np.zeros((3, len(labels)), dtype=np.bool_)
+    same_kind, feigned, other_kind = np.zeros((3, len(labels)), dtype=np.bool_)
     before = {}
     for row, count in bases.items():
         free = words[: len(words) - count]
-        own = labels[row]
+        label = labels[row]
         if meaning.words > count:
-            kinds = any(sense.id in wider for sense, rare in own.ranked if rare <= _RAREST)
-            kept[row], other[row] = kinds, not kinds
+            kinds = any(sense.id in wider for sense, rare in label.ranked if rare <= _RAREST)
+            same_kind[row], other_kind[row] = kinds, not kinds
         else:
-            feigned[row] = not _FEIGNING.isdisjoint(free) or (_lives(own) and not _MATERIALS.isdisjoint(free))
-            kept[row] = not feigned[row]
-        if kept[row]:
+            feigned[row] = not _FEIGNING.isdisjoint(free) or (_lives(label) and not _MATERIALS.isdisjoint(free))
+            same_kind[row] = not feigned[row]
+        if same_kind[row]:
             before[row] = " ".join(free)
-    return Compounds(kept, feigned, other, before)
+    return Compounds(same_kind, feigned, other_kind, before)
 
 
 def _lives(label: Meaning) -> bool:

@@ -20,10 +20,10 @@ class LabelTexts:
     """Texts of each of N labels, embedded without templates; thread-safe."""
 
     def __init__(self, texts: Sequence[Sequence[str]], cache: TextCache) -> None:
-        flat = [text for each in texts for text in each or (_NOTHING,)]
+        flat = [text for row_texts in texts for text in row_texts or (_NOTHING,)]
         self._embedded = cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32)
-        self._starts = np.cumsum([0, *(len(each) or 1 for each in texts)])[:-1].astype(np.intp)
-        self._known: NDArray[np.bool_] = np.array([bool(each) for each in texts], dtype=np.bool_)
+        self._starts = np.cumsum([0, *(len(row_texts) or 1 for row_texts in texts)])[:-1].astype(np.intp)
+        self._known: NDArray[np.bool_] = np.array([bool(row_texts) for row_texts in texts], dtype=np.bool_)
 
     @property
     def nbytes(self) -> int:

@@ -120,9 +120,9 @@ def _lead(values: F64, background: float) -> F64:
     if not len(values):
         return values
     first = int(values.argmax())
-    others = np.full(len(values), max(values[first], background))
-    others[first] = max(np.partition(values, -2)[-2], background) if len(values) > 1 else background
-    return np.asarray(np.clip(values - others, -_LEAD_LIMIT, _LEAD_LIMIT))
+    rivals = np.full(len(values), max(values[first], background))
+    rivals[first] = max(np.partition(values, -2)[-2], background) if len(values) > 1 else background
+    return np.asarray(np.clip(values - rivals, -_LEAD_LIMIT, _LEAD_LIMIT))
 
 
 def weighs_meanings(settings: QuerySettings) -> bool:

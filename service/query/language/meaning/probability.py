@@ -63,14 +63,14 @@ class ScoreCalibration(BaseModel):
 
 def leads(scores: F64, background: float) -> F64:
     """Lead of each entry over the best other and the background, [..., N], clipped."""
-    others = np.full(scores.shape, background)
+    rivals = np.full(scores.shape, background)
     if scores.shape[-1] > 1:
         first = scores.argmax(axis=-1)[..., None]
         rest = scores.copy()
         np.put_along_axis(rest, first, -np.inf, axis=-1)
-        np.maximum(others, np.take_along_axis(scores, first, axis=-1), out=others)
-        np.put_along_axis(others, first, np.maximum(rest.max(axis=-1, keepdims=True), background), axis=-1)
-    return np.asarray(np.clip(scores - others, -LEAD_LIMIT, LEAD_LIMIT))
+        np.maximum(rivals, np.take_along_axis(scores, first, axis=-1), out=rivals)
+        np.put_along_axis(rivals, first, np.maximum(rest.max(axis=-1, keepdims=True), background), axis=-1)
+    return np.asarray(np.clip(scores - rivals, -LEAD_LIMIT, LEAD_LIMIT))
 
 
 def entry_probability(scores: F64, calibration: ScoreCalibration) -> F64:

@@ -42,9 +42,9 @@ def label_meaning(names: Sequence[str], lexicon: Lexicon) -> Meaning:
     ranks: dict[Sense, float] = {}
     whole = False
     for name in names:
-        own = ranked(lexicon.senses(name))
-        whole = whole or bool(own)
-        for sense, rare in own or head_meaning(name, lexicon).ranked:
+        senses = ranked(lexicon.senses(name))
+        whole = whole or bool(senses)
+        for sense, rare in senses or head_meaning(name, lexicon).ranked:
             ranks[sense] = min(rare, ranks.get(sense, rare))
     return Meaning(tuple(ranks.items()), whole)
 

@@ -13,12 +13,12 @@ from fastsplat_contract.photos.observations import Observation
 def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
     """Updates an observation's names and sentences by current names, by object id."""
 
-    def told(change: SceneChange) -> SceneChange:
+    def updated(change: SceneChange) -> SceneChange:
         name = names.get(change.object_id, change.name)
         sentence = change_sentence(change.kind, change.object_id, name, change.distance, observation.meters)
         return change._replace(name=name, sentence=sentence)
 
-    changes = tuple(map(told, observation.changes))
+    changes = tuple(map(updated, observation.changes))
     return replace(observation, changes=changes, sentence=changes_sentence(changes, len(observation.looked_at)))
 
 
@@ -34,8 +34,8 @@ def change_sentence(kind: ChangeKind, object_id: int, name: str, distance: float
     """Sentence of one change; `object_id` 0: of no object of the scene."""
     by = f"has moved by {distance:.2f} {'m' if meters else 'scene units'}."
     if not object_id:
-        told = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}
-        return f"Something {told.get(kind, 'new stands where nothing stood.')}"
+        endings = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}
+        return f"Something {endings.get(kind, 'new stands where nothing stood.')}"
     called = f"The {quoted(name)}" if name else f"Object {object_id}, which has no name,"
     if kind == "gone":
         return f"{called} is not where it was."

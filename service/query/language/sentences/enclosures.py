@@ -36,5 +36,5 @@ def is_furniture(text: str) -> bool:
 def may_hold(unseen: UnseenSpace, text: str, taken_for: Mapping[int, str]) -> tuple[Hollow, ...]:
     """Unseen insides of objects where `text` ("": of usual size) may be, largest first."""
     width = width_needed(text) * unseen.meter
-    wide = (each for each in unseen.hollows if each.width >= width and each.object_id in taken_for)
-    return tuple(each for each in wide if is_kept_shut(taken_for[each.object_id]))
+    wide = (hollow for hollow in unseen.hollows if hollow.width >= width and hollow.object_id in taken_for)
+    return tuple(hollow for hollow in wide if is_kept_shut(taken_for[hollow.object_id]))

@@ -32,17 +32,21 @@ class HistoryAnswers:
         if answer.outcome not in ("here", "probably_here"):
             return answer
         objects = self._objects(answer)
-        changed = [each for each in objects if (last := self._last(each)) is not None and last.change is not None]
-        missing = [each for each in changed if self._missing_since(each) is not None]
-        told = " ".join(map(self._told, changed[:_MOST_TOLD]))
+        changed = [
+            object_id
+            for object_id in objects
+            if (last := self._last(object_id)) is not None and last.change is not None
+        ]
+        missing = [object_id for object_id in changed if self._missing_since(object_id) is not None]
+        text = " ".join(map(self._last_change, changed[:_MOST_TOLD]))
         if not changed:
             return answer
         if len(missing) < len(objects):
-            return _saying(answer, answer.outcome, f"{answer.sentence} {told}")
+            return _saying(answer, answer.outcome, f"{answer.sentence} {text}")
         where = "its place is that where it was" if len(missing) == 1 else "their places are those where they were"
-        return _saying(answer, "not_here", f"Not here any more: {self._in_words(objects)}; {where}. {told}")
+        return _saying(answer, "not_here", f"Not here any more: {self._in_words(objects)}; {where}. {text}")
 
-    def asked(self, question: TimeQuestion, answer: Answer) -> Answer:
+    def answer_to(self, question: TimeQuestion, answer: Answer) -> Answer:
         """Answers a question about time, given the answer to its words for objects."""
         if question.asks == "events":
             return self._events(question, answer)
@@ -52,12 +56,12 @@ class HistoryAnswers:
         opening = "" if answer.outcome == "here" else f"Probably{percent(answer.probability)}: "
         if question.asks == "place":
             assert question.when is not None
-            told = [self._place_at(each, question.when) for each in objects[:_MOST_TOLD]]
+            sentences = [self._place_at(object_id, question.when) for object_id in objects[:_MOST_TOLD]]
         else:
-            told = [self._seen(each) for each in objects[:_MOST_TOLD]]
+            sentences = [self._seen(object_id) for object_id in objects[:_MOST_TOLD]]
         more = len(objects) - _MOST_TOLD
-        sentence = opening + " ".join(told) + (f" There are {more} more." if more > 0 else "")
-        gone = question.asks == "last_seen" and all(self._missing_since(each) is not None for each in objects)
+        sentence = opening + " ".join(sentences) + (f" There are {more} more." if more > 0 else "")
+        gone = question.asks == "last_seen" and all(self._missing_since(object_id) is not None for object_id in objects)
         return _saying(answer, "not_here" if gone else answer.outcome, sentence)
 
     def _objects(self, answer: Answer) -> Sequence[int]:
@@ -77,22 +81,22 @@ class HistoryAnswers:
             relation_subject=None,
             probability=None,
         )
-        fresh = [each for each in observations if since is None or each.seen_at >= since.start]
+        fresh = [observation for observation in observations if since is None or observation.seen_at >= since.start]
         if not fresh:
-            asked = "" if since is None else f" since {_day(since.start)}"
-            made = "" if self._history.made_at is None else f"; the scene is of {_day(self._history.made_at)}"
-            nothing = f"Cannot say: no photos of another day are kept with this scene{asked}{made}."
+            period = "" if since is None else f" since {_day(since.start)}"
+            scene_date = "" if self._history.made_at is None else f"; the scene is of {_day(self._history.made_at)}"
+            nothing = f"Cannot say: no photos of another day are kept with this scene{period}{scene_date}."
             return _saying(replace(about, relation="undecided"), "cannot_say", nothing)
         changes = self._changes(question)
-        seen = {each for observation in fresh for each in observation.looked_at}
-        days = enumerated(list(dict.fromkeys(_day(each.seen_at) for each in fresh))[-_MOST_TOLD:])
+        seen = {object_id for observation in fresh for object_id in observation.looked_at}
+        days = enumerated(list(dict.fromkeys(_day(observation.seen_at) for observation in fresh))[-_MOST_TOLD:])
         if not changes:
             total = max(len(self._names.present), len(seen))
             share = f"{len(seen)} of {total}" if len(seen) < total else f"{total}"
             objects = f"{share} object{'' if total == 1 else 's'}"
             none = f"{_nothing(question)}: photos of {days} looked at {objects}."
             return _saying(replace(about, relation="absent"), "not_here", none)
-        told = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
+        text = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
         more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
         return _saying(
             replace(
@@ -102,7 +106,7 @@ class HistoryAnswers:
                 probability=min(change.probability for change, _ in changes),
             ),
             "here",
-            f"By photos of {days}: {told}{more}",
+            f"By photos of {days}: {text}{more}",
         )
 
     def _changes(self, question: TimeQuestion) -> list[tuple[SceneChange, datetime]]:
@@ -123,13 +127,13 @@ class HistoryAnswers:
                 nameless = [
                     change for change in observation.changes if not change.object_id and change.kind in question.events
                 ]
-                found += [(each, observation.seen_at) for each in nameless]
-        return sorted(found, key=lambda each: -each[0].probability)
+                found += [(change, observation.seen_at) for change in nameless]
+        return sorted(found, key=lambda pair: -pair[0].probability)
 
     def _place_at(self, object_id: int, when: When) -> str:
         """Sentence about an object's place on a day, by the last photos until its end."""
         name = self._name(object_id)
-        known = [each for each in self._sightings(object_id) if each.at < when.end]
+        known = [sighting for sighting in self._sightings(object_id) if sighting.at < when.end]
         day = _day(when.start)
         if known:
             last = known[-1]
@@ -137,23 +141,23 @@ class HistoryAnswers:
             if last.change is None:
                 return f"{name} was where the scene shows it, by photos of {_day(last.at)}{late}."
             return f"By photos of {_day(last.at)}{late}: {self._sentence(last.change)}"
-        made = self._history.made_at
-        if made is None:
+        made_at = self._history.made_at
+        if made_at is None:
             unknown = "the scene's own do not say when they were taken"
             return f"No photo of {day} or before shows {name[0].lower()}{name[1:]}, and {unknown}."
-        return f"No photo is of {day} or before: the scene is of {_day(made)}."
+        return f"No photo is of {day} or before: the scene is of {_day(made_at)}."
 
     def _seen(self, object_id: int) -> str:
         seen, name = self._history.last_seen(self._whole(object_id)), self._name(object_id)
         if self._missing_since(object_id) is not None:
-            return self._told(object_id)
+            return self._last_change(object_id)
         if seen is None:
             return f"{name} is in the scene, whose photos do not say when they were taken."
         last = self._last(object_id)
         moved = f" {self._sentence(last.change)}" if last is not None and last.change is not None else ""
         return f"{name} was last seen on {_day(seen)}.{moved}"
 
-    def _told(self, object_id: int) -> str:
+    def _last_change(self, object_id: int) -> str:
         """Sentence about an object's last change."""
         since, seen = self._missing_since(object_id), self._history.last_seen(self._whole(object_id))
         last = self._last(object_id)
@@ -184,8 +188,8 @@ class HistoryAnswers:
         return self._history.sightings(self._whole(object_id))
 
     def _last(self, object_id: int) -> Sighting | None:
-        own = self._sightings(object_id)
-        return own[-1] if own else None
+        sightings = self._sightings(object_id)
+        return sightings[-1] if sightings else None
 
     def _missing_since(self, object_id: int) -> datetime | None:
         return self._history.missing_since(self._whole(object_id))

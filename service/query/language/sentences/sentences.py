@@ -93,11 +93,11 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
 
 def spoken(ranked: Ranked, names: ObjectNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
     """Adds outcome and sentence to an answer."""
-    answer, remarks = replace(ranked.answer, asked=ranked.asked), ranked.remarks
+    answer, remarks = replace(ranked.answer, noun_phrase=ranked.noun_phrase), ranked.remarks
     of_conditions = answer.phrase is not None and not remarks.head
-    held = () if of_conditions else may_hold(unseen, answer.asked, names.taken_for)
+    held = () if of_conditions else may_hold(unseen, answer.noun_phrase, names.taken_for)
     closest = ""
-    if remarks.other:
+    if remarks.other_object:
         closest = f"; the closest is {_belonging(answer.relevant_ids[:1], _labels(answer), names, in_words)}"
         answer = _without_closest(answer)
         ranked = replace(ranked, answer=answer, verdict="absent")
@@ -155,7 +155,9 @@ def _found(ranked: Ranked, names: ObjectNames, in_words: InWords) -> str:
         relation = f", {_RELATIONS[answer.relation, answer.relation_subject].format(text=question)}"
     if verdict == "possible" and not any(map(names.is_borne, ids)):
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
-        sources = sorted({source for each in ids if each in names.table for source in names.table[each].sources})
+        sources = sorted(
+            {source for label_id in ids if label_id in names.table for source in names.table[label_id].sources}
+        )
         said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
         return f"{in_words(answer.object_ids)} may be {may_be}{said_by}{relation}{remark}"
     if verdict in ("exact", "possible"):
@@ -174,29 +176,31 @@ def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: Objec
     """Describes the objects of some names, or the names if labels are not of objects."""
     if all(label_id in names.by_label for label_id in label_ids):
         return in_words(names.of_labels(label_ids))
-    shown = [quoted(labels[label_id]) for label_id in label_ids]
-    return enumerated(shown[:MOST_NAMED], max(0, len(shown) - MOST_NAMED))
+    quotes = [quoted(labels[label_id]) for label_id in label_ids]
+    return enumerated(quotes[:MOST_NAMED], max(0, len(quotes) - MOST_NAMED))
 
 
 def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ObjectNames, in_words: InWords) -> str:
     """Describes the objects that a phrase means."""
-    shown = in_words(answer.object_ids)
-    count = f"{phrase.count} ({shown})" if phrase.count is not None else shown
-    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.object_ids)
-    head = f" for {quoted(phrase.head)}" if phrase.head and other else ""
+    objects = in_words(answer.object_ids)
+    count = f"{phrase.count} ({objects})" if phrase.count is not None else objects
+    is_other = any(
+        label_key(names.called.get(object_id, "")) != label_key(phrase.head) for object_id in answer.object_ids
+    )
+    head = f" for {quoted(phrase.head)}" if phrase.head and is_other else ""
     return ", ".join((f"{count}{head}", *phrase.conditions)) + _left_open(phrase, remarks, in_words)
 
 
 def _missing(answer: Answer, remarks: Remarks, names: ObjectNames, in_words: InWords) -> str:
     """Phrase for what is not here."""
     if answer.phrase is not None and not remarks.head:
-        return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
+        return f"nothing is {_question_text(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
     only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
-    count, asked = len(names.table), answer.asked
-    searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {quoted(asked)}"}
-    none = searched.get(count, f"none of the {count} names in this scene is {quoted(asked)}")
-    if count and names.dictionary.id_of(asked):
-        none = f"nothing bears the name {quoted(asked)}"
+    count, text = len(names.table), answer.noun_phrase
+    searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {quoted(text)}"}
+    none = searched.get(count, f"none of the {count} names in this scene is {quoted(text)}")
+    if count and names.dictionary.id_of(text):
+        none = f"nothing bears the name {quoted(text)}"
     return f"{none}{_unnamed(answer)}{only}"
 
 
@@ -205,7 +209,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ObjectNames, in_
     called = names.called if names.stored else names.taken_for
     said = []
     if unseen.hides:
-        behind = list(dict.fromkeys(quoted(name) for each in unseen.behind if (name := called.get(each))))
+        behind = list(dict.fromkeys(quoted(name) for object_id in unseen.behind if (name := called.get(object_id))))
         where = f", most of it behind or in {enumerated(behind)}" if behind else ""
         said.append(f"no photo shows {round(100 * unseen.share)} % of the place{where}")
     if held:
@@ -227,19 +231,19 @@ def _unsaid(answer: Answer, remarks: Remarks, names: ObjectNames, in_words: InWo
         reason = _REFUSALS[phrase.refusal.reason].format(part=quoted(phrase.refusal.part))
         understood = ""
         if phrase.refusal.reason == "not_understood" and (phrase.head or phrase.conditions):
-            understood = f"; understood was {_asked(phrase)}"
+            understood = f"; understood was {_question_text(phrase)}"
         may_be = f"; it may be {in_words(answer.object_ids)}" if answer.object_ids else ""
         choice = _CHOICES.get(phrase.refusal.reason, "")
         return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
-    unnamed, asked = answer.searched.unnamed_objects, answer.asked
+    unnamed, text = answer.searched.unnamed_objects, answer.noun_phrase
     if not unnamed:
-        return f" whether {quoted(asked)} is here: something here may be it, and no name says so; ask by another word"
+        return f" whether {quoted(text)} is here: something here may be it, and no name says so; ask by another word"
     have = "one object has no name" if unnamed == 1 else f"{unnamed} objects have no name"
-    none = "nothing bears that name" if names.dictionary.id_of(asked) else "no name here is it"
+    none = "nothing bears that name" if names.dictionary.id_of(text) else "no name here is it"
     named = "no object here has a name yet" if not names.table else f"{none}, and {have}"
     count = len(answer.object_ids)
     may_be = f"; {'one object' if count == 1 else f'{count} objects'} may be it" if count else ""
-    return f" whether {quoted(asked)} is here: {named}{may_be}; name what it is"
+    return f" whether {quoted(text)} is here: {named}{may_be}; name what it is"
 
 
 def _left_open(phrase: PhraseAnswer, remarks: Remarks, in_words: InWords) -> str:
@@ -247,7 +251,7 @@ def _left_open(phrase: PhraseAnswer, remarks: Remarks, in_words: InWords) -> str
     return undecided + (f"; {remarks.doubt}" if remarks.doubt else "")
 
 
-def _asked(phrase: PhraseAnswer) -> str:
+def _question_text(phrase: PhraseAnswer) -> str:
     head = [quoted(phrase.head)] if phrase.head else []
     return ", ".join([*head, *phrase.conditions]) or "anything"
 

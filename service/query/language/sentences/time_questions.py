@@ -62,20 +62,20 @@ class TimeQuestion:
 def time_question(text: str, now: datetime) -> TimeQuestion | None:
     """Parses a question about time, weekdays before `now`, days in UTC; else None."""
     words = " ".join(text.casefold().strip().rstrip("?!. ").split())
-    if asked := _WHAT.fullmatch(words):
-        when = parsed_day(asked["when"], now) if asked["when"] else None
-        if asked["when"] and when is None:
+    if match := _WHAT.fullmatch(words):
+        when = parsed_day(match["when"], now) if match["when"] else None
+        if match["when"] and when is None:
             return None
-        event = {"move": "moved", "change": "changed"}.get(asked["event"], asked["event"])
+        event = {"move": "moved", "change": "changed"}.get(match["event"], match["event"])
         return TimeQuestion("events", events=_EVENTS[event], when=when)
-    if asked := _WHERE.fullmatch(words):
-        rest = asked["rest"].split()
+    if match := _WHERE.fullmatch(words):
+        rest = match["rest"].split()
         for count in range(min(_MOST_WORDS, len(rest) - 1), 0, -1):
             if (when := parsed_day(" ".join(rest[-count:]), now)) is not None:
                 return TimeQuestion("place", " ".join(rest[:-count]), when=when)
     for pattern in _LAST:
-        if asked := pattern.fullmatch(words):
-            return TimeQuestion("last_seen", asked["about"])
+        if match := pattern.fullmatch(words):
+            return TimeQuestion("last_seen", match["about"])
     return None
 
 

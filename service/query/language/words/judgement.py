@@ -41,7 +41,9 @@ class Remarks:
     head: str = ""  # what alone a phrase was looked up by, because nothing here is that; "" otherwise
     by_shape: bool = False  # whether surfaces without a name answer, by their shape and place
     by_looks: bool = False  # whether objects answer by their looks, whatever they are called
-    other: bool = False  # whether what comes closest is known to be another object than the one that was asked for
+    other_object: bool = (
+        False  # whether what comes closest is known to be another object than the one that was asked for
+    )
     calibrated: bool = True  # whether other words than names were compared
 
 
@@ -56,6 +58,6 @@ class Ranked:
     remarks: Remarks = Remarks()  # what else the sentence says
 
     @property
-    def asked(self) -> str:
+    def noun_phrase(self) -> str:
         """What the text asks for, without question words, articles and politeness."""
         return self.remarks.head or noun_phrase(self.answer.text)

@@ -55,7 +55,7 @@ def check_query(
     )
 
 
-def _check_texts(texts: Sequence[str], field: str, one: str) -> None:
+def _check_texts(texts: Sequence[str], field: str, text_field: str) -> None:
     if isinstance(texts, str | bytes) or not isinstance(texts, Sequence) or not texts:
         raise InvalidInputError(f"{field} is not a list of strings", field=field, hint='Send ["mug"], not "mug".')
     if len(texts) > MAX_TEXTS:
@@ -63,7 +63,7 @@ def _check_texts(texts: Sequence[str], field: str, one: str) -> None:
             f"{len(texts)} {field}", field=field, limit=f"{MAX_TEXTS} {field}", hint="Ask in several requests."
         )
     for text in texts:
-        _check_text(text, one)
+        _check_text(text, text_field)
 
 
 def _check_slots(templates: Sequence[str]) -> None:

@@ -63,10 +63,10 @@ def sizes_in_meters(scene: Scene, before: tuple[Scene, Sizes] | None = None) -> 
     return {object_id: _deviations(means, mass) for object_id, _, means, mass in _seen(scene, ids)} if ids else {}
 
 
-def _same_members(one: Scene, other: Scene) -> bool:
-    if one.objects is None or other.objects is None or one.objects.membership is not other.objects.membership:
+def _same_members(first: Scene, second: Scene) -> bool:
+    if first.objects is None or second.objects is None or first.objects.membership is not second.objects.membership:
         return False
-    return one.gaussians is other.gaussians and one.scale == other.scale
+    return first.gaussians is second.gaussians and first.scale == second.scale
 
 
 def _looks(scene: Scene, object_ids: set[int]) -> dict[int, tuple[F64, F64]]:
@@ -96,12 +96,12 @@ def _deviations(means: F64, mass: F64) -> F64:
     return np.asarray(np.sqrt(np.maximum(spread, 0)))
 
 
-def _likeness(one: tuple[F64, F64], other: tuple[F64, F64]) -> float:
-    smaller, larger = np.minimum(one[1], other[1]), np.maximum(one[1], other[1])
+def _likeness(first: tuple[F64, F64], second: tuple[F64, F64]) -> float:
+    smaller, larger = np.minimum(first[1], second[1]), np.maximum(first[1], second[1])
     ratios = np.divide(smaller, larger, out=np.ones(3), where=larger > 0)
-    return float(np.minimum(one[0], other[0]).sum() * np.prod(ratios) ** (1 / 3))
+    return float(np.minimum(first[0], second[0]).sum() * np.prod(ratios) ** (1 / 3))
 
 
 def _suggested(obj: Object, name: str, probability: float) -> Object:
-    others = [suggestion for suggestion in obj.suggestions if suggestion.source or suggestion.name != name]
-    return replace(obj, suggestions=ranked_suggestions([Suggestion(name, min(probability, 1.0)), *others]))
+    rest = [suggestion for suggestion in obj.suggestions if suggestion.source or suggestion.name != name]
+    return replace(obj, suggestions=ranked_suggestions([Suggestion(name, min(probability, 1.0)), *rest]))

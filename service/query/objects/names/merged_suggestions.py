@@ -32,7 +32,7 @@ class MergedName:
     name: str  # as its likeliest source writes it
     aliases: tuple[str, ...]  # other words for it, of all sources
     probability: float  # 0..1, of all sources together
-    told: tuple[Suggestion, ...]  # what each of them says, the likeliest first
+    suggestions: tuple[Suggestion, ...]  # what each of them says, the likeliest first
 
 
 def merged_suggestions(obj: Object, trust: Trust) -> tuple[MergedName, ...]:
@@ -41,20 +41,22 @@ def merged_suggestions(obj: Object, trust: Trust) -> tuple[MergedName, ...]:
     Sources are assumed to err independently, so agreement raises the probability. Per source the most probable word
     counts."""
     by_name: dict[str, dict[str, Suggestion]] = {}
-    for each in () if obj.source in _SETTLED else obj.suggestions:
-        weighed = each
-        if each.source:
-            weighed = each._replace(probability=min(each.probability * trust.get(each.source, 1.0), _MOST))
-        told = by_name.setdefault(label_key(each.name), {})
-        if each.source not in told or weighed.probability > told[each.source].probability:
-            told[each.source] = weighed
+    for suggestion in () if obj.source in _SETTLED else obj.suggestions:
+        weighed = suggestion
+        if suggestion.source:
+            weighed = suggestion._replace(
+                probability=min(suggestion.probability * trust.get(suggestion.source, 1.0), _MOST)
+            )
+        by_source = by_name.setdefault(label_key(suggestion.name), {})
+        if suggestion.source not in by_source or weighed.probability > by_source[suggestion.source].probability:
+            by_source[suggestion.source] = weighed
     merged = []
-    for told in by_name.values():
-        ordered = tuple(sorted(told.values(), key=lambda one: -one.probability))
-        probability = agreed([one.probability for one in ordered])
-        aliases = tuple(dict.fromkeys(alias for one in ordered for alias in one.aliases))
+    for by_source in by_name.values():
+        ordered = tuple(sorted(by_source.values(), key=lambda suggestion: -suggestion.probability))
+        probability = agreed([suggestion.probability for suggestion in ordered])
+        aliases = tuple(dict.fromkeys(alias for suggestion in ordered for alias in suggestion.aliases))
         merged.append(MergedName(ordered[0].name, aliases, probability, ordered))
-    return tuple(sorted(merged, key=lambda one: -one.probability))
+    return tuple(sorted(merged, key=lambda name: -name.probability))
 
 
 def agreed(probabilities: Sequence[float]) -> float:
@@ -71,7 +73,7 @@ def source_trust(said: Iterable[SaidName]) -> Trust:
     probabilities, both with the prior `_PRIOR`. The scene's own models are calibrated elsewhere and keep their word."""
     claimed: dict[str, float] = {}
     right: dict[str, int] = {}
-    for each in said:
-        claimed[each.source] = claimed.get(each.source, 0.0) + each.probability
-        right[each.source] = right.get(each.source, 0) + each.right
+    for said_name in said:
+        claimed[said_name.source] = claimed.get(said_name.source, 0.0) + said_name.probability
+        right[said_name.source] = right.get(said_name.source, 0) + said_name.right
     return {source: (right[source] + _PRIOR) / (claimed[source] + _PRIOR) for source in claimed}

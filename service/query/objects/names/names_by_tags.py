@@ -25,16 +25,16 @@ def names_by_tags(objects: Sequence[Object], known: Sequence[KnownObject]) -> Ma
     names: dict[int, NameFromScene] = {}
     for obj in objects:
         for tag, here in borne[obj.id].items() if obj.source != "person" else ():
-            if count[tag] > 1 or (told := _last_named(tag, known)) is None:
+            if count[tag] > 1 or (bearer := _last_named(tag, known)) is None:
                 continue
-            probability = _STAYS * here * dict(told.tags)[tag]
+            probability = _STAYS * here * dict(bearer.tags)[tag]
             if obj.id not in names or probability > names[obj.id].probability:
-                names[obj.id] = NameFromScene(told.name, probability, told.scene_id, TAG_SOURCE)
+                names[obj.id] = NameFromScene(bearer.name, probability, bearer.scene_id, TAG_SOURCE)
     return names
 
 
 def _last_named(tag: str, known: Sequence[KnownObject]) -> KnownObject | None:
     """The object that last bore a tag; None if its name is ambiguous."""
-    bearing = [one for one in known if tag in dict(one.tags)]
-    there = [one for one in bearing if one.scene_id == bearing[0].scene_id]
-    return there[0] if len({label_key(one.name) for one in there}) == 1 else None
+    bearing = [obj for obj in known if tag in dict(obj.tags)]
+    there = [obj for obj in bearing if obj.scene_id == bearing[0].scene_id]
+    return there[0] if len({label_key(obj.name) for obj in there}) == 1 else None

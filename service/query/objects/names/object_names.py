@@ -81,13 +81,13 @@ class ObjectNames:
         lacking = [
             suggestion for suggestion in self._suggestions.values() if self.labels.id_of(suggestion.name) is None
         ]
-        taken = {label_key(each.name) for each in lacking}
+        taken = {label_key(name.name) for name in lacking}
         entries = list(self.labels.entries)
-        for each in lacking[: MAX_LABELS - len(self.labels)]:
-            words = {label_key(alias): alias for alias in each.aliases}
+        for name in lacking[: MAX_LABELS - len(self.labels)]:
+            words = {label_key(alias): alias for alias in name.aliases}
             free = {key: word for key, word in words.items() if key not in taken and self.labels.id_of(word) is None}
             taken |= free.keys()
-            entries.append(DictionaryEntry(each.name, tuple(free.values())))
+            entries.append(DictionaryEntry(name.name, tuple(free.values())))
         return Dictionary(tuple(entries)) if lacking else self.labels
 
     @cached_property
@@ -97,20 +97,23 @@ class ObjectNames:
         suggested = {self.dictionary.id_of(suggestion.name): suggestion for suggestion in self._suggestions.values()}
         names: dict[int, Name] = {}
         for label_id in range(1, len(self.dictionary) + 1):
-            bearing, told = self.by_label.get(label_id, ()), suggested.get(label_id)
-            own = {} if told is None else told.likely
+            bearing, proposal = self.by_label.get(label_id, ()), suggested.get(label_id)
+            chances = {} if proposal is None else proposal.likely
             borne = bool(bearing) or label_id in self.marked
-            if borne or own:
-                most = max(own.values(), default=0.0)
-                likely = sorted((each for each in own if 2 * own[each] >= most), key=lambda each: -own[each])
-                sure = max((sureness[each] for each in bearing), default=self.marked.get(label_id, 0.0))
+            if borne or chances:
+                most = max(chances.values(), default=0.0)
+                likely = sorted(
+                    (object_id for object_id in chances if 2 * chances[object_id] >= most),
+                    key=lambda object_id: -chances[object_id],
+                )
+                sure = max((sureness[object_id] for object_id in bearing), default=self.marked.get(label_id, 0.0))
                 label = self.dictionary.label_of(label_id)
                 names[label_id] = Name(
                     label,
                     bearing or tuple(likely),
                     sure if borne else most,
                     not borne,
-                    tuple(told.sources) if told else (),
+                    tuple(proposal.sources) if proposal else (),
                 )
         order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
         return {label_id: names[label_id] for label_id in order}
@@ -141,11 +144,15 @@ class ObjectNames:
         """Suggested names by label id, or by key if the dictionary lacks them."""
         names: dict[int | str, _SuggestedName] = {}
         for obj in self._everything:
-            for each in merged_suggestions(obj, self.trust):
-                told = names.setdefault(self.labels.id_of(each.name) or label_key(each.name), _SuggestedName(each.name))
-                told.likely[obj.id] = max(each.probability, told.likely.get(obj.id, 0.0))
-                told.aliases.update(dict.fromkeys(each.aliases))
-                told.sources.update(dict.fromkeys(one.source for one in each.told if one.source))
+            for name in merged_suggestions(obj, self.trust):
+                entry = names.setdefault(
+                    self.labels.id_of(name.name) or label_key(name.name), _SuggestedName(name.name)
+                )
+                entry.likely[obj.id] = max(name.probability, entry.likely.get(obj.id, 0.0))
+                entry.aliases.update(dict.fromkeys(name.aliases))
+                entry.sources.update(
+                    dict.fromkeys(suggestion.source for suggestion in name.suggestions if suggestion.source)
+                )
         return names
 
     @property
@@ -164,12 +171,12 @@ class ObjectNames:
 
         def suggested(obj: Object) -> Object:
             name = elsewhere[obj.id]
-            own = [
+            rest = [
                 suggestion
                 for suggestion in obj.suggestions
                 if suggestion.source != name.source or label_key(suggestion.name) != label_key(name.name)
             ]
-            return replace(obj, suggestions=(Suggestion(name.name, name.probability, name.source), *own))
+            return replace(obj, suggestions=(Suggestion(name.name, name.probability, name.source), *rest))
 
         return replace(
             self,
@@ -193,7 +200,9 @@ class ObjectNames:
             return answer
 
         def count(label_id: int) -> int:
-            return sum(self.counts.get(each, 0) for each in self.of_labels((label_id,)) if each in picked)
+            return sum(
+                self.counts.get(object_id, 0) for object_id in self.of_labels((label_id,)) if object_id in picked
+            )
 
         matches = (
             match._replace(gaussian_count=count(match.label_id)) if match.relevant else match
@@ -213,13 +222,13 @@ class ObjectNames:
         """Drops fragments: objects that lie in the place of another one of their name."""
         boxes = {object_id: self.boxes[object_id] for object_id in object_ids if object_id in self.boxes}
         wholes: list[int] = []
-        for each in sorted(boxes, key=lambda box: -prod(boxes[box].size)):
-            name = self.called.get(each)
+        for piece in sorted(boxes, key=lambda box: -prod(boxes[box].size)):
+            name = self.called.get(piece)
             if not (
-                name and any(self.called[whole] == name and _lies_in(boxes[each], boxes[whole]) for whole in wholes)
+                name and any(self.called[whole] == name and _lies_in(boxes[piece], boxes[whole]) for whole in wholes)
             ):
-                wholes.append(each)
-        return tuple(each for each in object_ids if each in wholes or each not in boxes)
+                wholes.append(piece)
+        return tuple(object_id for object_id in object_ids if object_id in wholes or object_id not in boxes)
 
     @cached_property
     def called(self) -> Mapping[int, str]:
@@ -232,8 +241,7 @@ class ObjectNames:
         if not self.stored:
             return {number: entry.label for number, entry in enumerate(self.labels.entries, start=1)}
         return {
-            each.id: each.name or next((suggestion.name for suggestion in each.suggestions), "")
-            for each in self.present
+            obj.id: obj.name or next((suggestion.name for suggestion in obj.suggestions), "") for obj in self.present
         }
 
     @cached_property
@@ -244,16 +252,16 @@ class ObjectNames:
         return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
 
 
-def _lies_in(one: Box, other: Box) -> bool:
+def _lies_in(box: Box, outer: Box) -> bool:
     """True if most of a box is in another one; for specks, with more slack."""
-    slack = _AROUND if prod(one.size) < _SPECK * prod(other.size) else _SLACK
-    reach = hypot(*other.size) / 2 + 2 * slack * max(other.size)
-    if dist(one.center.position, other.center.position) > reach:  # most of a box lies around its middle
+    slack = _AROUND if prod(box.size) < _SPECK * prod(outer.size) else _SLACK
+    reach = hypot(*outer.size) / 2 + 2 * slack * max(outer.size)
+    if dist(box.center.position, outer.center.position) > reach:  # most of a box lies around its middle
         return False
     grid = np.stack(np.meshgrid(*3 * [np.linspace(-0.5, 0.5, _GRID)]), axis=-1).reshape(-1, 3)
-    world = grid * one.size @ one.center.matrix()[:3, :3].T + one.center.position
-    own = (world - other.center.position) @ other.center.matrix()[:3, :3]
-    inside = np.abs(own) <= np.array(other.size) / 2 + slack * max(other.size)
+    world = grid * box.size @ box.center.matrix()[:3, :3].T + box.center.position
+    local = (world - outer.center.position) @ outer.center.matrix()[:3, :3]
+    inside = np.abs(local) <= np.array(outer.size) / 2 + slack * max(outer.size)
     return bool(2 * inside.all(axis=1).sum() > len(grid))
 
 

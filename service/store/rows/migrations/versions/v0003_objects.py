@@ -32,7 +32,7 @@ def upgrade() -> None:
     op.execute("UPDATE operations SET kind = 'ask_captioner' WHERE kind = 'ask_namer'")
     connection = op.get_bind()
     for name, keys, columns in _JSON:
-        values: list[sa.ColumnClause[Any]] = [sa.column(each, sa.JSON(none_as_null=True)) for each in columns]
+        values: list[sa.ColumnClause[Any]] = [sa.column(column, sa.JSON(none_as_null=True)) for column in columns]
         table = sa.table(name, *(sa.column(key) for key in keys), *values)
         for row in connection.execute(sa.select(table)).mappings().all():
             changed = {column: renamed_keys(row[column]) for column in columns}
