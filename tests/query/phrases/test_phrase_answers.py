@@ -191,7 +191,7 @@ def test_without_a_vertical_nothing_is_on_anything(text: str) -> None:
 def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
     (plain,) = index.ranked.ranker.rank(check_query((text,), index.settings))
-    said = {name: getattr(answer, name) for name in ("outcome", "sentence", "asked")}
+    said = {name: getattr(answer, name) for name in ("outcome", "sentence", "noun_phrase")}
     assert answer == replace(plain.answer, **said) and answer.phrase is None
 
 
