@@ -113,10 +113,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.SUGGEST_NAMES,
             lambda service, req: service.versions.edit(
-                req.scene_id,
-                (Edit("suggest", suggestions=req.suggestions),),
-                req.request_id,
-                author=caller_id(),
+                req.scene_id, (Edit("suggest", suggestions=req.suggestions),), req.request_id, author=caller_id()
             ),
             bodies=change_examples.SUGGESTED,
         ),
@@ -152,9 +149,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=scene_examples.VERSIONS,
         ),
         Handler(
-            calls.LOOK_AGAIN,
-            lambda service, req: service.look_again(req.scene_id, req),
-            bodies=change_examples.SOUGHT,
+            calls.LOOK_AGAIN, lambda service, req: service.look_again(req.scene_id, req), bodies=change_examples.SOUGHT
         ),
         Handler(
             calls.GET_OPERATION,

@@ -15,8 +15,7 @@ from fastsplat_contract.jobs.operations import Operation, OperationList, Operati
 from fastsplat_contract.messages.projects import GetJobLogRequest
 
 jobs_app = typer.Typer(
-    help="Jobs, which train scenes: list, show, watch, end, cancel and retry them, read logs.",
-    no_args_is_help=True,
+    help="Jobs, which train scenes: list, show, watch, end, cancel and retry them, read logs.", no_args_is_help=True
 )
 
 

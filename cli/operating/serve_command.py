@@ -13,8 +13,7 @@ from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.logs import log_to_stderr
 
 Devices = Annotated[
-    str,
-    typer.Option(help='CUDA devices with workers each, as "0,1"; or "cpu". Default: all that CUDA sees.'),
+    str, typer.Option(help='CUDA devices with workers each, as "0,1"; or "cpu". Default: all that CUDA sees.')
 ]
 Workers = Annotated[int, typer.Option(help="Worker processes a device; without a GPU they share the CPUs evenly.")]
 

@@ -35,8 +35,7 @@ def ask(
     pose: Annotated[
         str,
         typer.Option(
-            help="Your viewpoint instead: a camera's position and quaternion, OpenCV axes.",
-            metavar="X,Y,Z,QX,QY,QZ,QW",
+            help="Your viewpoint instead: a camera's position and quaternion, OpenCV axes.", metavar="X,Y,Z,QX,QY,QZ,QW"
         ),
     ] = "",
     picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,

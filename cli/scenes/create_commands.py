@@ -23,8 +23,7 @@ def create(
     capture: Annotated[
         Path,
         typer.Argument(
-            metavar="CAPTURE",
-            help="A folder or archive of photos, a video, or another tool's splat (PLY, SPZ, SOG).",
+            metavar="CAPTURE", help="A folder or archive of photos, a video, or another tool's splat (PLY, SPZ, SOG)."
         ),
     ],
     name: Annotated[str, typer.Option(help="The scene's name for people. Default: that of the file or folder.")] = "",

@@ -125,8 +125,7 @@ def align(
     session: Session,
     scene: SceneId,
     pairs: Annotated[
-        Path,
-        typer.Argument(help="CSV file of pairs: x,y,z of the scene, then x,y,z of the map in meters."),
+        Path, typer.Argument(help="CSV file of pairs: x,y,z of the scene, then x,y,z of the map in meters.")
     ],
     frame: Annotated[str, typer.Option(help="Name of the map's frame.")] = "map",
 ) -> None:

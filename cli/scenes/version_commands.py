@@ -58,9 +58,7 @@ def redo(session: Session, scene: SceneId, only: _Only = "") -> None:
 
 @service_command(objects_app)
 def restore(
-    session: Session,
-    scene: SceneId,
-    version: Annotated[str, typer.Argument(help="A version of the list of versions.")],
+    session: Session, scene: SceneId, version: Annotated[str, typer.Argument(help="A version of the list of versions.")]
 ) -> None:
     """Make any version current; all others stay."""
     scene_id = session.scene(scene)

@@ -307,10 +307,7 @@ def _request(captioner: Captioner, sheet: ContactSheet) -> Mapping[str, Any]:
                 ],
             },
         ],
-        "response_format": {
-            "type": "json_schema",
-            "json_schema": {"name": "names", "strict": True, "schema": _SCHEMA},
-        },
+        "response_format": {"type": "json_schema", "json_schema": {"name": "names", "strict": True, "schema": _SCHEMA}},
     }
 
 

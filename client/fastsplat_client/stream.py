@@ -266,11 +266,7 @@ class StreamCalls:
         raise NotImplementedError
 
     def stream_query(
-        self,
-        question: Subscription,
-        poses: Iterable[PosedCamera | Subscription],
-        *,
-        reconnect: Reconnect = _USUAL,
+        self, question: Subscription, poses: Iterable[PosedCamera | Subscription], *, reconnect: Reconnect = _USUAL
     ) -> Iterator[PoseAnswer]:
         """Answers a subscription at each pose, or at the newest if poses arrive faster.
 

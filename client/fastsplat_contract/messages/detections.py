@@ -77,8 +77,7 @@ class Detection(Response):
         Field(description="what carries it; absent where that is not clear, or nothing tells what is up"),
     ]
     views: Annotated[
-        Many[str],
-        Field(description="names of the scene's cameras that see it, the one that shows most of it first"),
+        Many[str], Field(description="names of the scene's cameras that see it, the one that shows most of it first")
     ]
     proposed_in: Annotated[
         Many[str],

@@ -123,8 +123,7 @@ class ExportRequest(Request):
 
     scene_id: Annotated[str, Field(description="which scene")]
     format: Annotated[
-        ExportFormat,
-        Field(description="; ".join(f"{name}: {facts.description}" for name, facts in FORMATS.items())),
+        ExportFormat, Field(description="; ".join(f"{name}: {facts.description}" for name, facts in FORMATS.items()))
     ] = "ply"
     version: Version = ""
     object_ids: Annotated[
@@ -132,11 +131,7 @@ class ExportRequest(Request):
         Field(description="only the Gaussians of these objects, parts or groups, by id, in their order; empty: all"),
     ] = ()
     cell: Annotated[
-        float,
-        Field(
-            ge=0,
-            description=f"{_cells()}, scene units; 0: as fine as the views are, 0.05 m for map",
-        ),
+        float, Field(ge=0, description=f"{_cells()}, scene units; 0: as fine as the views are, 0.05 m for map")
     ] = 0.0
     coarse: Annotated[
         bool,

@@ -32,10 +32,7 @@ def check_coverage(coverage: float) -> float:
     """
     if isinstance(coverage, bool) or not isinstance(coverage, (int, float)) or not 0.0 < coverage < 1.0:
         raise InvalidInputError(
-            f"a coverage of {coverage!r}",
-            field="coverage",
-            limit="above 0 and below 1",
-            hint="Send a share, e.g. 0.9.",
+            f"a coverage of {coverage!r}", field="coverage", limit="above 0 and below 1", hint="Send a share, e.g. 0.9."
         )
     return float(coverage)
 
@@ -118,8 +115,7 @@ class Match(NamedTuple):
     ]
     relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
     probability: Annotated[
-        float | None,
-        Field(description="calibrated, 0..1, that this entry is wanted; absent without calibration"),
+        float | None, Field(description="calibrated, 0..1, that this entry is wanted; absent without calibration")
     ] = None
 
 
@@ -278,8 +274,7 @@ class SkippedScene(Response):
 
     scene_id: str
     reason: Annotated[
-        str,
-        Field(description="OVER_LIMIT: so many newer ones were asked; else the stable reason of its error"),
+        str, Field(description="OVER_LIMIT: so many newer ones were asked; else the stable reason of its error")
     ]
     detail: Annotated[str, Field(description="one sentence for people")]
 

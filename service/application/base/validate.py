@@ -34,9 +34,7 @@ def check_texts(value: object, field: str = "") -> None:
     if isinstance(value, str):
         if re.search("[\0\ud800-\udfff]", value):
             raise InvalidInputError(
-                "a text with a NUL character or half of a surrogate pair",
-                field=field,
-                hint="Send plain Unicode text.",
+                "a text with a NUL character or half of a surrogate pair", field=field, hint="Send plain Unicode text."
             )
     elif is_dataclass(value) and not isinstance(value, type):
         for part in fields(value):
@@ -83,11 +81,7 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
     check_request_id(request_id)
     check_texts(options)
     if len(options.labels) > limits.max_labels:
-        raise LimitExceededError(
-            f"{len(options.labels)} labels",
-            field="labels",
-            limit=f"{limits.max_labels} labels",
-        )
+        raise LimitExceededError(f"{len(options.labels)} labels", field="labels", limit=f"{limits.max_labels} labels")
     for label in options.labels:
         _check_length("labels", label, limits.max_label_chars)
         if not label_key(label):
@@ -144,11 +138,7 @@ def check_seconds(seconds: float, field: str) -> None:
             f"a time budget of {seconds} s", field=field, hint="Give seconds above 0, or leave it out."
         )
     if seconds > _MAX_TIME_BUDGET_S:
-        raise LimitExceededError(
-            f"a time budget of {seconds} s",
-            field=field,
-            limit=f"{_MAX_TIME_BUDGET_S} s",
-        )
+        raise LimitExceededError(f"a time budget of {seconds} s", field=field, limit=f"{_MAX_TIME_BUDGET_S} s")
 
 
 def check_request_id(request_id: str) -> None:
@@ -210,9 +200,7 @@ def _check_budgets(options: SceneOptions, limits: StoreOptions) -> None:
             )
         if gaussians > limits.max_gaussians:
             raise LimitExceededError(
-                f"a budget of {gaussians} Gaussians",
-                field="max_gaussians",
-                limit=f"{limits.max_gaussians}",
+                f"a budget of {gaussians} Gaussians", field="max_gaussians", limit=f"{limits.max_gaussians}"
             )
 
 

@@ -36,10 +36,7 @@ def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
         raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
     if len(edits) > _MAX_EDITS:
         raise LimitExceededError(
-            f"{len(edits)} edits",
-            field="edits",
-            limit=f"{_MAX_EDITS} edits",
-            hint="Send them in several requests.",
+            f"{len(edits)} edits", field="edits", limit=f"{_MAX_EDITS} edits", hint="Send them in several requests."
         )
     rows = [to_plain(edit) for edit in edits]
     for number, row in enumerate(rows):

@@ -59,12 +59,7 @@ class Versions:
         self._prompted = prompted
 
     def edit(
-        self,
-        scene_id: str,
-        edits: Sequence[Edit],
-        request_id: str = "",
-        looked_at: str = "",
-        author: str = "",
+        self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "", author: str = ""
     ) -> SceneVersion:
         """Applies edits in order, all or none, as a new current version; durable on return.
 
@@ -304,8 +299,5 @@ class Versions:
         limit = self._context.settings.store.max_gaussians
         if after > max(before, limit):
             raise LimitExceededError(
-                f"{after} Gaussians",
-                field="object_ids",
-                limit=f"{limit}",
-                hint="Add fewer, or remove some first.",
+                f"{after} Gaussians", field="object_ids", limit=f"{limit}", hint="Add fewer, or remove some first."
             )

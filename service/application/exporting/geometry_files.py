@@ -93,10 +93,7 @@ def mesh_file(
     _check_whole(index, objects)
     most = index.settings.max_surface_voxels
     mesh = surface_mesh(
-        views_of(index),
-        cell=cell,
-        most_voxels=most,
-        limit=f"{most} voxels (FASTSPLAT_QUERY__MAX_SURFACE_VOXELS)",
+        views_of(index), cell=cell, most_voxels=most, limit=f"{most} voxels (FASTSPLAT_QUERY__MAX_SURFACE_VOXELS)"
     )
     seen = mesh.vertices
     described = about(index, name, index.scene.cameras)

@@ -110,13 +110,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
         near = next((posed for posed in cameras if posed.name == hollow.view), cameras[0])
         target = np.array(hollow.middle)
         obj = called.get(hollow.object_id, "") or "object that has no name there"
-        yield (
-            look_at(near.world_from_camera[:3, 3], target, up),
-            target,
-            near,
-            "hidden",
-            f"look into the {obj}, open",
-        )
+        yield (look_at(near.world_from_camera[:3, 3], target, up), target, near, "hidden", f"look into the {obj}, open")
 
 
 def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:

@@ -200,10 +200,7 @@ def parse_question(
 
 
 def parsed_questions(
-    texts: Sequence[str],
-    names: NameIndex,
-    is_name: IsName = lambda _: False,
-    written: WrittenWords = _NOTHING_WRITTEN,
+    texts: Sequence[str], names: NameIndex, is_name: IsName = lambda _: False, written: WrittenWords = _NOTHING_WRITTEN
 ) -> tuple[ParsedQuestion | None, ...]:
     """Parses each text; None for plain ones and names like "can of paint"."""
     parsed = []

@@ -81,12 +81,7 @@ def names_between(
     unchanged = [obj.id for obj in named if known.get(obj.id) == obj.name]
     given = [
         NewName(
-            obj.id,
-            obj.name,
-            appearances.get(obj.id, b""),
-            obj.picture,
-            obj.said,
-            tuple(tags_of(obj.reads).items()),
+            obj.id, obj.name, appearances.get(obj.id, b""), obj.picture, obj.said, tuple(tags_of(obj.reads).items())
         )
         for obj in named
         if known.get(obj.id) != obj.name
