@@ -74,13 +74,11 @@ class Session:
 
     def version(self, scene_id: str, text: str) -> str:
         """Completes the name of a scene's version; "" is the current one. Errors as `whole_id`."""
-        return text and whole_id(
-            "version", text, (scene_version.version for scene_version in self.client.versions(scene_id))
-        )
+        return text and whole_id("version", text, (row.version for row in self.client.versions(scene_id)))
 
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
-        return next(scene_version.version for scene_version in self.client.versions(scene_id) if scene_version.current)
+        return next(row.version for row in self.client.versions(scene_id) if row.current)
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
         """Prints `value` as REST's JSON or `text` for people, or `nothing` on stderr."""

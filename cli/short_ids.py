@@ -9,7 +9,7 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 LEAST = 4
 """Letters of a beginning, at least."""
-ID_LETTERS = 8
+SHORT = 8
 """Letters of an id that tables show."""
 _CANDIDATES = 5
 

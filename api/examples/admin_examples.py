@@ -34,20 +34,8 @@ KEY = AccessKey(
 )
 NEW_KEY = NewKey(KEY, f"fsk_{KEY.id}_is-43-letters-digits-hyphens-or-underscores")
 KEYS = KeyList((KEY,), PAGE_TOKEN)
-KNOWN_NAMES = KnownNameList(
-    (
-        KnownName(
-            id=IDS["name_id"],
-            name="mug",
-            scene_id=IDS["scene_id"],
-            version=IDS["version"],
-            object_id=1,
-            named_at=_CREATED_AT,
-            picture=b"\xff\xd8\xff",
-        ),
-    ),
-    PAGE_TOKEN,
-)
+_MUG_NAME = KnownName(IDS["name_id"], "mug", IDS["scene_id"], IDS["version"], 1, _CREATED_AT, b"\xff\xd8\xff")
+KNOWN_NAMES = KnownNameList((_MUG_NAME,), PAGE_TOKEN)
 CAPTIONER = CaptionerStatus("localhost:11434", "model-of-your-choice", agreed=True)
 AGREEMENTS: Bodies = {
     "yes": ("pictures of objects without a name may go there", AgreeIn("localhost:11434")),

@@ -62,17 +62,9 @@ MEASUREMENT = Measurement(
     version="1",
 )
 
-NEXT_PHOTOS = NextPhotoList(
-    (
-        NextPhoto(
-            PosedCamera(Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4), ""),
-            "front.png",
-            "gap",
-            "Stand left of front.png, and look at the table.",
-        ),
-    ),
-    "1",
-)
+_NEXT_CAMERA = PosedCamera(Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4), "")
+_NEXT_ADVICE = "Stand left of front.png, and look at the table."
+NEXT_PHOTOS = NextPhotoList((NextPhoto(_NEXT_CAMERA, "front.png", "gap", _NEXT_ADVICE),), "1")
 
 GOAL = Goal(
     Pose(Vector3(1.025, 0.475, 0.01), Quaternion(0.0, 0.0, 1.0, 0.0)), 3.141592653589793, 0.42, 0.31, 1, "1", "surface"

@@ -62,9 +62,7 @@ async def while_connected(request: Request, awaitable: Awaitable[_R], body_read:
         work.cancel()
 
 
-async def json_of_call(
-    request: Request, run: Run, function: Callable[[], _R], encode: Callable[[_R], bytes] = to_json
-) -> Response:
+async def json_of_call(request: Request, run: Run, function: Callable[[], Any]) -> Response:
     """Answers with a service call's result as JSON, encoded and compressed on its thread.
 
     `run` is `Threads.call` or `Threads.answer`.
@@ -72,7 +70,7 @@ async def json_of_call(
     compress = reads_gzip(request.headers)
 
     def answered() -> tuple[bytes, bool]:
-        body = encode(function())
+        body = to_json(function())
         if compress and len(body) >= _GZIP_FROM_BYTES:
             return gzip.compress(body, _GZIP_LEVEL, mtime=0), True
         return body, False

@@ -9,7 +9,7 @@ import typer
 
 from fastsplat.cli.options import JobId, Watch, service_command
 from fastsplat.cli.session import Session, progress
-from fastsplat.cli.short_ids import ID_LETTERS
+from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.jobs.operations import Operation, OperationList, OperationState
 from fastsplat_contract.messages.projects import GetJobLogRequest
@@ -30,10 +30,7 @@ def list_jobs(
     """Show the jobs, newest first."""
     jobs = tuple(islice(session.client.operations(state), limit))
     columns = (Column("job"), Column("scene"), Column("state"), Column("posted"), Column("progress", "cut"))
-    rows = [
-        (job.id[:ID_LETTERS], job.scene_id[:ID_LETTERS], job.state, minute(job.created_at), _progress(job))
-        for job in jobs
-    ]
+    rows = [(job.id[:SHORT], job.scene_id[:SHORT], job.state, minute(job.created_at), _progress(job)) for job in jobs]
     session.tell(OperationList(jobs, ""), table(columns, rows), nothing="there is no such job" if state else "no jobs")
 
 

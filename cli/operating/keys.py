@@ -10,7 +10,7 @@ from fastsplat.cli.connection import link_to_share
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import ID_LETTERS, LEAST
+from fastsplat.cli.short_ids import LEAST, SHORT
 from fastsplat.cli.tables import Column, day, table
 from fastsplat_contract.server.keys import KeyList, Role
 
@@ -62,26 +62,16 @@ def list_keys(session: Session) -> None:
     """Show every key that the project ever had, newest first; never the keys themselves."""
     keys = tuple(session.client.keys.all())
     columns = (
-        Column("key"),
-        Column("name", "cut"),
-        Column("role"),
-        Column("state"),
-        Column("made"),
-        Column("expires"),
+        Column("key"), Column("name", "cut"), Column("role"), Column("state"), Column("made"), Column("expires"),
         Column("scene"),
-    )
+    )  # fmt: skip
     rows = [
         (
-            key.id,
-            key.name,
-            key.role,
-            key.state,
-            day(key.created_at),
-            "never" if key.expires_at is None else day(key.expires_at),
-            key.scene_id[:ID_LETTERS],
+            key.id, key.name, key.role, key.state, day(key.created_at),
+            "never" if key.expires_at is None else day(key.expires_at), key.scene_id[:SHORT],
         )
         for key in keys
-    ]
+    ]  # fmt: skip
     session.tell(KeyList(keys, ""), table(columns, rows), nothing="the project has no key")
 
 

@@ -34,8 +34,6 @@ def list_projects(session: Session) -> None:
 
     listed = session.client.call(calls.LIST_PROJECTS, None)
     columns = (Column("project", "cut"), Column("made"), Column("scenes", right=True), Column("keys", right=True))
-    rows = [
-        (project.name, minute(project.created_at), str(project.scenes), str(project.keys))
-        for project in listed.projects
-    ]
+    projects = listed.projects
+    rows = [(project.name, minute(project.created_at), str(project.scenes), str(project.keys)) for project in projects]
     session.tell(listed, table(columns, rows))

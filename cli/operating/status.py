@@ -47,17 +47,13 @@ def status(
 
 
 def _facts(server: ServerStatus) -> str:
+    backend = f", which train with {server.training_backend}"
     return facts(
         (
             ("release", server.version),
             ("project", f"{server.project}, as {server.role}"),
             ("key", "" if server.key_expires_at is None else f"expires {minute(server.key_expires_at)}"),
-            (
-                "workers",
-                f"{server.workers}, which train with {server.training_backend}"
-                if server.workers
-                else "none: jobs wait",
-            ),
+            ("workers", f"{server.workers}{backend}" if server.workers else "none: jobs wait"),
             *(_health(server.health) if server.health is not None else ()),
             ("answers", f"are drawn with {server.backend}"),
             *((model.role.replace("_", " "), _model(model)) for model in server.models),
@@ -69,11 +65,8 @@ def _facts(server: ServerStatus) -> str:
 
 
 def _health(health: ServerHealth) -> tuple[tuple[str, str], ...]:
-    return (
-        *(("worker", _worker(worker)) for worker in health.workers),
-        ("queue", _queue(health.queue)),
-        _disk(health.disk),
-    )
+    workers = (("worker", _worker(worker)) for worker in health.workers)
+    return (*workers, ("queue", _queue(health.queue)), _disk(health.disk))
 
 
 def _worker(worker: WorkerHealth) -> str:

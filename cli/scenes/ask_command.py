@@ -55,11 +55,12 @@ def ask(
     scene_id = session.scene(scene)
     if wait is not None:
         session.client.wait_for_scene(scene_id, wait)
+    exact = session.version(scene_id, version)
     request = QueryRequest(
         scene_id,
         tuple(texts),
         outputs=frozenset({"objects"}),
-        version=session.version(scene_id, version),
+        version=exact,
         asker=asker,
         asker_view=asker_view or None,
     )

@@ -12,7 +12,7 @@ import typer
 from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import ID_LETTERS
+from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import minute, point
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.errors import InvalidInputError
@@ -80,16 +80,14 @@ def observations(session: Session, scene: SceneId, version: Version = "") -> Non
     """Say what photos of other days showed, the newest first."""
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
-    all_observations = tuple(session.client.observations(scene_id, version=version))
-    lines = [_observation_text(observation) for observation in all_observations] or [
-        "no photos of another day are kept with this scene"
-    ]
-    session.tell(ObservationList(all_observations, "", version), "\n".join(lines))
+    listed = tuple(session.client.observations(scene_id, version=version))
+    text = "\n".join(map(_observation_text, listed)) or "no photos of another day are kept with this scene"
+    session.tell(ObservationList(listed, "", version), text)
 
 
 def _observation_text(observation: Observation) -> str:
     photos = f"{len(observation.photos)} photos of {minute(observation.seen_at)}"
-    lines = [f"{observation.id[:ID_LETTERS]}: {photos}: {len(observation.looked_at)} objects were looked at"]
+    lines = [f"{observation.id[:SHORT]}: {photos}: {len(observation.looked_at)} objects were looked at"]
     lines += [
         f"  {change.sentence} ({change.probability:.0%}, {len(change.photos)} photos)" for change in observation.changes
     ] or [f"  {observation.sentence}"]

@@ -38,13 +38,9 @@ def list_objects(
     version = session.version(scene_id, version) or session.current(scene_id)
     objects = tuple(session.client.objects(scene_id, version=version, parts=parts))
     columns = (
-        Column("id"),
-        Column("name", "cut"),
-        Column("source"),
-        Column("suggestions", "cut"),
-        Column("says", "cut"),
+        Column("id"), Column("name", "cut"), Column("source"), Column("suggestions", "cut"), Column("says", "cut"),
         Column("Gaussians", right=True),
-    )
+    )  # fmt: skip
     rows = [
         (
             f"{'  ' if obj.parent else ''}{obj.id}",
@@ -76,12 +72,8 @@ def sheet(
     if contact_sheet.picture:
         write_file(file, contact_sheet.picture)
     columns = (
-        Column("no.", right=True),
-        Column("id"),
-        Column("size"),
-        Column("beside", "cut"),
-        Column("suggestions", "cut"),
-    )
+        Column("no.", right=True), Column("id"), Column("size"), Column("beside", "cut"), Column("suggestions", "cut"),
+    )  # fmt: skip
     rows = [
         (
             str(obj.number),
@@ -122,23 +114,16 @@ def detections(session: Session, scene: SceneId, version: Version = "") -> None:
     """Show each object's position with uncertainty, its name, and the object that carries it."""
     scene_id = session.scene(scene)
     whole = session.client.detection_page(scene_id, version=session.version(scene_id, version))
-    all_detections = list(whole.detections)
+    found = list(whole.detections)
     while whole.next_page_token:
         whole = session.client.detection_page(scene_id, version=whole.version, page_token=whole.next_page_token)
-        all_detections += whole.detections
+        found += whole.detections
     columns = (
-        Column("id"),
-        Column("name", "cut"),
-        Column("center"),
-        Column("±", right=True),
-        Column("on or in", "cut"),
+        Column("id"), Column("name", "cut"), Column("center"), Column("±", right=True), Column("on or in", "cut"),
         Column("views", right=True),
-    )
-    session.tell(
-        whole._replace(detections=tuple(all_detections)),
-        table(columns, [_row(detection) for detection in all_detections]),
-    )
-    if all_detections and not session.as_json:
+    )  # fmt: skip
+    session.tell(whole._replace(detections=tuple(found)), table(columns, list(map(_row, found))))
+    if found and not session.as_json:
         unit = "meters" if whole.meters else "scene units"
         typer.echo(f"centers in {unit}; --json has poses, boxes and covariances", err=True)
 
@@ -187,17 +172,11 @@ def known(
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
     known_names = session.client.known_names
     if forget:
-        whole = (
-            forget
-            if forget == EVERY_NAME
-            else whole_id("name", forget, (known_name.id for known_name in known_names.all()))
-        )
-        known_names.forget(whole)
+        every = forget == EVERY_NAME
+        known_names.forget(forget if every else whole_id("name", forget, (name.id for name in known_names.all())))
     names = tuple(known_names.all())
     columns = (Column("id"), Column("name", "cut"), Column("object", right=True), Column("named"))
-    rows = [
-        (known_name.id, known_name.name, str(known_name.object_id), minute(known_name.named_at)) for known_name in names
-    ]
+    rows = [(name.id, name.name, str(name.object_id), minute(name.named_at)) for name in names]
     session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
 
 

@@ -10,7 +10,7 @@ import typer
 
 from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import ID_LETTERS
+from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.places import Alignment, PointPair
@@ -31,17 +31,12 @@ def list_scenes(session: Session) -> None:
     """Show all scenes, newest first."""
     scenes = tuple(session.client.scenes())
     columns = (
-        Column("scene"),
-        Column("name", "cut"),
-        Column("state"),
-        Column("Gaussians", right=True),
-        Column("objects", right=True),
-        Column("unit"),
-        Column("photos of"),
-    )
+        Column("scene"), Column("name", "cut"), Column("state"), Column("Gaussians", right=True),
+        Column("objects", right=True), Column("unit"), Column("photos of"),
+    )  # fmt: skip
     rows = [
         (
-            scene.id[:ID_LETTERS],
+            scene.id[:SHORT],
             scene.name,
             scene.state,
             f"{scene.gaussians:,}",

@@ -9,7 +9,7 @@ import typer
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.scenes.object_commands import objects_app
 from fastsplat.cli.session import Session
-from fastsplat.cli.short_ids import ID_LETTERS
+from fastsplat.cli.short_ids import SHORT
 from fastsplat.cli.tables import Column, minute, table
 from fastsplat_contract.messages.scenes import SceneVersion, VersionList
 
@@ -21,18 +21,13 @@ def versions(session: Session, scene: SceneId) -> None:
     """Show every version of a scene, oldest first; a star marks the current one."""
     scene_versions = session.client.versions(session.scene(scene))
     columns = (
-        Column(""),
-        Column("version"),
-        Column("made of"),
-        Column("edits", "cut"),
-        Column("by", "cut"),
-        Column("made"),
-    )
+        Column(""), Column("version"), Column("made of"), Column("edits", "cut"), Column("by", "cut"), Column("made"),
+    )  # fmt: skip
     rows = [
         (
             "*" if version.current else "",
-            version.version[:ID_LETTERS],
-            version.parent[:ID_LETTERS],
+            version.version[:SHORT],
+            version.parent[:SHORT],
             ", ".join(edit.action for edit in version.edits) or "trained",
             version.author,
             minute(version.created_at),

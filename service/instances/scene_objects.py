@@ -59,11 +59,8 @@ def find_scene_objects(
     up = up_of(vertical_of(facts, None, [view.posed for view in capture.views]))
     backend = training.backend
     objects = discover_objects(gaussians, capture.views, masks, up, settings, on_view, backend=backend).objects
-    seen = [
-        masked_view(view, view_masks, settings)
-        for view, view_masks in zip(capture.views, masks, strict=True)
-        if view_masks is not None
-    ]
+    pairs = zip(capture.views, masks, strict=True)
+    seen = [masked_view(view, view_masks, settings) for view, view_masks in pairs if view_masks is not None]
     fitted = fit_object_codes(
         objects, gaussians, seen, settings, size=training.code_size, seed=training.seed, backend=backend
     )
@@ -84,9 +81,7 @@ def _named(
     if not names or not objects.table:
         return objects
     regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
-    used = [
-        (view, view_regions) for view, view_regions in zip(capture.views, regions, strict=True) if view_regions.votes
-    ]
+    used = [pair for pair in zip(capture.views, regions, strict=True) if pair[1].votes]
     votes = votes_of_views(objects, gaussians, used, len(names), settings, backend=backend)
     return name_objects(objects, votes, names, "given" if labelling.exact else "detected")
 

@@ -70,8 +70,8 @@ class LaterView:
 def _differs(image: F32, other_image: F32, known: Bools) -> Bools:
     """Known pixels whose color in `image` the other picture has nowhere around, bool [H, W]."""
     around = np.ones((_SLACK_PX, _SLACK_PX), np.uint8)
-    soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (image, other_image))
-    beyond = np.maximum(soft_one - cv2.dilate(soft_other, around), cv2.erode(soft_other, around) - soft_one)
+    soft, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (image, other_image))
+    beyond = np.maximum(soft - cv2.dilate(soft_other, around), cv2.erode(soft_other, around) - soft)
     excess = np.maximum(beyond, 0.0).max(axis=2)
     if not known.any():
         return np.zeros(excess.shape, np.bool_)

@@ -112,13 +112,8 @@ def place_photos(
     solved: Sequence[SolvedPose | None] = alone
     if rough:
         cameras = [_camera_of(match, pose) for match, pose in zip(matched, alone, strict=True)]
-        together = solve_jointly(
-            [match.pixels for match in matched],
-            [match.points for match in matched],
-            [match.matches for match in matched],
-            cameras,
-            rough,
-        )
+        pixels, points, matches = zip(*((match.pixels, match.points, match.matches) for match in matched), strict=True)
+        together = solve_jointly(pixels, points, matches, cameras, rough)
         solved = [group or pose for group, pose in zip(together, alone, strict=True)]
         inliers = sum(pose.keypoints for pose in together if pose is not None)
     placed = []
@@ -136,15 +131,9 @@ def _match(photo: Photo, landmarks: Landmarks) -> _Matched:
     if photo.focal is not None:
         focals.append((photo.focal_source, photo.focal * longer))
     focals.append(("scene", landmarks.lens.focal * longer))
-    return _Matched(
-        photo,
-        len(keypoints),
-        matches,
-        keypoints.points[matches.keypoints].astype(np.float64),
-        landmarks.points[matches.landmarks].astype(np.float64),
-        tuple(focals),
-        landmarks.lens.k1,
-    )
+    pixels = keypoints.points[matches.keypoints].astype(np.float64)
+    points = landmarks.points[matches.landmarks].astype(np.float64)
+    return _Matched(photo, len(keypoints), matches, pixels, points, tuple(focals), landmarks.lens.k1)
 
 
 def _camera_of(match: _Matched, pose: SolvedPose | None) -> tuple[FocalSource, Camera]:
@@ -206,10 +195,8 @@ def _refined(
     """Refines a pose if photometric refinement is more certain; the flag: it improved."""
     picture, valid, first = match.photo.picture, match.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
-    if (
-        shown_deviation(first, match.points[pose.inliers], covariance) * COMPARED_SIDE / longer
-        > COMPARISON_DEVIATION_PX
-    ):
+    deviation_px = shown_deviation(first, match.points[pose.inliers], covariance) * COMPARED_SIDE / longer
+    if deviation_px > COMPARISON_DEVIATION_PX:
         posed, comparison, refined = refine_photometrically(picture, first, geometry, valid)
         off = np.linalg.norm(reprojected(posed, match.points) - match.pixels, axis=1)
         # The most similar view may contradict the matches in a blurred or changed place.

@@ -134,9 +134,8 @@ class RankedQuery:
         has_details = scene.looks or any(obj.surface or obj.reads for obj in scene.names.present)
         toys = any(text and names.match(text).hyponyms for text in gone)
         self._is_plain = not any(self._parsed) and not any(self._parted) and not toys and not has_details
-        self._is_of_pose = any(
-            question is not None and question.is_of_pose for question in (*self._parsed, *self._parted)
-        )
+        questions = (question for question in (*self._parsed, *self._parted) if question is not None)
+        self._is_of_pose = any(question.is_of_pose for question in questions)
         self._answers: tuple[Answer, ...] | None = None
 
     def is_of(self, scene: RankedScene, query: TextQuery) -> bool:
@@ -197,14 +196,9 @@ class RankedQuery:
 
         names = scene.names if scene.names.stored else objects().names
         context = AskedScene(
-            names,
-            scene.ranker.names,
-            lambda texts: self._rank(tuple(texts)),
-            lambda: objects().measures,
-            scene.unit,
-            scene.written,
-            scene.looks,
-        )
+            names, scene.ranker.names, lambda texts: self._rank(tuple(texts)), lambda: objects().measures, scene.unit,
+            scene.written, scene.looks,
+        )  # fmt: skip
 
         def answered(plain: Ranked, phrase: ParsedQuestion | None, parted: ParsedQuestion | None) -> Ranked:
             if names_nothing(plain.answer.text):

@@ -202,20 +202,16 @@ class SceneIndex:
     def with_label(self, scene: SceneT, entry: DictionaryEntry, head: SemanticHead) -> SceneT:
         """Adds an embedded label and the head that knows it; may raise ModelUnavailableError."""
         dictionary = Dictionary((*scene.dictionary.entries, entry))
-        encoder_key, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
-        if len(scene.dictionary) and scene.text_encoder == encoder_key:
+        encoder, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
+        if len(scene.dictionary) and scene.text_encoder == encoder:
             rows = np.concatenate([scene.label_embeddings, embed_names([entry.label], self._encoder, templates)])
         else:
             templates = self.settings.templates
             rows = embed_labels(dictionary, self._encoder, templates)
         return replace(
-            scene,
-            dictionary=dictionary,
-            head=head,
-            label_embeddings=rows,
-            text_encoder=encoder_key,
+            scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=encoder,
             label_templates=templates,
-        )
+        )  # fmt: skip
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
         """Visible named objects and parts of an answer with best views, by entry and size."""

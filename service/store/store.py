@@ -54,13 +54,8 @@ class Store:
 
     def in_project(self, project: str, scene_id: str = "") -> Store:
         """Narrows the store to a project's scenes, operations and names, and optionally to one scene."""
-        return replace(
-            self,
-            scenes=SceneRepository(self.engine, project, scene_id),
-            known_names=KnownNameRepository(self.engine, project),
-            project=project,
-            only_scene=scene_id,
-        )
+        scenes, names = SceneRepository(self.engine, project, scene_id), KnownNameRepository(self.engine, project)
+        return replace(self, scenes=scenes, known_names=names, project=project, only_scene=scene_id)
 
     def close(self) -> None:
         self.engine.dispose()

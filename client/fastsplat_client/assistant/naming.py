@@ -109,12 +109,8 @@ def unnamed_objects(client: Client, page: str, scene: str) -> tuple[bytes, Unnam
             obj.surface,
             [NearObject(near.object_id, near.name) for near in obj.neighbors],
             [
-                ToldName(
-                    suggestion.name,
-                    round(suggestion.probability, 3),
-                    [speaker.source for speaker in suggestion.said_by],
-                )
-                for suggestion in obj.suggestions
+                ToldName(said.name, round(said.probability, 3), [speaker.source for speaker in said.said_by])
+                for said in obj.suggestions
             ],
         )
         for obj in sheet.objects

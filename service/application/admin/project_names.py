@@ -97,14 +97,11 @@ class KnownNames:
             keys, records = current, self._store.known_names.all()
             known = tuple(
                 KnownObject(
-                    record.scene_id,
-                    record.name,
-                    record.appearance,
-                    tuple(SaidName(*said) for said in record.said),
-                    tuple((tag, probability) for tag, probability in record.tags),
+                    row.scene_id, row.name, row.appearance, tuple(SaidName(*said) for said in row.said),
+                    tuple((tag, probability) for tag, probability in row.tags),
                 )
-                for record in records
-            )
+                for row in records
+            )  # fmt: skip
             with self._lock:
                 self._by_project.pop(project, None)
                 self._by_project[project] = keys, known
@@ -119,18 +116,13 @@ def _suggested(obj: SceneObject, name: NameFromScene) -> SceneObject:
     same = [suggestion for suggestion in obj.suggestions if label_key(suggestion.name) == label_key(name.name)]
     rest = [suggestion for suggestion in obj.suggestions if suggestion not in same]
     aliases = tuple(alias for suggestion in same for alias in suggestion.aliases)
-    sources = tuple(
-        source for suggestion in same for source in suggestion.said_by if source.source != (name.source or OWN_SOURCE)
-    )
+    replaced = name.source or OWN_SOURCE
+    sources = [source for suggestion in same for source in suggestion.said_by if source.source != replaced]
     if name.source:
-        sources = (SuggestionSource(name.source, "", name.probability), *sources)
-        sources = tuple(sorted(sources, key=lambda source: -source.probability))
-    said = (
-        [source.probability for source in sources]
-        if name.source
-        else [name.probability, *(source.probability for source in sources)]
-    )
-    probability = agreed(said)
-    suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, sources)
+        sources.insert(0, SuggestionSource(name.source, "", name.probability))
+        sources.sort(key=lambda source: -source.probability)
+    said = [source.probability for source in sources]
+    probability = agreed(said if name.source else [name.probability, *said])
+    suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, tuple(sources))
     ranked = sorted([suggestion, *rest], key=lambda suggestion: -suggestion.probability)
     return replace(obj, suggestions=tuple(ranked))

@@ -141,19 +141,17 @@ class Photos:
         size = picture_bytes("object_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
         with self._context.memory.reserve(size, "objects"):
             best = best_object_views(index, object_ids, max_views or _USUAL_VIEWS)
-        return BestViewList(
-            tuple(
-                BestView(
-                    view.name,
-                    view.share,
-                    view.cut_off,
-                    view.name in has_photo,
-                    encoded_mask(view.mask, view.name, 0, "rle"),
-                )
-                for view in best
-            ),
-            read_version,
+        views = (
+            BestView(
+                view.name,
+                view.share,
+                view.cut_off,
+                view.name in has_photo,
+                encoded_mask(view.mask, view.name, 0, "rle"),
+            )
+            for view in best
         )
+        return BestViewList(tuple(views), read_version)
 
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
         """Resolved version, camera names in order, and the version's folder."""

@@ -39,18 +39,9 @@ _EDITED_COPIES = 3
 """Copies of an edited scene: before and after an edit, and the PLY layout."""
 _PER_MASKED_GAUSSIAN: Mapping[Mask3dEncoding, float] = {"bits": 2.0, "runs": 16.0, "indices": 16.0, "ply": 0.0}
 _PER_PIXEL: Mapping[PictureKind, int] = {
-    "rgb": 56,
-    "overlay": 128,
-    "relevancy": 136,
-    "mask": 80,
-    "label_map": 32,
-    "depth": 48,
-    "depth_picture": 128,
-    "object_map": 32,
-    "objects": 128,
-    "normals": 160,
-    "confidence": 160,
-}
+    "rgb": 56, "overlay": 128, "relevancy": 136, "mask": 80, "label_map": 32, "depth": 48, "depth_picture": 128,
+    "object_map": 32, "objects": 128, "normals": 160, "confidence": 160,
+}  # fmt: skip
 
 
 def picture_bytes(kind: PictureKind, posed: PosedCamera, gaussians: int) -> int:

@@ -208,15 +208,8 @@ class Versions:
         edited = index.scene
         version = version or new_version_name()
         same = edited.gaussians is before.scene.gaussians
-        write_version(
-            edited,
-            self._context.store.blobs,
-            scene_id,
-            version,
-            self._context.scenes.folder(scene_id, parent),
-            same,
-            add_files,
-        )
+        folder = self._context.scenes.folder(scene_id, parent)
+        write_version(edited, self._context.store.blobs, scene_id, version, folder, same, add_files)
         key = self._context.store.keys.find(order.author) if order.author else None
         try:
             published, removed = self._context.store.versions.publish(
@@ -258,15 +251,9 @@ class Versions:
         for number, edit in enumerate(edits):
             try:
                 piece = self._prompted.piece(index, edit)
-                scene = apply_edit(
-                    index,
-                    edit,
-                    seen,
-                    before,
-                    sources.get(number),
-                    max_gaussians=self._context.settings.store.max_gaussians,
-                    piece=None if piece is None else piece.rows,
-                )
+                most = self._context.settings.store.max_gaussians
+                rows = None if piece is None else piece.rows
+                scene = apply_edit(index, edit, seen, before, sources.get(number), max_gaussians=most, piece=rows)
                 self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
                 self._context.memory.check(edit_bytes(scene, ()), "objects")
             except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:

@@ -72,14 +72,9 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, objects: Sequenc
         channels.PointCloudChannel("/points", context=context).log(
             _cloud(recording.points, root, start), log_time=start
         )
-        channels.PosesInFrameChannel("/cameras", context=context).log(
-            messages.PosesInFrame(
-                timestamp=_time(start),
-                frame_id=root,
-                poses=[_pose(*_motion(posed.world_from_camera)) for posed in scene.cameras],
-            ),
-            log_time=start,
-        )
+        poses = [_pose(*_motion(posed.world_from_camera)) for posed in scene.cameras]
+        message = messages.PosesInFrame(timestamp=_time(start), frame_id=root, poses=poses)
+        channels.PosesInFrameChannel("/cameras", context=context).log(message, log_time=start)
         if recording.floor is not None:
             channels.GridChannel("/map", context=context).log(_grid(recording.floor, root, start), log_time=start)
         _log_frames(scene, recording, root, context)

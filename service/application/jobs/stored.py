@@ -145,14 +145,9 @@ def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
     alignment = alignment_from_json(record.alignment)
     if alignment is None:
         return None
-    return SceneAlignment(
-        alignment.frame,
-        alignment.pairs,
-        alignment.rms,
-        alignment.residuals,
-        alignment.outliers,
-        Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation))),
-    )
+    pose = Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation)))
+    residuals, outliers = alignment.residuals, alignment.outliers
+    return SceneAlignment(alignment.frame, alignment.pairs, alignment.rms, residuals, outliers, pose)
 
 
 @decodes("scene")

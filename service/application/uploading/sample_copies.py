@@ -70,7 +70,7 @@ def _add(context: ProjectContext, scene_id: str) -> str:
             operation,
             _REQUEST,
             photos,
-            lambda connection: context.quotas.reserve(connection, project, scene_id, size),
+            lambda database: context.quotas.reserve(database, project, scene_id, size),
         )
     except BaseException:
         store.blobs.drop_scene(scene_id)

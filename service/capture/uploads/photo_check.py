@@ -86,14 +86,8 @@ def check_photos(
     for verdict in judge_photos(qualities, {}, None):
         alone = len(names) > 1 and matches[verdict.name] < MIN_MATCHES
         reason: NotPlaced | None = "no_overlap" if alone else None
-        verdicts.append(
-            replace(
-                verdict,
-                not_placed=reason,
-                matches=matches[verdict.name],
-                advice=advice_of(reason, verdict.defects, verdict.duplicate_of),
-            )
-        )
+        advice = advice_of(reason, verdict.defects, verdict.duplicate_of)
+        verdicts.append(replace(verdict, not_placed=reason, matches=matches[verdict.name], advice=advice))
     sizes = sorted(photo.upright_size for photo in manifest.photos)
     return PhotoCheck(tuple(verdicts), tuple(_advice(verdicts)), sizes[len(sizes) // 2])
 

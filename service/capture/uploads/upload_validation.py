@@ -32,14 +32,8 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2
 _VIDEO_SIGNATURES = (
-    (4, b"ftyp"),
-    (4, b"moov"),
-    (4, b"mdat"),
-    (4, b"wide"),
-    (4, b"free"),
-    (8, b"AVI "),
-    (0, b"\x1aE\xdf\xa3"),
-)
+    (4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (4, b"free"), (8, b"AVI "), (0, b"\x1aE\xdf\xa3"),
+)  # fmt: skip
 
 
 def validate_upload(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
@@ -72,15 +66,9 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings, strict: bool = 
             manifest = admit_splat(files, contents, manifest, partial, settings)
         write_manifest(replace(manifest, left_out=left_out.reasons), partial)
     has_labels = bool(manifest.label_maps)
-    return ValidatedUpload(
-        upload_dir / VALIDATED,
-        manifest.source,
-        len(manifest.photos),
-        has_labels,
-        manifest.warnings,
-        manifest.gaussians,
-        left_out.reasons,
-    )
+    target, photos = upload_dir / VALIDATED, len(manifest.photos)
+    warnings, gaussians = manifest.warnings, manifest.gaussians
+    return ValidatedUpload(target, manifest.source, photos, has_labels, warnings, gaussians, left_out.reasons)
 
 
 def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:

@@ -39,19 +39,12 @@ def resolve_detections(
     the larger score × support, where support is the class's best score averaged over views. This is repeated until the
     classes are stable.
     """
-    enough = (
-        1 if named else min(len(detections), max(settings.min_views, ceil(settings.min_view_share * len(detections))))
-    )
+    views, floor = len(detections), settings.score_floor
+    enough = 1 if named else min(views, max(settings.min_views, ceil(settings.min_view_share * views)))
     classes = _believed(detections, settings.score_threshold, enough)
     while True:  # ends: the set of classes only shrinks
         candidates = [
-            view.take(
-                [
-                    row
-                    for row, label in enumerate(view.labels)
-                    if label in classes and view.scores[row] >= settings.score_floor
-                ]
-            )
+            view.take([row for row, label in enumerate(view.labels) if label in classes and view.scores[row] >= floor])
             for view in detections
         ]
         support = _support(candidates)

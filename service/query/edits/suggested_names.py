@@ -58,10 +58,10 @@ def suggest_names(objects: SceneObjects, suggested: Sequence[SuggestedName]) -> 
     return replace(scene, objects=replace(scene.objects, table=tuple(map(changed, scene.objects.table)), parts=parts))
 
 
-def _checked(suggestion: SuggestedName, field: str) -> Suggestion:
+def _checked(guess: SuggestedName, field: str) -> Suggestion:
     source, model = (
         checked_name(text, f"{field}.{name}") if text or name == "source" else ""
-        for name, text in (("source", suggestion.source), ("model", suggestion.model))
+        for name, text in (("source", guess.source), ("model", guess.model))
     )
     if source in _OWN_SOURCES or len(source) > _MAX_SOURCE:
         raise InvalidInputError(
@@ -70,13 +70,9 @@ def _checked(suggestion: SuggestedName, field: str) -> Suggestion:
             limit=f"1 to {_MAX_SOURCE} characters, and neither {' nor '.join(_OWN_SOURCES)}",
             hint="Say who suggests the name.",
         )
-    if not 0.0 <= suggestion.probability <= 1.0:
-        raise InvalidInputError(
-            f"a probability of {suggestion.probability}", field=f"{field}.probability", limit="0 to 1"
-        )
-    if len(suggestion.aliases) > _MAX_ALIASES:
-        raise LimitExceededError(
-            f"{len(suggestion.aliases)} aliases", field=f"{field}.aliases", limit=f"{_MAX_ALIASES} aliases"
-        )
-    aliases = tuple(checked_name(word, f"{field}.aliases[{n}]") for n, word in enumerate(suggestion.aliases))
-    return Suggestion(checked_name(suggestion.name, f"{field}.name"), suggestion.probability, source, model, aliases)
+    if not 0.0 <= guess.probability <= 1.0:
+        raise InvalidInputError(f"a probability of {guess.probability}", field=f"{field}.probability", limit="0 to 1")
+    if (count := len(guess.aliases)) > _MAX_ALIASES:
+        raise LimitExceededError(f"{count} aliases", field=f"{field}.aliases", limit=f"{_MAX_ALIASES} aliases")
+    aliases = tuple(checked_name(word, f"{field}.aliases[{n}]") for n, word in enumerate(guess.aliases))
+    return Suggestion(checked_name(guess.name, f"{field}.name"), guess.probability, source, model, aliases)

@@ -127,24 +127,16 @@ def with_absence_judged(
     here with the probability 1 / (1 + m). Otherwise it cannot be said. `color_share` is the share 0..1 of an object
     clearly of a color."""
     answer, remarks = ranked.answer, ranked.remarks
-    if remarks.no_question or not (
-        _is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(ranked.noun_phrase))
-    ):
-        return ranked
     text = ranked.noun_phrase
-    fitting = [
-        obj
-        for obj in names.present
-        if (not obj.name or obj.guessed)
-        and obj.id in names.lengths
-        and _may_be(obj, names.lengths[obj.id], text, vocabulary)
-    ]
+    if remarks.no_question or not (_is_absent(ranked) or (_is_weak(ranked, names) and vocabulary.knows(text))):
+        return ranked
+    nameless = [obj for obj in names.present if (not obj.name or obj.guessed) and obj.id in names.lengths]
+    fitting = [obj for obj in nameless if _may_be(obj, names.lengths[obj.id], text, vocabulary)]
     if all(obj.name for obj in fitting):
         return ranked
     figures = {match: match.relevancy if match.probability is None else match.probability for match in answer.matches}
-    matches = tuple(
-        match._replace(relevant=False) for match in sorted(answer.matches, key=lambda match: -figures[match])
-    )
+    ordered = sorted(answer.matches, key=lambda match: -figures[match])
+    matches = tuple(match._replace(relevant=False) for match in ordered)
     nothing, remarks = replace(answer, matches=matches, relation_subject=None), replace(remarks, other_object=False)
     word = vocabulary.word_for(text)
     seen = names.labels.id_of(word) if word else None
@@ -157,9 +149,8 @@ def with_absence_judged(
     colors = (COLORS - UNMEASURED).intersection(re.findall(r"[a-z]+", answer.text.lower()))
     likely = unnamed_probability(names.searched)
     presence = None if answer.presence is None else 1.0 - (1.0 - answer.presence) * (1.0 - likely)
-    colored = {
-        obj.id: max((color_share(obj.id, basic_name(color)) for color in colors), default=1.0) for obj in fitting
-    }
+    shares = {obj.id: [color_share(obj.id, basic_name(color)) for color in colors] for obj in fitting}
+    colored = {object_id: max(of_color, default=1.0) for object_id, of_color in shares.items()}
     may_be = _likeliest(text, answer, fitting, names, vocabulary, colored)
     offered = replace(nothing, presence=presence, probability=None, object_ids=may_be, relation="undecided")
     return replace(ranked, answer=offered, verdict="undecided", standing=frozenset(), remarks=remarks)

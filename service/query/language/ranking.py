@@ -179,16 +179,8 @@ class Ranker:
         matches = [self._names.match(text) for text in query.texts]
         similarity = text_similarity(query.texts, matches, context.entries.labels, self._caches.texts, query.templates)
         scores = relevancy_scores(similarity, context.entries, context.temperature)
-        return tuple(
-            self._answer(
-                text,
-                match,
-                context,
-                query.coverage,
-                Scores(scores.similarity[row], scores.margin[row], scores.relevancy[row]),
-            )
-            for row, (text, match) in enumerate(zip(query.texts, matches, strict=True))
-        )
+        rows = zip(query.texts, matches, map(Scores, scores.similarity, scores.margin, scores.relevancy), strict=True)
+        return tuple(self._answer(text, match, context, query.coverage, row) for text, match, row in rows)
 
     def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Ranked:
         """Answers one text from scores [N]."""

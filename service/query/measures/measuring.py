@@ -93,8 +93,8 @@ def _nearest(
         return 0.0, 0.0
     means = index.scene.gaussians.means.astype(np.float64)
     sets = [extents[place.object_id].rows if place.is_object else None for place in (start, end)]
-    points = [start.point[None] if sets[0] is None else means[sets[0]]]
-    points.append(end.point[None] if sets[1] is None else means[sets[1]])
+    places = zip((start, end), sets, strict=True)
+    points = [place.point[None] if rows is None else means[rows] for place, rows in places]
     distances, near = cKDTree(points[1]).query(points[0])
     first = int(np.argmin(distances))
     ends = [

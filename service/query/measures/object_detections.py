@@ -15,7 +15,7 @@ from fastsplat.service.query.objects.object_measures import ObjectShape
 from fastsplat.service.query.objects.solid_gaussians import masses
 from fastsplat.service.query.objects.visibility import view_scores
 from fastsplat.service.query.phrases.relations import Judged, is_in
-from fastsplat.service.query.phrases.stacks import PairBudget, Stacks
+from fastsplat.service.query.phrases.stacks import PairBudget, Stacks, bounds_overlap
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scaling import capture_scaling
 from fastsplat.service.scene.artefact.scene import Object, Scene
@@ -46,10 +46,7 @@ def carrier_of(objects: SceneObjects, object_id: int) -> Support | None:
     if best is None:
         walls = [wall for wall in shapes if by_id[wall.id].surface in _FLAT and _overlapping(subject, wall)]
         best = _clearest((wall.id, "on", stacks.rests_on(subject, wall)) for wall in walls)
-    if best is None:
-        return None
-    carrier, relation, clear = best
-    return Support(carrier, by_id[carrier].name, relation, clear)
+    return None if best is None else Support(best[0], by_id[best[0]].name, *best[1:])
 
 
 def _carried(stacks: Stacks, subject: ObjectShape, base: ObjectShape) -> Iterator[tuple[int, SupportRelation, Judged]]:
@@ -61,25 +58,19 @@ def _carried(stacks: Stacks, subject: ObjectShape, base: ObjectShape) -> Iterato
 
 
 def _clearest(judged: Iterator[tuple[int, SupportRelation, Judged]]) -> tuple[int, SupportRelation, float] | None:
-    holding = [
-        (carrier, relation, judgement.clearness)
-        for carrier, relation, judgement in judged
-        if judgement.clearness >= _HOLDS
-    ]
-    return max(holding, key=lambda candidate: candidate[2], default=None)
+    candidates = [(carrier, relation, judgement.clearness) for carrier, relation, judgement in judged]
+    best = max(candidates, key=lambda candidate: candidate[2], default=None)
+    return best if best is not None and best[2] >= _HOLDS else None
 
 
 def _may_carry(subject: ObjectShape, base: ObjectShape) -> bool:
     """True if the outlines overlap and the other begins below the top."""
-    return base.low < subject.high and bool(
-        (subject.bounds[0] <= base.bounds[1]).all() and (base.bounds[0] <= subject.bounds[1]).all()
-    )
+    return base.low < subject.high and bounds_overlap(subject, base)
 
 
 def _overlapping(subject: ObjectShape, wall: ObjectShape) -> bool:
     """True if a wall is nearer along each axis than the object is wide."""
-    reach = subject.width
-    low, high = wall.bounds[0] - reach, wall.bounds[1] + reach
+    low, high = wall.bounds[0] - subject.width, wall.bounds[1] + subject.width
     return bool((subject.bounds[0] <= high).all() and (low <= subject.bounds[1]).all())
 
 
@@ -93,9 +84,7 @@ _NO_HEADING = np.radians(20.0)
 """Most deviation of a known heading; uniform angles within ±45° have 26°."""
 
 
-def detections_of(
-    index: SceneIndex, listed: Sequence[SceneObject], version: str, next_page_token: str = ""
-) -> DetectionList:
+def detections_of(index: SceneIndex, listed: Sequence[SceneObject], version: str, next_page: str = "") -> DetectionList:
     """Describes listed objects (no parts) of a scene for a robot; cancellable."""
     scene, table = index.scene, {obj.id: obj for obj in index.objects.table.table}
     up = index.objects.measures.up
@@ -105,14 +94,8 @@ def detections_of(
     for obj in listed:
         check_cancelled()
         detections.append(_detection(index, obj, table[obj.id], carriers.get(obj.id), seen.get(obj.id, ())))
-    return DetectionList(
-        tuple(detections),
-        next_page_token,
-        version,
-        scene.frame_id,
-        scene.scale == "METRIC",
-        None if up is None else vector3(up),
-    )
+    vertical, meters = None if up is None else vector3(up), scene.scale == "METRIC"
+    return DetectionList(tuple(detections), next_page, version, scene.frame_id, meters, vertical)
 
 
 def _detection(

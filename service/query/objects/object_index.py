@@ -33,18 +33,9 @@ _REACH = 3.0
 """Standard deviations of a Gaussian within which a point is at it."""
 
 _OF_MEMBERSHIP = (
-    "belief",
-    "owner",
-    "counts",
-    "part_owner",
-    "extents",
-    "_best_views",
-    "unseen",
-    "_solid",
-    "_maps",
-    "views_of_objects",
-    "measures",
-)
+    "belief", "owner", "counts", "part_owner", "extents", "_best_views", "unseen", "_solid", "_maps",
+    "views_of_objects", "measures",
+)  # fmt: skip
 """Attributes that do not depend on names, so that they survive a renaming."""
 
 
@@ -123,12 +114,8 @@ class SceneObjects:
     def groups(self) -> Mapping[int, ObjectGroup]:
         """Groups with at least two present members, by id, with these members."""
         here = {obj.id for obj in self.present}
-        members = {group.id: tuple(member for member in group.members if member in here) for group in self.table.groups}
-        return {
-            group.id: replace(group, members=members[group.id])
-            for group in self.table.groups
-            if len(members[group.id]) > 1
-        }
+        left = [(group, tuple(member for member in group.members if member in here)) for group in self.table.groups]
+        return {group.id: replace(group, members=members) for group, members in left if len(members) > 1}
 
     @cached_property
     def measures(self) -> ObjectMeasures:
@@ -271,12 +258,8 @@ class SceneObjects:
         if missing:
             gaussians, solid = self.scene.gaussians, solid_rows(self.scene.gaussians)
             owners = (self.owner, self.part_owner) if self.present_parts else (self.owner,)
-            groups = {
-                object_id: rows
-                for owner in owners
-                for object_id, rows in grouped_rows(owner, solid)
-                if object_id in missing
-            }
+            by_id = dict(entry for owner in owners for entry in grouped_rows(owner, solid))
+            groups = {object_id: rows for object_id, rows in by_id.items() if object_id in missing}
             views = best_views(self.scene, [*groups.values()], masses(gaussians.log_scales, gaussians.logit_opacities))
             self._best_views.update(zip(groups, views, strict=True))
         return self._best_views
@@ -314,15 +297,12 @@ class SceneObjects:
 
 def listed_suggestions(obj: Object, trust: Trust) -> tuple[NameSuggestion, ...]:
     """Suggested names of an object as listed in answers, most probable first."""
-    return tuple(_name_suggestion(name) for name in merged_suggestions(obj, trust))
+    return tuple(map(_name_suggestion, merged_suggestions(obj, trust)))
 
 
 def _name_suggestion(name: MergedName) -> NameSuggestion:
-    said_by = tuple(
-        SuggestionSource(suggestion.source or OWN_SOURCE, suggestion.model, suggestion.probability)
-        for suggestion in name.suggestions
-    )
-    return NameSuggestion(name.name, name.probability, "", name.aliases, said_by)
+    said_by = (SuggestionSource(said.source or OWN_SOURCE, said.model, said.probability) for said in name.suggestions)
+    return NameSuggestion(name.name, name.probability, "", name.aliases, tuple(said_by))
 
 
 def _same_members(first: Objects, second: Objects) -> bool:

@@ -149,15 +149,8 @@ class ObjectMeasures:
         points = means @ self.axes.T
         center, size = _upright_box(points) if self.up is not None else _principal_box(points)
         low, high = np.quantile(points[:, 2], [_TRIM, 1 - _TRIM])
-        return ObjectShape(
-            id=object_id,
-            points=points,
-            center=center,
-            size=size,
-            low=float(low),
-            high=float(high),
-            deviation=float(np.median(np.exp(gaussians.log_scales[rows].astype(np.float64)))),
-        )
+        deviation = float(np.median(np.exp(gaussians.log_scales[rows].astype(np.float64))))
+        return ObjectShape(object_id, points, center, size, float(low), float(high), deviation)
 
     def _color(self, rows: Rows) -> ObjectColor:
         gaussians = self.scene.gaussians

@@ -111,11 +111,8 @@ def chosen_level(levels: Sequence[PickedLevel], level_name: AskedLevel) -> Picke
     for option in levels:
         if option.level == level_name:
             return option
-    raise NotFoundError(
-        f"there is no {level_name} at this place",
-        field="level",
-        hint=f"There is: {', '.join(level.level for level in levels)}.",
-    )
+    hint = f"There is: {', '.join(level.level for level in levels)}."
+    raise NotFoundError(f"there is no {level_name} at this place", field="level", hint=hint)
 
 
 def _part_ids(objects: SceneObjects, object_id: int) -> tuple[int, ...]:
@@ -125,11 +122,8 @@ def _part_ids(objects: SceneObjects, object_id: int) -> tuple[int, ...]:
 def _levels(objects: SceneObjects, object_id: int, part_id: int, agreement: Agreement) -> tuple[PickedLevel, ...]:
     consensus = {obj.id: obj.consensus for obj in (*objects.present, *objects.present_parts)}
     # Of several groups, take the one with the highest consensus, then the smallest.
-    group = max(
-        (group for group in objects.groups.values() if object_id in group.members),
-        key=lambda candidate: (candidate.consensus, -len(candidate.members)),
-        default=None,
-    )
+    groups = [group for group in objects.groups.values() if object_id in group.members]
+    group = max(groups, key=lambda group: (group.consensus, -len(group.members)), default=None)
     scores: dict[tuple[PickLevel, int], float] = {("object", object_id): consensus[object_id]}
     if part_id:
         scores = {("part", part_id): consensus[part_id], **scores}

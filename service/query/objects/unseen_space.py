@@ -75,14 +75,9 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
     metric, (share, behind, middle) = scene.scale == "METRIC", _between(seen, usual)
     if not share and not hollows:
         return ALL_SEEN
-    return UnseenSpace(
-        share,
-        behind,
-        middle,
-        hollows=tuple(sorted(hollows, key=lambda hollow: -hollow.volume)),
-        meter=1.0 if metric else usual / USUAL_M,
-        in_meters=metric,
-    )
+    hollows.sort(key=lambda hollow: -hollow.volume)
+    meter = 1.0 if metric else usual / USUAL_M
+    return UnseenSpace(share, behind, middle, hollows=tuple(hollows), meter=meter, in_meters=metric)
 
 
 @dataclass(frozen=True)
@@ -150,21 +145,14 @@ def _inside(obj: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
 
 def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
     """Name of the nearest camera with a place in the picture; "" for none."""
-    far = {
-        camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - place)
-        for camera in cameras
-        if shows(camera, place)
-    }
+    able = [camera for camera in cameras if shows(camera, place)]
+    far = {camera.name: np.linalg.norm(camera.world_from_camera[:3, 3] - place) for camera in able}
     return min(far, key=far.__getitem__, default="")
 
 
 def _grids_of_objects(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[_CubeGrid]:
     """Cubes of the largest objects that are no surfaces."""
-    groups = [
-        (object_id, points[rows])
-        for object_id, rows in grouped_rows(of, np.arange(len(of)))
-        if not surfaces.get(object_id)
-    ]
+    groups = _objects_of(points, of, surfaces)
     groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
     grids = (_cube_grid(object_points, object_id, _ACROSS) for object_id, object_points in groups[:_MOST_OBJECTS])
     return [grid for grid in grids if grid is not None]
@@ -195,12 +183,14 @@ def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, 
 
 def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> float:
     """Median length of the objects along their longest axis; 0 without objects."""
-    sizes = [
-        np.ptp(np.quantile(points[rows], [_TRIM, 1 - _TRIM], axis=0), axis=0).max()
-        for object_id, rows in grouped_rows(of, np.arange(len(of)))
-        if not surfaces.get(object_id)
-    ]
-    return float(np.median(sizes)) if sizes else 0.0
+    trimmed = [np.quantile(group, [_TRIM, 1 - _TRIM], axis=0) for _, group in _objects_of(points, of, surfaces)]
+    return float(np.median([np.ptp(ends, axis=0).max() for ends in trimmed])) if trimmed else 0.0
+
+
+def _objects_of(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[tuple[int, F64]]:
+    """Points of each object that is no surface, by id."""
+    groups = grouped_rows(of, np.arange(len(of)))
+    return [(object_id, points[rows]) for object_id, rows in groups if not surfaces.get(object_id)]
 
 
 @dataclass(frozen=True)

@@ -126,11 +126,8 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
     meant = {obj.id: by_label.get(objects.dictionary.id_of(obj.name) or 0) for obj in objects.present}
     before = {object_id: unknown if likely is None else likely for object_id, likely in meant.items()}
     likely = scene.looks.likely(noun_phrase(answer.text), before)
-    ids = tuple(
-        sorted(
-            (object_id for object_id in likely if likely[object_id] >= RATHER), key=lambda object_id: -likely[object_id]
-        )
-    )
+    ordered = sorted(likely, key=lambda object_id: -likely[object_id])
+    ids = tuple(object_id for object_id in ordered if likely[object_id] >= RATHER)
     related = answer.probability or 0.0 if plain.verdict in _CLOSE else 0.0
     if not ids or likely[ids[0]] <= related:
         return plain
@@ -144,10 +141,8 @@ def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
     if question is None or phrase is None:
         return True
     unnamed = plain.remarks.head or (phrase.refusal is not None and phrase.refusal.reason == "not_named")
-    more = question.not_understood or any(
-        reading.conditions or reading.rank is not None for reading in question.readings
-    )
-    return bool(unnamed) and not more and question.asks != "count"
+    more = any(reading.conditions or reading.rank is not None for reading in question.readings)
+    return bool(unnamed) and not (more or question.not_understood) and question.asks != "count"
 
 
 def _is_unnamed(plain: Ranked) -> bool:
@@ -204,12 +199,9 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, object_ids=())
         return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
-    read = [
-        witness.value
-        for witness in solved.witnesses
-        if witness.measure == READ and witness.value and witness.clearness > 0
-    ]
-    likely = min((*(group.likely for group in spoken_of), *read), default=1.0)
+    read = [witness for witness in solved.witnesses if witness.measure == READ and witness.clearness > 0]
+    values = (witness.value for witness in read if witness.value)
+    likely = min((*(group.likely for group in spoken_of), *values), default=1.0)
     doubt = next((group.doubt for group in spoken_of if group.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), objects, likely, doubt)
 
@@ -272,9 +264,8 @@ def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
     """Objects that a noun group names, by name or kind, else fitting nameless surfaces."""
     answer, match = ranked.answer, scene.names.match(name)
     below = answer.relation_subject == "question" and answer.relation == "kind_of"
-    labels = [
-        label_id for label_id in answer.relevant_ids if label_id in ranked.standing or (below and not ranked.standing)
-    ]
+    any_kind = below and not ranked.standing
+    labels = [label_id for label_id in answer.relevant_ids if any_kind or label_id in ranked.standing]
     ids = scene.objects.of_labels(labels)
     kind = "" if ids else surface_kind(name)
     if kind:
@@ -297,10 +288,9 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     Readings about absent objects, and empty ones if another has results, are discarded."""
     first = readings[0]
     sensible = [reading for reading in readings if reading.refusal is None or reading.refusal.reason not in _NOT_MEANT]
-    some = [
-        reading for reading in sensible if reading.objects or reading.refusal is not None or question.asks == "count"
-    ]
-    meant = some or sensible or [first]
+    some = [reading for reading in sensible if reading.objects or reading.refusal is not None]
+    meant = sensible if question.asks == "count" else some or sensible
+    meant = meant or [first]
     outcomes = {(reading.objects, frozenset(reading.undecided), reading.refusal) for reading in meant}
     if len(outcomes) == 1:
         return meant[0]
@@ -310,10 +300,8 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 
 def _about(answer: Answer, objects: ObjectNames, ids: tuple[int, ...]) -> Answer:
     """Undecided answer about some objects: their names first, without the ranking's probabilities."""
-    order = {
-        objects.dictionary.id_of(name): -at
-        for at, name in enumerate(objects.called[object_id] for object_id in reversed(ids))
-    }
+    names = [objects.called[object_id] for object_id in reversed(ids)]
+    order = {objects.dictionary.id_of(name): -at for at, name in enumerate(names)}
 
     def place(match: Match) -> tuple[int, float]:
         return order.get(match.label_id, 1), -(match.relevancy if match.probability is None else match.probability)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -47,7 +47,8 @@ _MAX_WITNESSES = 200
 READ = "read"
 """Witness measure: probability that words are written on an object."""
 
-_Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
+_Compared = tuple[Judged, tuple[int, ...]]  # a judgement, and ids of the objects that were compared
+_Judge = Callable[[int], _Compared]
 """Judges a condition of an object, and names the objects it was measured to."""
 
 _RATIO = float(np.log(1.1))
@@ -189,15 +190,11 @@ class PhraseSolver:
             self._witness(part, object_id, compared_ids, judged.measured)
 
     def _witness(self, part: str, object_id: int, compared_ids: tuple[int, ...], measured: Sequence[Measured]) -> None:
-        for measurement in measured:
-            unit = self.unit if measurement.unit == "length" else measurement.unit
-            self._witnesses.append(
-                Witness(
-                    part, object_id, compared_ids, measurement.measure, measurement.value, unit, measurement.clearness
-                )
-            )
+        for measure, value, unit, clear in measured:
+            unit = self.unit if unit == "length" else unit
+            self._witnesses.append(Witness(part, object_id, compared_ids, measure, value, unit, clear))
 
-    def _colored(self, word: ColorWord, object_id: int) -> tuple[Judged, tuple[int, ...]]:
+    def _colored(self, word: ColorWord, object_id: int) -> _Compared:
         color = self.measures.color(object_id)
         if color is None or word.name in UNMEASURED:
             return Judged(0.0, (), "not_measured"), ()
@@ -207,22 +204,16 @@ class PhraseSolver:
 
     def _take_closest(self, state: _State, phrase: Phrase) -> None:
         """If nothing clearly has a color, takes the closest, with a doubt."""
-        left = (
-            {}
-            if any(color.negated for color in phrase.colors)
-            else {object_id: state.clear[object_id] for object_id in state.left()}
-        )
+        denied = any(color.negated for color in phrase.colors)
+        left = {} if denied else {object_id: state.clear[object_id] for object_id in state.left()}
         if near := _closest_in_color(left, len(state.clear), not phrase.head):
             state.clear |= dict.fromkeys(left, -1.0) | dict.fromkeys(near, 1.0)
             self._doubt = f"nothing here is clearly {phrase.colors[0].text}, and that comes closest"
 
-    def _sized(
-        self, word: SizeWord, shapes: Mapping[int, ObjectShape], object_id: int
-    ) -> tuple[Judged, tuple[int, ...]]:
+    def _sized(self, word: SizeWord, shapes: Mapping[int, ObjectShape], object_id: int) -> _Compared:
         self._check_vertical(word.by, word.word)
-        rival_ids = tuple(rival_id for rival_id in shapes if rival_id != object_id)
-        judged = _is_large(word.by, word.more, shapes[object_id], [shapes[rival_id] for rival_id in rival_ids])
-        return judged, rival_ids
+        rivals = {rival_id: shape for rival_id, shape in shapes.items() if rival_id != object_id}
+        return _is_large(word.by, word.more, shapes[object_id], tuple(rivals.values())), tuple(rivals)
 
     def _relation(self, state: _State, relation: Relation) -> None:
         kind, part = relation.kind, relation.text
@@ -253,9 +244,7 @@ class PhraseSolver:
             raise _UndecidableError(*refusal)
         return objects
 
-    def _related(
-        self, object_id: int, relation: Relation, anchors: Sequence[int], only_one: bool
-    ) -> tuple[Judged, tuple[int, ...]]:
+    def _related(self, object_id: int, relation: Relation, anchors: Sequence[int], only_one: bool) -> _Compared:
         """Judges a relation to any anchor; for a definite anchor all must agree."""
         judged = {anchor: self._pair(object_id, anchor, relation) for anchor in anchors if anchor != object_id}
         if not judged:
@@ -276,8 +265,7 @@ class PhraseSolver:
         return self._pairs[key]
 
     def _judged(self, object_id: int, anchor: int, relation: Relation) -> Judged:
-        subject, anchor_shape = self.measures.shape(object_id), self.measures.shape(anchor)
-        assert subject is not None and anchor_shape is not None
+        subject, anchor_shape = self._shape(object_id), self._shape(anchor)
         if relation.kind in SEEN_FROM:
             assert self.asker is not None
             return is_seen(relation.kind, subject, anchor_shape, self.asker)
@@ -285,36 +273,27 @@ class PhraseSolver:
             return self._stacks.rests_on(subject, anchor_shape)
         return PAIRS[relation.kind](subject, anchor_shape)
 
-    def _between(
-        self, object_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]
-    ) -> tuple[Judged, tuple[int, ...]]:
-        pairs = (
-            list(combinations(anchors[0], 2))
-            if len(anchors) == 1
-            else [(first, second) for first in anchors[0] for second in anchors[1] if first != second]
-        )
+    def _between(self, object_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]) -> _Compared:
+        ends: Iterable[tuple[int, ...]] = combinations(anchors[0], 2) if len(anchors) == 1 else product(*anchors)
+        pairs = [pair for pair in ends if pair[0] != pair[1]]
         if not pairs:
             raise _UndecidableError("referent_absent", relation.text)
         pairs = [pair for pair in pairs if object_id not in pair][:_MAX_PAIRS]
         if not pairs:
             return Judged(-10.0), ()
-        shape = self.measures.shape
-        subject = shape(object_id)
-        judged: dict[tuple[int, int], Judged] = {}
-        for first, second in pairs:
+        judged: dict[tuple[int, ...], Judged] = {}
+        for pair in pairs:
             self._budget.spend()
-            ends = shape(first), shape(second)
-            assert subject is not None and ends[0] is not None and ends[1] is not None
-            judged[first, second] = is_between(subject, ends[0], ends[1], self.measures.up is not None)
+            subject, first, second = map(self._shape, (object_id, *pair))
+            judged[pair] = is_between(subject, first, second, self.measures.up is not None)
         best = max(judged, key=lambda pair: judged[pair].clearness)
         return negated(judged[best], relation.negated), best
 
     def _by_asker(self, object_id: int, relation: Relation) -> Judged:
-        subject = self.measures.shape(object_id)
-        assert subject is not None and self.asker is not None
+        assert self.asker is not None
         if relation.kind not in SEEN_FROM:
             return Judged(0.0, (), "not_measured")
-        return negated(is_seen(relation.kind, subject, None, self.asker), relation.negated)
+        return negated(is_seen(relation.kind, self._shape(object_id), None, self.asker), relation.negated)
 
     def _says(self, state: _State, says: Says) -> None:
         """Judges writing; photos may not show it, so its absence everywhere is undecided."""
@@ -322,7 +301,7 @@ class PhraseSolver:
         if bearing.keys().isdisjoint(state.clear):
             raise _UndecidableError("not_read", says.text)
 
-        def judge(object_id: int) -> tuple[Judged, tuple[int, ...]]:
+        def judge(object_id: int) -> _Compared:
             clear = 10.0 if object_id in bearing else -10.0
             measured = (Measured(READ, bearing.get(object_id, 0.0), "share", clear),)
             return negated(Judged(clear, measured), says.negated), ()
@@ -335,17 +314,13 @@ class PhraseSolver:
         Absence is decided only for "with", if the object is elsewhere or all parts have other names; never for
         contents.
         """
-        thing_ids = [object_id for object_id in self._named(possession.phrase).ids if self.measures.shape(object_id)]
+        named = [named_id for named_id in self._named(possession.phrase).ids if self.measures.shape(named_id)]
 
-        def judge(object_id: int) -> tuple[Judged, tuple[int, ...]]:
-            part_ids = tuple(
-                part for part in thing_ids if part in self.objects and self.objects[part].parent == object_id
-            )
-            if part_ids or (object_id in self.objects and self.objects[object_id].parent in thing_ids):
+        def judge(object_id: int) -> _Compared:
+            part_ids = tuple(part for part in named if self._parent(part) == object_id)
+            if part_ids or self._parent(object_id) in named:
                 return negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), part_ids
-            judged, compared_ids = self._with_other(
-                object_id, [thing_id for thing_id in thing_ids if not self._parent(thing_id)]
-            )
+            judged, compared_ids = self._with_other(object_id, [whole for whole in named if not self._parent(whole)])
             if judged.clearness < 1:
                 parts = [part for part in self.objects.values() if part.parent == object_id]
                 denied = judged.clearness <= -1 or (bool(parts) and all(part.name for part in parts))
@@ -357,22 +332,25 @@ class PhraseSolver:
 
         self._judge_all(state, possession.text, judge)
 
-    def _with_other(self, object_id: int, thing_ids: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
+    def _with_other(self, object_id: int, content_ids: Sequence[int]) -> _Compared:
         """Judges if one of these objects is in or on it."""
-        holder = self.measures.shape(object_id)
-        assert holder is not None
-        judged = {}
-        for thing_id in thing_ids if self.measures.up is not None else ():
-            shape = self.measures.shape(thing_id)
-            if shape is not None and thing_id != object_id:
+        holder, judged = self._shape(object_id), {}
+        for content_id in content_ids if self.measures.up is not None else ():
+            if content_id != object_id:
                 self._budget.spend()
-                judged[thing_id] = max(
-                    is_in(shape, holder), self._stacks.direct(shape, holder), key=lambda judgement: judgement.clearness
-                )
+                content = self._shape(content_id)
+                ways = is_in(content, holder), self._stacks.direct(content, holder)
+                judged[content_id] = max(ways, key=lambda judgement: judgement.clearness)
         if not judged:
             return Judged(0.0, (), "not_measured"), ()
-        nearest = max(judged, key=lambda thing: judged[thing].clearness)
+        nearest = max(judged, key=lambda content_id: judged[content_id].clearness)
         return judged[nearest], (nearest,)
+
+    def _shape(self, object_id: int) -> ObjectShape:
+        """Shape of an object that is known to have one."""
+        shape = self.measures.shape(object_id)
+        assert shape is not None
+        return shape
 
     def _parent(self, object_id: int) -> int:
         return self.objects[object_id].parent if object_id in self.objects else 0
@@ -389,7 +367,7 @@ class PhraseSolver:
             referents = self._anchors(rank.anchors[0])
             if rank.anchors[0].definite and len(referents) > 1:
                 raise _UndecidableError("ambiguous_referent", rank.text)
-            anchors = [shape for referent in referents if (shape := self.measures.shape(referent)) is not None]
+            anchors = list(map(self._shape, referents))
         self._budget.spend(len(state.left()) * len(anchors))
         sure = [object_id for object_id in state.left() if state.clear[object_id] >= 1]
         answers = []
@@ -428,10 +406,8 @@ def _is_large(by: SizeKind, more: bool, subject: ObjectShape, rivals: Sequence[O
         Measured(by, float(value), "length", clearness(float(ratio), _LARGE, _NOT_LARGE))
         for value, ratio in zip(sizes, ratios, strict=True)
     )
-    least, most = (
-        min(measurement.clearness for measurement in measured),
-        max(measurement.clearness for measurement in measured),
-    )
+    clears = [measurement.clearness for measurement in measured]
+    least, most = min(clears), max(clears)
     return Judged(least if least > 0 else min(most, 0.0), measured)
 
 
@@ -472,14 +448,14 @@ def _ranked(
         order = orders[:, column].tolist()
         beside = [order[at] for at in (number - 2, number) if 0 <= at < len(order)]
         value = float(values[place, column])
-        if by == "elevation":
-            apart = [
-                2 * abs(value - float(values[rival, 0])) / _heights(shapes[place], shapes[rival]) for rival in beside
-            ]
-        else:
-            apart = [_log_ratio(value, float(values[rival, column])) / _RATIO for rival in beside]
-        clear = min((min(gap, 10.0) for gap in apart), default=10.0)
-        clear = clear if order[number - 1] == place else -0.5
+        apart = [10.0]
+        for rival in beside:
+            distance = abs(value - float(values[rival, column]))
+            if by == "elevation":
+                apart.append(2 * distance / _heights(shapes[place], shapes[rival]))
+            else:
+                apart.append(_log_ratio(value, float(values[rival, column])) / _RATIO)
+        clear = min(apart) if order[number - 1] == place else -0.5
         measured.append(Measured(by, value, "length", clear))
     clears = [measurement.clearness for measurement in measured]
     clear = float(np.mean(clears)) if min(clears) >= 0 else min(clears)
@@ -495,9 +471,7 @@ def _log_ratio(first: float, second: float) -> float:
     return abs(float(np.log(max(first, 1e-9) / max(second, 1e-9))))
 
 
-def _values(
-    by: OrderKind, shape: ObjectShape, anchors: Sequence[ObjectShape], asker: Asker | None
-) -> tuple[float, ...]:
+def _values(by: OrderKind, shape: ObjectShape, anchors: Sequence[ObjectShape], asker: Asker | None) -> Sequence[float]:
     if by in _SIZES:
         return _SIZES[by](shape)
     if by == "elevation":
@@ -529,9 +503,7 @@ def _from_left(descending: bool, number: int, shapes: Sequence[ObjectShape], ask
     order = (-middles if descending else middles).argsort(kind="stable").tolist()
     place = order[number - 1]
     beside = [order[at] for at in (number - 2, number) if 0 <= at < len(order)]
-    gaps = [
-        abs(middles[place] - middles[rival]) / max(_APART * (halves[place] + halves[rival]), 1e-12) for rival in beside
-    ]
-    clear = min((float(gap) for gap in gaps), default=10.0)
+    gaps = np.abs(middles[place] - middles[beside]) / np.maximum(_APART * (halves[place] + halves[beside]), 1e-12)
+    clear = float(min(gaps, default=10.0))
     angle = float(np.degrees(np.arctan(middles[place])))
     return place, Judged(min(clear, 10.0), (Measured("direction", angle, "deg", min(clear, 10.0)),))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,8 +33,7 @@ _REST = 0.12
 _REST_DEVIATIONS = 2.0
 
 
-@dataclass(frozen=True)
-class Measured:
+class Measured(NamedTuple):
     """One measurement, see `Witness`; `unit` "length" is the scene's."""
 
     measure: str
@@ -106,7 +106,7 @@ def is_on(subject: ObjectShape, anchor: ObjectShape) -> Judged:
 
 def is_in(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if one object is within another's outline, below its rim and walled in."""
-    overlap = float((anchor.outside(subject.points[:, :2]) <= 0).mean())
+    overlap = _share_inside(subject, anchor)
     depth = (anchor.high - subject.low) / max(subject.high - subject.low, np.finfo(np.float64).tiny)
     middle = np.median(subject.points[:, :2], axis=0)
     higher = anchor.points[:, 2] > subject.low + 0.25 * (subject.high - subject.low)
@@ -231,10 +231,11 @@ def _common_size(first: ObjectShape, second: ObjectShape) -> float:
 
 def _overlap(first: ObjectShape, second: ObjectShape) -> float:
     """Larger share of one object's points within the other's outline."""
-    return max(
-        float((second.outside(first.points[:, :2]) <= 0).mean()),
-        float((first.outside(second.points[:, :2]) <= 0).mean()),
-    )
+    return max(_share_inside(first, second), _share_inside(second, first))
+
+
+def _share_inside(subject: ObjectShape, anchor: ObjectShape) -> float:
+    return float((anchor.outside(subject.points[:, :2]) <= 0).mean())
 
 
 def _share(overlap: float) -> Measured:
@@ -270,8 +271,5 @@ def negated(judged: Judged, denied: bool) -> Judged:
     """Negates a judgement if the phrase denies it."""
     if not denied:
         return judged
-    measured = tuple(
-        Measured(measurement.measure, measurement.value, measurement.unit, -measurement.clearness)
-        for measurement in judged.measured
-    )
+    measured = tuple(measurement._replace(clearness=-measurement.clearness) for measurement in judged.measured)
     return Judged(-judged.clearness, measured, judged.reason)

@@ -78,10 +78,10 @@ class Stacks:
 
     def _carried(self, shape: ObjectShape, support: ObjectShape, most: int) -> bool:
         """True if an object may rest on the other through at most `most` objects."""
-        if most == 0 or shape.low <= support.low or not _may_touch(shape, support):
+        if most == 0 or shape.low <= support.low or not bounds_overlap(shape, support):
             return False
         for carrier in self._carriers():
-            if carrier.id in (shape.id, support.id) or carrier.low > shape.high or not _may_touch(shape, carrier):
+            if carrier.id in (shape.id, support.id) or carrier.low > shape.high or not bounds_overlap(shape, carrier):
                 continue
             carries = max(self.direct(shape, carrier).clearness, is_in(shape, carrier).clearness) > -1
             if carries and (self.direct(carrier, support).clearness > -1 or self._carried(carrier, support, most - 1)):
@@ -95,6 +95,6 @@ class Stacks:
         return [shape for object_id in ids if (shape := self.measures.shape(object_id)) is not None]
 
 
-def _may_touch(first: ObjectShape, second: ObjectShape) -> bool:
+def bounds_overlap(first: ObjectShape, second: ObjectShape) -> bool:
     """True if the outlines along the axes overlap."""
     return bool((first.bounds[0] <= second.bounds[1]).all() and (second.bounds[0] <= first.bounds[1]).all())

@@ -13,6 +13,7 @@ from typing import Any
 from fastsplat.service.common.similarity import Similarity
 from fastsplat_contract.codec.json_codec import from_json, to_plain
 from fastsplat_contract.geometry.poses import Box, Pose, Vector3, quaternion_of, vector3
+from fastsplat_contract.photos.localization import SceneChange
 from fastsplat_contract.photos.observations import Observation
 
 
@@ -27,16 +28,12 @@ def in_frame(observation: Observation, frame: Similarity) -> Observation:
         turned = quaternion_of(frame.rotation @ pose[:3, :3])
         return Box(Pose(center, turned), Vector3(*(float(side) * frame.scale for side in box.size)))
 
-    return replace(
-        observation,
-        photos=tuple(photo._replace(camera=frame.camera(photo.camera)) for photo in observation.photos),
-        changes=tuple(
-            change._replace(
-                distance=change.distance * frame.scale, before=placed(change.before), after=placed(change.after)
-            )
-            for change in observation.changes
-        ),
-    )
+    def moved(change: SceneChange) -> SceneChange:
+        distance = change.distance * frame.scale
+        return change._replace(distance=distance, before=placed(change.before), after=placed(change.after))
+
+    photos = tuple(photo._replace(camera=frame.camera(photo.camera)) for photo in observation.photos)
+    return replace(observation, photos=photos, changes=tuple(map(moved, observation.changes)))
 
 
 def observations_to_json(observations: Sequence[Observation]) -> list[dict[str, Any]]:

@@ -153,15 +153,9 @@ class Object:
         if self.source != "person":
             return ()
         name = label_key(self.name)
-        return tuple(
-            SaidName(
-                suggestion.source,
-                suggestion.probability,
-                name in map(label_key, (suggestion.name, *suggestion.aliases)),
-            )
-            for suggestion in self.suggestions
-            if suggestion.source
-        )
+        spoken = [said for said in self.suggestions if said.source]
+        right = [name in map(label_key, (said.name, *said.aliases)) for said in spoken]
+        return tuple(SaidName(said.source, said.probability, ok) for said, ok in zip(spoken, right, strict=True))
 
     @property
     def guessed(self) -> bool:

@@ -77,13 +77,9 @@ class ShareMaps:
             radii = canvas.draw_labels(np.zeros(0, np.uint16), self._table(np.zeros(0, np.uint16), plain))
             for names in self._in_view(radii):
                 canvas.draw_labels(names, self._table(names, plain))
-        return LabelMap(
-            classes=torch.where(canvas.alpha >= alpha_min, canvas.classes, 0),
-            alpha=canvas.alpha,
-            relevancy=None,
-            image=canvas.alpha.new_zeros(*canvas.alpha.shape, 0),
-            culled_non_finite=canvas.culled_non_finite,
-        )
+        alpha = canvas.alpha
+        classes, image = torch.where(alpha >= alpha_min, canvas.classes, 0), alpha.new_zeros(*alpha.shape, 0)
+        return LabelMap(classes, alpha, None, image, canvas.culled_non_finite)
 
     @cached_property
     def _by_label(self) -> tuple[NDArray[np.int64], NDArray[np.uint16], F32]:

@@ -97,28 +97,23 @@ class KnownLabels:
 
     def __init__(self, names: Sequence[Sequence[str]], cache: TextCache) -> None:
         found = [[common_objects(name) for name in label_names] for label_names in names]
-        objects = [tuple(dict.fromkeys(obj for some, _ in matches for obj in some)) for matches in found]
+        labels = [tuple(dict.fromkeys(obj for some, _ in matches for obj in some)) for matches in found]
         whole = np.array([any(whole for _, whole in matches) for matches in found], dtype=np.bool_)
-        self._label_known = 0.5 * (
-            np.array([bool(label_objects) for label_objects in objects]) + whole.astype(np.float64)
-        )
-        kinds = [frozenset[str]().union(*(obj.kinds for obj in label_objects)) for label_objects in objects]
-        self._kinds = np.array([len(label_kinds) for label_kinds in kinds], dtype=np.float64)
+        sure_labels = [objects if sure else () for objects, sure in zip(labels, whole, strict=True)]
+        self._label_known = 0.5 * (np.array(list(map(bool, labels))) + whole.astype(np.float64))
+        kinds = [frozenset[str]().union(*(obj.kinds for obj in objects)) for objects in labels]
+        self._kinds = np.array(list(map(len, kinds)), dtype=np.float64)
         self._by_kind = rows_by_key(kinds)
-        self._by_use_word = rows_by_key([_use_words(label_objects) for label_objects in objects])
+        self._by_use_word = rows_by_key(list(map(_use_words, labels)))
         keys = [{label_key(name) for name in label_names} for label_names in names]
         self._by_name = rows_by_key(keys)
-        self._by_object = rows_by_key(
-            [label_objects if sure else () for label_objects, sure in zip(objects, whole, strict=True)]
-        )
+        self._by_object = rows_by_key(sure_labels)
         synonyms = [
-            _first(name for obj in label_objects for name in obj.names if name not in label_keys) if sure else ()
-            for label_objects, sure, label_keys in zip(objects, whole, keys, strict=True)
+            _first(name for obj in objects for name in obj.names if name not in label_keys)
+            for objects, label_keys in zip(sure_labels, keys, strict=True)
         ]
         self._synonyms = LabelTexts(synonyms, cache)
-        self._uses = LabelTexts(
-            [_first(use for obj in label_objects for use in obj.uses) for label_objects in objects], cache
-        )
+        self._uses = LabelTexts([_first(use for obj in objects for use in obj.uses) for objects in labels], cache)
 
     @property
     def nbytes(self) -> int:

@@ -32,11 +32,7 @@ class HistoryAnswers:
         if answer.outcome not in ("here", "probably_here"):
             return answer
         objects = self._objects(answer)
-        changed = [
-            object_id
-            for object_id in objects
-            if (last := self._last(object_id)) is not None and last.change is not None
-        ]
+        changed = [object_id for object_id in objects if self._change(object_id) is not None]
         missing = [object_id for object_id in changed if self._missing_since(object_id) is not None]
         text = " ".join(map(self._last_change, changed[:_MOST_TOLD]))
         if not changed:
@@ -71,16 +67,9 @@ class HistoryAnswers:
     def _events(self, question: TimeQuestion, answer: Answer) -> Answer:
         observations, since = self._history.later, question.when
         about = replace(
-            answer,
-            label_set=(),
-            coverage=None,
-            presence=None,
-            phrase=None,
-            object_ids=(),
-            matches=(),
-            relation_subject=None,
-            probability=None,
-        )
+            answer, label_set=(), coverage=None, presence=None, phrase=None, object_ids=(), matches=(),
+            relation_subject=None, probability=None,
+        )  # fmt: skip
         fresh = [observation for observation in observations if since is None or observation.seen_at >= since.start]
         if not fresh:
             period = "" if since is None else f" since {_day(since.start)}"
@@ -98,16 +87,10 @@ class HistoryAnswers:
             return _saying(replace(about, relation="absent"), "not_here", none)
         text = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
         more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
-        return _saying(
-            replace(
-                about,
-                relation="same",
-                object_ids=tuple(change.object_id for change, _ in changes if change.object_id),
-                probability=min(change.probability for change, _ in changes),
-            ),
-            "here",
-            f"By photos of {days}: {text}{more}",
-        )
+        ids = tuple(change.object_id for change, _ in changes if change.object_id)
+        probability = min(change.probability for change, _ in changes)
+        about = replace(about, relation="same", object_ids=ids, probability=probability)
+        return _saying(about, "here", f"By photos of {days}: {text}{more}")
 
     def _changes(self, question: TimeQuestion) -> list[tuple[SceneChange, datetime]]:
         """Requested changes that still hold by the last observation, surest first."""
@@ -124,10 +107,8 @@ class HistoryAnswers:
             found.append((last.change, last.at))
         for observation in self._history.later[-1:]:
             if question.when is None or observation.seen_at >= question.when.start:
-                nameless = [
-                    change for change in observation.changes if not change.object_id and change.kind in question.events
-                ]
-                found += [(change, observation.seen_at) for change in nameless]
+                nameless = [change for change in observation.changes if not change.object_id]
+                found += [(change, observation.seen_at) for change in nameless if change.kind in question.events]
         return sorted(found, key=lambda pair: -pair[0].probability)
 
     def _place_at(self, object_id: int, when: When) -> str:
@@ -153,15 +134,15 @@ class HistoryAnswers:
             return self._last_change(object_id)
         if seen is None:
             return f"{name} is in the scene, whose photos do not say when they were taken."
-        last = self._last(object_id)
-        moved = f" {self._sentence(last.change)}" if last is not None and last.change is not None else ""
+        change = self._change(object_id)
+        moved = "" if change is None else f" {self._sentence(change)}"
         return f"{name} was last seen on {_day(seen)}.{moved}"
 
     def _last_change(self, object_id: int) -> str:
         """Sentence about an object's last change."""
         since, seen = self._missing_since(object_id), self._history.last_seen(self._whole(object_id))
-        last = self._last(object_id)
-        assert last is not None and last.change is not None
+        last = self._sightings(object_id)[-1]
+        assert last.change is not None
         if since is None:
             return f"By photos of {_day(last.at)}: {self._sentence(last.change)}"
         before = f", and was last seen on {_day(seen)}" if seen is not None else ""
@@ -187,9 +168,10 @@ class HistoryAnswers:
     def _sightings(self, object_id: int) -> Sequence[Sighting]:
         return self._history.sightings(self._whole(object_id))
 
-    def _last(self, object_id: int) -> Sighting | None:
+    def _change(self, object_id: int) -> SceneChange | None:
+        """What its last sighting says of a change."""
         sightings = self._sightings(object_id)
-        return sightings[-1] if sightings else None
+        return sightings[-1].change if sightings else None
 
     def _missing_since(self, object_id: int) -> datetime | None:
         return self._history.missing_since(self._whole(object_id))

@@ -155,9 +155,8 @@ def _found(ranked: Ranked, names: ObjectNames, in_words: InWords) -> str:
         relation = f", {_RELATIONS[answer.relation, answer.relation_subject].format(text=question)}"
     if verdict == "possible" and not any(map(names.is_borne, ids)):
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
-        sources = sorted(
-            {source for label_id in ids if label_id in names.table for source in names.table[label_id].sources}
-        )
+        said_names = [names.table[label_id] for label_id in ids if label_id in names.table]
+        sources = sorted({source for name in said_names for source in name.sources})
         said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
         return f"{in_words(answer.object_ids)} may be {may_be}{said_by}{relation}{remark}"
     if verdict in ("exact", "possible"):
@@ -184,10 +183,8 @@ def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: Obje
     """Describes the objects that a phrase means."""
     objects = in_words(answer.object_ids)
     count = f"{phrase.count} ({objects})" if phrase.count is not None else objects
-    is_other = any(
-        label_key(names.called.get(object_id, "")) != label_key(phrase.head) for object_id in answer.object_ids
-    )
-    head = f" for {quoted(phrase.head)}" if phrase.head and is_other else ""
+    keys = {label_key(names.called.get(object_id, "")) for object_id in answer.object_ids}
+    head = f" for {quoted(phrase.head)}" if phrase.head and keys - {label_key(phrase.head)} else ""
     return ", ".join((f"{count}{head}", *phrase.conditions)) + _left_open(phrase, remarks, in_words)
 
 

@@ -41,9 +41,7 @@ class Remarks:
     head: str = ""  # what alone a phrase was looked up by, because nothing here is that; "" otherwise
     by_shape: bool = False  # whether surfaces without a name answer, by their shape and place
     by_looks: bool = False  # whether objects answer by their looks, whatever they are called
-    other_object: bool = (
-        False  # whether what comes closest is known to be another object than the one that was asked for
-    )
+    other_object: bool = False  # whether what comes closest is known to be another object than the text means
     calibrated: bool = True  # whether other words than names were compared
 
 

@@ -78,9 +78,7 @@ class ObjectNames:
     @cached_property
     def dictionary(self) -> Dictionary:
         """The keys: the scene's labels, then suggested names that it lacks."""
-        lacking = [
-            suggestion for suggestion in self._suggestions.values() if self.labels.id_of(suggestion.name) is None
-        ]
+        lacking = [name for name in self._suggestions.values() if self.labels.id_of(name.name) is None]
         taken = {label_key(name.name) for name in lacking}
         entries = list(self.labels.entries)
         for name in lacking[: MAX_LABELS - len(self.labels)]:
@@ -102,19 +100,11 @@ class ObjectNames:
             borne = bool(bearing) or label_id in self.marked
             if borne or chances:
                 most = max(chances.values(), default=0.0)
-                likely = sorted(
-                    (object_id for object_id in chances if 2 * chances[object_id] >= most),
-                    key=lambda object_id: -chances[object_id],
-                )
+                ordered = sorted(chances, key=lambda object_id: -chances[object_id])
+                likely = tuple(object_id for object_id in ordered if 2 * chances[object_id] >= most)
                 sure = max((sureness[object_id] for object_id in bearing), default=self.marked.get(label_id, 0.0))
-                label = self.dictionary.label_of(label_id)
-                names[label_id] = Name(
-                    label,
-                    bearing or tuple(likely),
-                    sure if borne else most,
-                    not borne,
-                    tuple(proposal.sources) if proposal else (),
-                )
+                label, sources = self.dictionary.label_of(label_id), tuple(proposal.sources) if proposal else ()
+                names[label_id] = Name(label, bearing or likely, sure if borne else most, not borne, sources)
         order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
         return {label_id: names[label_id] for label_id in order}
 
@@ -135,9 +125,7 @@ class ObjectNames:
     @cached_property
     def sources(self) -> frozenset[str]:
         """Sources of suggestions, without the scene's own models."""
-        return frozenset(
-            suggestion.source for obj in self._everything for suggestion in obj.suggestions if suggestion.source
-        )
+        return frozenset(said.source for obj in self._everything for said in obj.suggestions if said.source)
 
     @cached_property
     def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
@@ -145,14 +133,11 @@ class ObjectNames:
         names: dict[int | str, _SuggestedName] = {}
         for obj in self._everything:
             for name in merged_suggestions(obj, self.trust):
-                entry = names.setdefault(
-                    self.labels.id_of(name.name) or label_key(name.name), _SuggestedName(name.name)
-                )
+                key = self.labels.id_of(name.name) or label_key(name.name)
+                entry = names.setdefault(key, _SuggestedName(name.name))
                 entry.likely[obj.id] = max(name.probability, entry.likely.get(obj.id, 0.0))
                 entry.aliases.update(dict.fromkeys(name.aliases))
-                entry.sources.update(
-                    dict.fromkeys(suggestion.source for suggestion in name.suggestions if suggestion.source)
-                )
+                entry.sources.update(dict.fromkeys(said.source for said in name.suggestions if said.source))
         return names
 
     @property
@@ -161,10 +146,8 @@ class ObjectNames:
 
     def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
         """The objects that these names belong to, in order of the names."""
-        ids = [
-            object_id for label_id in label_ids if label_id in self.table for object_id in self.table[label_id].objects
-        ]
-        return tuple(dict.fromkeys(ids))
+        names = [self.table[label_id] for label_id in label_ids if label_id in self.table]
+        return tuple(dict.fromkeys(object_id for name in names for object_id in name.objects))
 
     def suggesting(self, elsewhere: Mapping[int, NameFromScene], said: Sequence[SaidName] = ()) -> ObjectNames:
         """Adds suggestions from other scenes, by object id, and what sources said there."""
@@ -200,9 +183,8 @@ class ObjectNames:
             return answer
 
         def count(label_id: int) -> int:
-            return sum(
-                self.counts.get(object_id, 0) for object_id in self.of_labels((label_id,)) if object_id in picked
-            )
+            ids = self.of_labels((label_id,))
+            return sum(self.counts.get(object_id, 0) for object_id in ids if object_id in picked)
 
         matches = (
             match._replace(gaussian_count=count(match.label_id)) if match.relevant else match
@@ -224,9 +206,8 @@ class ObjectNames:
         wholes: list[int] = []
         for piece in sorted(boxes, key=lambda box: -prod(boxes[box].size)):
             name = self.called.get(piece)
-            if not (
-                name and any(self.called[whole] == name and _lies_in(boxes[piece], boxes[whole]) for whole in wholes)
-            ):
+            alike = [whole for whole in wholes if name and self.called[whole] == name]
+            if not any(_lies_in(boxes[piece], boxes[whole]) for whole in alike):
                 wholes.append(piece)
         return tuple(object_id for object_id in object_ids if object_id in wholes or object_id not in boxes)
 
@@ -240,9 +221,7 @@ class ObjectNames:
         """Each object's name, else its likeliest suggestion or ""; without stored objects, labels by id."""
         if not self.stored:
             return {number: entry.label for number, entry in enumerate(self.labels.entries, start=1)}
-        return {
-            obj.id: obj.name or next((suggestion.name for suggestion in obj.suggestions), "") for obj in self.present
-        }
+        return {obj.id: obj.name or (obj.suggestions[0].name if obj.suggestions else "") for obj in self.present}
 
     @cached_property
     def searched(self) -> Searched:
