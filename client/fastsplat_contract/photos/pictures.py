@@ -12,18 +12,9 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.scenes import Color, OfScene, Version
 
 PictureKind = Literal[
-    "rgb",
-    "overlay",
-    "relevancy",
-    "mask",
-    "label_map",
-    "depth",
-    "depth_picture",
-    "object_map",
-    "objects",
-    "normals",
+    "rgb", "overlay", "relevancy", "mask", "label_map", "depth", "depth_picture", "object_map", "objects", "normals",
     "confidence",
-]
+]  # fmt: skip
 PictureFormat = Literal["png", "npy", "jpeg"]
 
 

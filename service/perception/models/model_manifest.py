@@ -16,18 +16,9 @@ Role = Literal[
     "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader", "image_text"
 ]
 Adapter = Literal[
-    "sentence",
-    "clip",
-    "label_table",
-    "picodet",
-    "grounding_dino",
-    "yolo_world",
-    "sam1",
-    "sam2",
-    "ram",
-    "wordnet",
+    "sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram", "wordnet",
     "ppocr",
-]
+]  # fmt: skip
 
 ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "text_encoder": ("sentence", "clip", "label_table"),

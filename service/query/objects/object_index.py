@@ -33,18 +33,9 @@ _REACH = 3.0
 """Standard deviations of a Gaussian within which a point is at it."""
 
 _OF_MEMBERSHIP = (
-    "belief",
-    "owner",
-    "counts",
-    "part_owner",
-    "extents",
-    "_best_views",
-    "unseen",
-    "_solid",
-    "_maps",
-    "views_of_objects",
-    "measures",
-)
+    "belief", "owner", "counts", "part_owner", "extents", "_best_views", "unseen", "_solid", "_maps",
+    "views_of_objects", "measures",
+)  # fmt: skip
 """Attributes that do not depend on names, so that they survive a renaming."""
 
 

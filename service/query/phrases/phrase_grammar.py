@@ -64,15 +64,9 @@ _RELATIONS: Mapping[RelationKind, str] = {
     "between": "between, in between",
 }
 _SIDES = (
-    "on the {}",
-    "to the {}",
-    "at the {}",
-    "on the {} side",
-    "on the far {}",
-    "to the far {}",
-    "from the {}",
+    "on the {}", "to the {}", "at the {}", "on the {} side", "on the far {}", "to the far {}", "from the {}",
     "from {}",
-)
+)  # fmt: skip
 _NOT = ("not", "that is not", "that are not", "which is not", "which are not", "is not", "are not", "isn't", "aren't")
 _SAYS = (
     "that says, which says, that say, which say, that reads, which reads, says, saying, labeled, labelled, marked, "
