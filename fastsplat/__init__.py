@@ -20,18 +20,12 @@ if TYPE_CHECKING:
 
 __all__ = ["LocalScene", "Picture", "Viewer", "open_sample", "open_scene", "train"]
 
-_MODULES = {
-    "LocalScene": "local_scene",
-    "Picture": "local_scene",
-    "Viewer": "viewer",
-    "open_sample": "sample",
-    "open_scene": "local_scene",
-    "train": "training_run",
-}
+_MODULES = {"open_sample": "sample", "train": "training_run"}
+"""Where those names are that are not in `local_scene`."""
 
 
 def __getattr__(name: str) -> Any:
     """What `__all__` names loads with its first use: a worker or a command is not to wait for all of it."""
-    if name not in _MODULES:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"fastsplat.service.library.{_MODULES[name]}"), name)
+    return getattr(importlib.import_module(f"fastsplat.service.library.{_MODULES.get(name, 'local_scene')}"), name)

@@ -19,17 +19,9 @@ from tests.docs.page_blocks import ROOT, blocks_of
 _DOCUMENTS = ("README.md", "DEVELOPMENT.md")
 _PAGES = tuple(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))
 _OUTPUT = (  # beginnings of paths that commands make
-    ".venv",
-    ".models/",
-    "api/web/dist/",
-    "build/",
-    "demo-output/",
-    "dist/",
-    "fastsplat-data",
-    "benchmarks/results/",
-    "docker/secrets",
-    "site/",
-)
+    ".venv", ".models/", "api/web/dist/", "build/", "demo-output/", "dist/", "fastsplat-data", "benchmarks/results/",
+    "docker/secrets", "site/",
+)  # fmt: skip
 _FOLDERS = ("api", "service", "client", "workers")
 _OF_A_PROCESS = {"FASTSPLAT_RASTER_THREADS", "FASTSPLAT_RASTER_ISA", "FASTSPLAT_TEST_DATA"}
 _OF_THE_CLIENT = {"FASTSPLAT_KEY", "FASTSPLAT_SERVER"}

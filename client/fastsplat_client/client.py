@@ -63,6 +63,13 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         retry: retry policy.
         piece_bytes: piece size of large uploads, the most that a broken connection costs.
         transport: replaces the network for REST, e.g. for a server in the same process.
+
+    Examples:
+        >>> from fastsplat.cli.connection import Address, open_client  # a client of a data folder in this process
+        >>> with open_client(Address(data="sample")) as client:
+        ...     (scene,) = client.scenes()
+        ...     scene.name, scene.scale, [label.label for label in client.labels(scene.id)][:3]
+        ('sample', 'METRIC', ['apple', 'banana', 'book'])
     """
 
     def __init__(

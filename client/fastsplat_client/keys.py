@@ -45,5 +45,12 @@ class ClientKeys(TableCalls):
 
 
 def share_link(server: str, new_key: NewKey) -> str:
-    """Builds the link to a shared scene; browsers send nothing after #, the secret's place."""
+    """Builds the link to a shared scene; browsers send nothing after #, the secret's place.
+
+    Examples:
+        >>> from datetime import datetime
+        >>> key = AccessKey("k1", "guest", "home", "reader", "VALID", datetime.now(), None, None, scene_id="s1")
+        >>> share_link("https://robots.example:8000/", NewKey(key, "secret"))
+        'https://robots.example:8000/#/scenes/s1?share=secret'
+    """
     return f"{server.rstrip('/')}/#/scenes/{quote(new_key.key.scene_id, safe='')}?share={new_key.secret}"

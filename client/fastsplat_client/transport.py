@@ -24,6 +24,10 @@ class Retry:
     """Retry policy of idempotent calls: exponential backoff, shortened at random by up to half.
 
     The server's Retry-After takes precedence.
+
+    Examples:
+        >>> 0.5 <= Retry(first_s=1.0).pause(0) <= 1.0, 2.5 <= Retry(most_s=5.0).pause(9) <= 5.0
+        (True, True)
     """
 
     tries: int = 4  # in all

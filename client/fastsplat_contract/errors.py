@@ -76,6 +76,11 @@ class FastSplatError(Exception):
 
     Class attributes: `kind` (see `Kind`); `reason`, an UPPER_SNAKE_CASE name that is stable across releases; `recurs`,
     whether the same input meets this error again, whatever the server's state is.
+
+    Examples:
+        >>> error = InvalidInputError("no label of that id", field="label")
+        >>> error.within("edits[3]").details(), error.kind.value, error.recurs
+        ({'field': 'edits[3].label'}, 'INVALID_ARGUMENT', True)
     """
 
     kind: ClassVar[Kind] = Kind.INTERNAL

@@ -29,7 +29,13 @@ class Segmentation(Response):
     counts: str
 
     def array(self) -> NDArray[np.bool_]:
-        """bool [H, W]."""
+        """bool [H, W].
+
+        Examples:
+            >>> Segmentation((2, 2), "22").array()
+            array([[False,  True],
+                   [False,  True]])
+        """
         height, width = self.size
         return decode_rle(self.counts, height, width)
 
@@ -142,6 +148,10 @@ def unpack_bits(data: bytes, count: int) -> NDArray[np.bool_]:
 
 def decode_mask3d(data: bytes, encoding: Mask3dEncoding, count: int) -> NDArray[np.bool_]:
     """bool [count] of "bits", "runs" or "indices".
+
+    Examples:
+        >>> decode_mask3d(bytes([0b01100000]), "bits", 4)
+        array([False,  True,  True, False])
 
     Raises:
         InvalidInputError: the bytes do not describe `count` Gaussians, or are a PLY, which does not say the rows.

@@ -37,7 +37,14 @@ Viewpoint = str | PosedCamera
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with a caption, displayed by notebooks."""
+    """A picture with a caption, displayed by notebooks.
+
+    Examples:
+        >>> Image.new("RGB", (4, 2)).save(file := io.BytesIO(), "PNG")
+        >>> picture = Picture(file.getvalue(), "nothing yet")
+        >>> picture, picture.array().shape
+        (Picture('nothing yet'), (2, 4, 3))
+    """
 
     png: bytes  # a PNG file
     sentence: str  # the caption
@@ -61,6 +68,14 @@ class LocalScene:
     """A trained scene in a folder; a thread-safe context manager.
 
     Methods raise the service's `FastSplatError`s, see `fastsplat_contract.errors`.
+
+    Examples:
+        >>> from fastsplat import open_sample
+        >>> with open_sample() as scene:
+        ...     scene.ask("cup").sentence
+        ...     scene.mask3d("cup").shape, scene.image("images/000.jpg").shape
+        'Here: "cup".'
+        ((13827,), (360, 480, 3))
     """
 
     def __init__(self, service: SceneService, scene_id: str) -> None:
@@ -178,6 +193,12 @@ class LocalScene:
 def open_scene(folder: str | Path) -> LocalScene:
     """Opens the trained scene in a folder.
 
+    Examples:
+        >>> from fastsplat.service.library.sample import sample_folder
+        >>> with sample_folder() as folder, open_scene(folder) as scene:
+        ...     scene
+        LocalScene('sample': 13827 Gaussians, 16 labels)
+
     Raises:
         NotFoundError: the folder has no scene.
         NotReadyError: training has not finished, or has failed.
@@ -217,7 +238,12 @@ def folder_settings(folder: Path) -> Settings:
 
 @dataclass(frozen=True)
 class Viewer:
-    """An interactive 3D scene that notebooks display: orbit, move, zoom, find its names."""
+    """An interactive 3D scene that notebooks display: orbit, move, zoom, find its names.
+
+    Examples:
+        >>> Viewer(b"<p>A page</p>")
+        Viewer(13 bytes of HTML)
+    """
 
     page: bytes  # self-contained HTML of `ExportRequest(..., "html")`; needs WebGL 2
     height: int = 560  # of the cell, CSS pixels

@@ -28,6 +28,11 @@ def sample_folder() -> Iterator[Path]:
 def open_sample() -> LocalScene:
     """Opens the sample scene, a table with objects on it, in meters; edits are temporary.
 
+    Examples:
+        >>> with open_sample() as scene:
+        ...     scene.info.scale, scene.info.gaussians, len(scene.views)
+        ('METRIC', 13827, 26)
+
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.
     """

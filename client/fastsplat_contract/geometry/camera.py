@@ -24,6 +24,11 @@ class Camera:
 
     A point (x, y, z) of the camera frame, z > 0, lands at (fx·x/z + cx, fy·y/z + cy), where the center of the
     top-left pixel is (0.5, 0.5).
+
+    Examples:
+        >>> camera = Camera(width=640, height=480, fx=500.0, fy=500.0, cx=320.0, cy=240.0)
+        >>> camera.scaled_to(320, 240).fx, camera.rays(320.0, 490.0).tolist()
+        (250.0, [0.0, 0.5, 1.0])
     """
 
     width: int
@@ -46,10 +51,7 @@ class Camera:
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 
     def rays(self, x: NDArray[Any] | float, y: NDArray[Any] | float) -> NDArray[np.float64]:
-        """float64 [..., 3]: the points of depth 1 in the camera frame that land at x and y, pixels of one shape [...].
-
-        Times the depth they are what a depth picture shows, back-projected; x = column + 0.5 for the middle of a pixel.
-        """
+        """Returns the points of depth 1 that land at pixels x, y of a shape [...]: camera frame, float64 [..., 3]."""
         across, down = (np.asarray(x) - self.cx) / self.fx, (np.asarray(y) - self.cy) / self.fy
         return np.stack([across, down, np.ones_like(across)], axis=-1)
 
@@ -59,10 +61,15 @@ class PosedCamera:
     """A camera and where it stands. Travels as `viewpoint.PosedCamera`.
 
     Attributes:
-        camera: intrinsics.
         world_from_camera: float64 [4, 4], rigid (rotation and translation, last row 0 0 0 1), scene units.
         name: the image's file name in the capture, or "" for a free viewpoint.
         frame_id: name of the world frame, as in `viewpoint.PosedCamera`.
+
+    Examples:
+        >>> from fastsplat_contract.geometry.poses import look_at
+        >>> posed = PosedCamera(Camera(640, 480, 500.0, 500.0, 320.0, 240.0), look_at([0, -2, 0], [0, 0, 0]))
+        >>> posed.camera_from_world() @ [0, 0, 0, 1]
+        array([0., 0., 2., 1.])
     """
 
     wire: ClassVar[type] = viewpoint.PosedCamera

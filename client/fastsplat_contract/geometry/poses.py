@@ -69,7 +69,13 @@ class Pose(Request):
     orientation: Orientation
 
     def matrix(self) -> F64:
-        """float64 [4, 4]: the rigid transform x' = R x + t."""
+        """float64 [4, 4]: the rigid transform x' = R x + t.
+
+        Examples:
+            >>> half_turn = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(0.0, 0.0, 1.0, 0.0))
+            >>> half_turn.matrix() @ [1, 2, 3, 1]
+            array([ 0., -2.,  3.,  1.])
+        """
         return rigid(self.orientation, self.position)
 
 

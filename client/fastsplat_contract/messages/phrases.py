@@ -11,20 +11,9 @@ from fastsplat_contract.codec.wire import Many, Response, travels
 
 Asks = Literal["objects", "count"]
 RefusalReason = Literal[
-    "not_understood",
-    "ambiguous",
-    "pose_needed",
-    "vertical_unknown",
-    "too_close",
-    "out_of_view",
-    "indirect",
-    "ambiguous_referent",
-    "referent_absent",
-    "nothing_to_compare",
-    "not_measured",
-    "not_named",
-    "not_read",
-]
+    "not_understood", "ambiguous", "pose_needed", "vertical_unknown", "too_close", "out_of_view", "indirect",
+    "ambiguous_referent", "referent_absent", "nothing_to_compare", "not_measured", "not_named", "not_read",
+]  # fmt: skip
 
 
 @travels(request=False)

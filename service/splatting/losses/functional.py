@@ -27,13 +27,15 @@ def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor 
     gradient flows to `image`. 0 if no pixel is valid.
 
     Args:
-        image: [H, W, 3], 0..1, not empty.
-        target: [H, W, 3], 0..1, of the same dtype.
+        image, target: [H, W, 3], 0..1, not empty, of one dtype.
         ssim_weight: λ, 0..1.
         valid: bool [H, W]; None means all.
 
     Raises:
         InvalidInputError: shapes do not match, or colors are not finite or so large that the loss is not.
+
+    >>> image_loss(torch.ones(2, 4, 3), torch.zeros(2, 4, 3), ssim_weight=0.0)
+    tensor(1.)
     """
     if image.ndim != 3 or image.shape[2] != 3 or image.shape != target.shape or not image.numel():
         raise InvalidInputError(
@@ -70,6 +72,10 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
     Raises:
         InvalidInputError: shapes do not match, a label is above N, the bias is not finite, or another used value is
             beyond 1e18.
+
+    >>> labels, weights = torch.ones(2, 4, dtype=torch.int32), torch.tensor([0.0, 1.0])
+    >>> semantic_loss(torch.zeros(2, 4, 3), torch.zeros(2, 3), torch.zeros(2), labels, weights)  # log 2
+    tensor(0.6931)
     """
     fits = (
         codes_image.ndim == 3

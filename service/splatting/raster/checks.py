@@ -77,8 +77,7 @@ def check_call(splats: Splats, viewmat: Tensor, camera: Camera, settings: Raster
             f"an image of {camera.width}×{camera.height} pixels", field="camera", limit=f"{_MAX_SIDE} pixels a side"
         )
     possible = (
-        0.0 < settings.alpha_min < 1.0
-        and settings.alpha_min < settings.alpha_max < 1.0
+        0.0 < settings.alpha_min < settings.alpha_max < 1.0
         and 0.0 < settings.transmittance_min < 1.0
         and 0.0 < settings.near < settings.far
         and settings.eps2d > 0.0

@@ -41,7 +41,12 @@ class RasterSettings:
 
 @dataclass(frozen=True)
 class Splats:
-    """Activated Gaussians, world frame."""
+    """Activated Gaussians, world frame.
+
+    >>> rgb = torch.tensor([[1.0, 0, 0]])
+    >>> Splats(torch.zeros(1, 3), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), rgb).features.shape
+    torch.Size([1, 3])
+    """
 
     means: Tensor  # [G, 3], scene units
     quats: Tensor  # [G, 4], w x y z, normalized by the rasterizer; zero or non-finite ones are culled
@@ -87,10 +92,14 @@ class LabelSums:
     sums: Tensor  # float64 [M], Σ_p w_g(p)·1[labels(p) = n] > 0, in pixels
 
     def dense(self, classes: int) -> Tensor:
-        """Converts to a dense float64 [G, classes] matrix."""
-        rows = torch.repeat_interleave(
-            torch.arange(len(self.starts) - 1, device=self.starts.device), self.starts.diff()
-        )
-        out = torch.zeros(len(self.starts) - 1, classes, dtype=torch.float64, device=self.sums.device)
+        """Converts to a dense float64 [G, classes] matrix.
+
+        >>> LabelSums(torch.tensor([0, 1, 1]), torch.tensor([2]), torch.tensor([0.5], dtype=torch.float64)).dense(3)
+        tensor([[0.0000, 0.0000, 0.5000],
+                [0.0000, 0.0000, 0.0000]], dtype=torch.float64)
+        """
+        count = len(self.starts) - 1
+        rows = torch.arange(count, device=self.starts.device).repeat_interleave(self.starts.diff())
+        out = torch.zeros(count, classes, dtype=torch.float64, device=self.sums.device)
         out[rows, self.labels.long()] = self.sums
         return out

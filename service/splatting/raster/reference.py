@@ -98,8 +98,8 @@ def label_map(
     relevancy: Tensor | None,
     settings: RasterSettings,
 ) -> LabelMap:
-    parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
-    rendering = rasterize(Splats(*(part.double() for part in parts)), viewmat, camera, None, settings)
+    exact = Splats(**{name: part.double() for name, part in vars(splats).items()})
+    rendering = rasterize(exact, viewmat, camera, None, settings)
     labels = classify.label_map(rendering, weight, bias, alpha_min, relevancy)
     dtype = splats.means.dtype
     expected = None if labels.relevancy is None else labels.relevancy.to(dtype)
@@ -107,8 +107,7 @@ def label_map(
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
-    parts = (splats.means, splats.quats, splats.scales, splats.opacities, splats.features)
-    exact = Splats(*(part.double() for part in parts))
+    exact = Splats(**{name: part.double() for name, part in vars(splats).items()})
     return classify.label_sums(
         labels, len(splats.means), lambda values: accumulate_weights(exact, viewmat, camera, values, settings)
     )

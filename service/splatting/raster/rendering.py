@@ -39,10 +39,21 @@ def rasterize(
 ) -> Rendering:
     """Renders one view; differentiable in all tensors.
 
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> view = rasterize(splats, torch.eye(4), Camera(width=4, height=2, fx=4.0, fy=4.0, cx=2.0, cy=1.0))
+    >>> view.image.shape, view.alpha[0]
+    (torch.Size([2, 4, 3]), tensor([0.7477, 0.9435, 0.9435, 0.7477]))
+
     On `cpu`, a signal handler that raises (Ctrl-C) ends even a long call within a fraction of a second.
     """
     check_call(splats, viewmat, camera, settings)
-    _check_background(splats, background)
+    channels = splats.features.shape[-1]
+    if background is not None and background.shape != (channels,):
+        raise InvalidInputError(
+            f"a background of shape {tuple(background.shape)} for {channels} channels", field="background"
+        )
+    if background is not None and not bool(torch.isfinite(background.detach()).all()):
+        raise InvalidInputError("the background holds NaN or Inf", field="background")
     rendering: Rendering = backend_module(backend).rasterize(splats, viewmat, camera, background, settings)
     return rendering
 
@@ -60,6 +71,11 @@ def rasterize_bands(
 
     Yields each band with its slice of rows: the pixels of `rasterize` on zero background, without the whole image in
     memory, except on `cuda`.
+
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> camera = Camera(width=4, height=20, fx=4.0, fy=4.0, cx=2.0, cy=10.0)
+    >>> [(rows, band.image.shape) for rows, band in rasterize_bands(splats, torch.eye(4), camera, max_values=1)]
+    [(slice(0, 16, None), torch.Size([16, 4, 3])), (slice(16, 20, None), torch.Size([4, 4, 3]))]
     """
     check_call(splats, viewmat, camera, settings)
     with torch.no_grad():
@@ -75,7 +91,13 @@ def accumulate_weights(
     settings: RasterSettings = _DEFAULTS,
     backend: Backend = "cpu",
 ) -> Tensor:
-    """Returns Σ_p w_g(p)·value(p) per Gaussian, w its blend weight: [G, V]. No gradient."""
+    """Returns Σ_p w_g(p)·value(p) per Gaussian, w its blend weight: [G, V]. No gradient.
+
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> camera = Camera(width=4, height=2, fx=4.0, fy=4.0, cx=2.0, cy=1.0)
+    >>> accumulate_weights(splats, torch.eye(4), camera, torch.tensor([[[0.1, 0.2]]]).expand(2, 4, 2))
+    tensor([[0.6765, 1.3530]])
+    """
     check_call(splats, viewmat, camera, settings)
     if values.ndim != 3 or values.shape[:2] != (camera.height, camera.width):
         raise InvalidInputError(
@@ -100,6 +122,12 @@ def label_map(
     """Classifies pixels: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
 
     As in the training loss, the composited code is not divided by alpha, and logits are clamped to ±1e30.
+
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> camera = Camera(width=4, height=2, fx=4.0, fy=4.0, cx=2.0, cy=1.0)
+    >>> weight, bias = torch.tensor([[0.0, 0, 0], [1, 0, 0]]), torch.zeros(2)
+    >>> label_map(splats, torch.eye(4), camera, weight, bias, alpha_min=0.9).classes[0]
+    tensor([0, 1, 1, 0], dtype=torch.int32)
     """
     check_call(splats, viewmat, camera, settings)
     head = {"weight": weight, "bias": bias} | ({} if relevancy is None else {"relevancy": relevancy})
@@ -135,6 +163,11 @@ def label_sums(
     """Returns Σ_p w_g(p)·1[labels(p) = n] per Gaussian g and label n. No gradient.
 
     FlashSplat's evidence (Shen et al. 2024), sparse. Bit-identical for any number of threads.
+
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> camera = Camera(width=4, height=2, fx=4.0, fy=4.0, cx=2.0, cy=1.0)
+    >>> label_sums(splats, torch.eye(4), camera, torch.tensor([[0, 1, 1, -1]] * 2), 2).dense(2)
+    tensor([[1.4955, 3.7741]], dtype=torch.float64)
     """
     check_call(splats, viewmat, camera, settings)
     if labels.shape != (camera.height, camera.width) or labels.is_floating_point() or labels.is_complex():
@@ -159,6 +192,9 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
         means: [G, 3], world frame.
         sh: [G, K, 3] with K >= (degree + 1)², 3DGS signs; further coefficients are ignored.
         camera_position: [3], world frame.
+
+    >>> sh_to_rgb(torch.tensor([[0, 0, 2.0]]), torch.zeros(1, 4, 3), torch.zeros(3), degree=1)
+    tensor([[0.5000, 0.5000, 0.5000]])
     """
     known = 0 <= degree <= MAX_SH_DEGREE
     if not known or sh.ndim != 3 or sh.shape[1] < (degree + 1) ** 2 or sh.shape[2] != 3:
@@ -174,13 +210,3 @@ def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int, *
         )
     rgb: Tensor = backend_module(backend).sh_to_rgb(means, sh, camera_position, degree)
     return rgb
-
-
-def _check_background(splats: Splats, background: Tensor | None) -> None:
-    channels = splats.features.shape[-1]
-    if background is not None and background.shape != (channels,):
-        raise InvalidInputError(
-            f"a background of shape {tuple(background.shape)} for {channels} channels", field="background"
-        )
-    if background is not None and not bool(torch.isfinite(background.detach()).all()):
-        raise InvalidInputError("the background holds NaN or Inf", field="background")

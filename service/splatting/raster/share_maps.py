@@ -37,6 +37,11 @@ class ShareMaps:
         starts: int64 [G + 1]; Gaussian g has the entries starts[g]..starts[g + 1] of the other two.
         labels: uint16 [M].
         shares: float32 [M], finite.
+
+    >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
+    >>> maps = ShareMaps(np.array([0, 2]), np.array([3, 7], np.uint16), np.array([0.4, 0.6], np.float32))
+    >>> maps.draw(splats, torch.eye(4), Camera(4, 2, fx=4.0, fy=4.0, cx=2.0, cy=1.0), alpha_min=0.9).classes[0]
+    tensor([0, 7, 7, 0], dtype=torch.int32)
     """
 
     def __init__(self, starts: NDArray[np.int64], labels: NDArray[np.uint16], shares: F32) -> None:

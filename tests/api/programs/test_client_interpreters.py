@@ -20,17 +20,10 @@ from tests.api.served import Faces
 from tests.client.wheel import ROOT, build_wheel, interpreter, make_environment
 
 _TESTS = (
-    "client/scripted.py",
-    "client/test_transport.py",
-    "client/test_captures.py",
-    "contract/catalog.py",
-    "contract/test_camera.py",
-    "contract/test_codecs.py",
-    "contract/test_errors.py",
-    "contract/test_pieces.py",
-    "contract/test_poses.py",
-    "contract/values.py",
-)
+    "client/scripted.py", "client/test_transport.py", "client/test_captures.py", "contract/catalog.py",
+    "contract/test_camera.py", "contract/test_codecs.py", "contract/test_errors.py", "contract/test_pieces.py",
+    "contract/test_poses.py", "contract/values.py",
+)  # fmt: skip
 _TALK = """
 import json, sys
 from fastsplat_client import Client, NotFoundError, PosedCamera, QueryRequest, Subscription
