@@ -39,10 +39,12 @@ def copy_sources(target: Path, *folders: str) -> Path:
 
 
 def insert(path: Path, anchor: str, text: str) -> None:
-    """Inserts text after an anchor, which a file has once; without an anchor makes the file."""
-    old = path.read_text() if anchor else ""
-    assert old.count(anchor) == 1 and path.exists() == bool(anchor), f"{path}: {anchor}"
-    path.write_text(old.replace(anchor, anchor + text))
+    """Inserts text after an anchor that a file has once: lines, if a line ends there. Without one, at the end."""
+    old = path.read_text() if path.exists() else ""
+    before, _, after = old.partition(anchor) if anchor else (old, "", "")
+    assert not anchor or old.count(anchor) == 1, f"{path} has {old.count(anchor)} times {anchor}"
+    text = f"\n{text.removesuffix(chr(10))}" if not after or after.startswith("\n") else text.removesuffix("\n")
+    path.write_text(f"{before}{anchor}{text}{after or chr(10)}")
 
 
 def run_python(root: Path, *arguments: str) -> str:

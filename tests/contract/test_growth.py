@@ -11,10 +11,8 @@ import pytest
 from protos.registry import Registry
 from tests.copied_sources import copy_sources, insert, run_python
 
-_BOX = """    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
-"""
-_ANSWER = """    version: Annotated[str, Field(description="of the scene")]
-"""
+_BOX = '    size: Annotated[Vector3, Field(description="whole edge lengths along the box\'s axes, scene units")]'
+_ANSWER = '    version: Annotated[str, Field(description="of the scene")]'
 _TRY = """
 from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.messages.pieces import answers_of, messages_of
@@ -36,8 +34,8 @@ assert list(answers_of(messages_of(answer), frozenset())) == [answer]
 def grown(tmp_path: Path) -> Path:
     """A copy of the contract in which `Box.fill` and `Answer.seconds` are new on the type."""
     copy_sources(tmp_path, "client", "protos")
-    insert(tmp_path / "client/fastsplat_contract/geometry/poses.py", _BOX, "    fill: float\n")
-    insert(tmp_path / "client/fastsplat_contract/messages/queries.py", _ANSWER, "    seconds: float\n")
+    insert(tmp_path / "client/fastsplat_contract/geometry/poses.py", _BOX, "    fill: float")
+    insert(tmp_path / "client/fastsplat_contract/messages/queries.py", _ANSWER, "    seconds: float")
     return tmp_path
 
 
@@ -65,7 +63,7 @@ def test_a_number_is_given_once_and_never_again(tmp_path: Path) -> None:
 
 def test_what_is_gone_from_a_type_is_reserved_in_the_proto(grown: Path) -> None:
     poses = grown / "client/fastsplat_contract/geometry/poses.py"
-    poses.write_text(poses.read_text().replace(_BOX, ""))
+    poses.write_text(poses.read_text().replace(f"{_BOX}\n", ""))
     run_python(grown, "-c", "from protos import generate; generate.write_proto()")
     proto = (grown / "protos/fastsplat/v1/fastsplat.proto").read_text()
     (box,) = re.findall(r"^message Box \{.*?^\}", proto, re.MULTILINE | re.DOTALL)
