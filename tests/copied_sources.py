@@ -20,20 +20,15 @@ sys.meta_path[:] = [finder for finder in sys.meta_path if not type(finder).__mod
 def copy_sources(target: Path, *folders: str) -> Path:
     """Copies folders of the repository, and links all others."""
     for path in ROOT.iterdir():
-        if path.name in folders:
-            left_out = shutil.ignore_patterns("web") if path.name == "api" else None
-            shutil.copytree(path, target / path.name, symlinks=True, ignore=left_out)
-        elif path.name == "fastsplat":
-            shutil.copytree(path, target / path.name, symlinks=True)  # links to the folders beside it
+        if path.name in ("fastsplat", *folders):  # `fastsplat` has links to the folders beside it
+            shutil.copytree(path, target / path.name, symlinks=True, ignore=shutil.ignore_patterns("web"))
         elif not path.name.startswith("."):
             (target / path.name).symlink_to(path)
     if "api" in folders:
         (target / "api/web").symlink_to(ROOT / "api/web")
     extension = importlib.util.find_spec(_RASTERIZER)
     if "service" in folders and extension is not None and extension.origin is not None:
-        library = target / "service/splatting/raster" / Path(extension.origin).name
-        library.unlink(missing_ok=True)
-        library.symlink_to(extension.origin)
+        (target / "service/splatting/raster" / Path(extension.origin).name).symlink_to(extension.origin)
     (target / "sitecustomize.py").write_text(_WITHOUT_EDITABLE)
     return target
 

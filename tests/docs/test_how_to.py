@@ -44,7 +44,7 @@ def test_the_steps_suffice(title: str, tmp_path: Path) -> None:
     (test,) = {file for file, *_ in insertions if file.endswith("/test_new.py")}
     named = re.findall(r"`((?:api|cli|client|docs|service|tests|workers)/[\w./]*)`", steps)
     places = {
-        file: max((name for name in named if file == name or name.endswith("/") and file.startswith(name)), key=len)
+        file: max((name for name in named if file == name or (name.endswith("/") and file.startswith(name))), key=len)
         for file in {file for file, *_ in insertions} - {test}
     }
     assert set(places.values()) == set(named)
