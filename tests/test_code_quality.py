@@ -69,7 +69,7 @@ def test_a_word_has_one_spelling() -> None:
 
 
 def test_no_name_has_a_word_of_our_own_where_the_field_has_one() -> None:
-    """In files' names, in Python and on the wire; the field's words are listed in DEVELOPMENT.md."""
+    """In files' names, in Python and on the wire; the field's words are listed in docs/words.md."""
     proto = Path("protos/fastsplat/v1/fastsplat.proto")
     names = {(name, proto) for name in re.findall(r"\w+", re.sub(r"//.*", "", _text(proto)))}
     for path in (path for path in _tracked() if path.suffix == ".py"):

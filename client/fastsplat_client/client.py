@@ -133,13 +133,10 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         splat. A single file is uploaded resumably. A splat may be sent with the folder of its `photos`.
         """
         options = options or SceneOptions()
-        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
-        fields += [("labels", label) for label in options.labels]
-        for field in ("time_budget_s", "max_gaussians", "preset", "up", "movers", "privacy", "lens", "nadir_deg"):
-            if (value := getattr(options, field)) is not None:
-                fields.append((field, str(value)))
-        if options.strict:
-            fields.append(("strict", "true"))
+        fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex)]
+        for field, default in vars(SceneOptions()).items():
+            if (value := getattr(options, field)) != default:
+                fields += [(field, str(item)) for item in (value if isinstance(value, tuple) else (value,))]
         sent = ""
         if capture.is_file() and photos is None:
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)

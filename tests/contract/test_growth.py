@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from protos.registry import Registry
+from tests.copied_sources import copy_sources, insert, run_python
 
-_ROOT = Path(__file__).resolve().parents[2]
-_BOX = """    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
-"""
-_ANSWER = """    version: Annotated[str, Field(description="of the scene")]
-    gaussians"""
+_BOX = '    size: Annotated[Vector3, Field(description="whole edge lengths along the box\'s axes, scene units")]'
+_ANSWER = '    version: Annotated[str, Field(description="of the scene")]'
 _TRY = """
 from fastsplat_contract.codec.json_codec import from_json, to_json
 from fastsplat_contract.messages.pieces import answers_of, messages_of
@@ -39,39 +33,20 @@ assert list(answers_of(messages_of(answer), frozenset())) == [answer]
 @pytest.fixture
 def grown(tmp_path: Path) -> Path:
     """A copy of the contract in which `Box.fill` and `Answer.seconds` are new on the type."""
-    shutil.copytree(_ROOT / "client/fastsplat_contract", tmp_path / "client/fastsplat_contract")
-    shutil.copytree(_ROOT / "protos", tmp_path / "protos")
-    _replace(tmp_path / "client/fastsplat_contract/geometry/poses.py", _BOX, f"{_BOX}    fill: float\n")
-    _replace(
-        tmp_path / "client/fastsplat_contract/messages/queries.py",
-        _ANSWER,
-        _ANSWER.replace("gaussians", "seconds: float\n    gaussians"),
-    )
+    copy_sources(tmp_path, "client", "protos")
+    insert(tmp_path / "client/fastsplat_contract/geometry/poses.py", _BOX, "    fill: float")
+    insert(tmp_path / "client/fastsplat_contract/messages/queries.py", _ANSWER, "    seconds: float")
     return tmp_path
-
-
-def _replace(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert text.count(old) == 1
-    path.write_text(text.replace(old, new))
-
-
-def _run(root: Path, code: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": f"{root}:{root / 'client'}"}
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
 
 
 def test_a_scalar_more_takes_the_type_alone(grown: Path) -> None:
     numbers = grown / "protos/fastsplat/v1/numbers.json"
     before = json.loads(numbers.read_text())
-    generated = _run(grown, "from protos import generate; generate.write_proto(); generate.generate(generate.OUTPUT)")
-    assert generated.returncode == 0, generated.stderr
+    run_python(grown, "-m", "protos.generate")
     after = json.loads(numbers.read_text())
     assert after["Box"].pop("fill") == 3 and after["Answer"].pop("seconds") == max(before["Answer"].values()) + 1
     assert after == before
-    tried = _run(grown, _TRY)
-    assert tried.returncode == 0, tried.stderr
+    run_python(grown, "-c", _TRY)
 
 
 def test_a_number_is_given_once_and_never_again(tmp_path: Path) -> None:
@@ -87,9 +62,9 @@ def test_a_number_is_given_once_and_never_again(tmp_path: Path) -> None:
 
 
 def test_what_is_gone_from_a_type_is_reserved_in_the_proto(grown: Path) -> None:
-    _replace(grown / "client/fastsplat_contract/geometry/poses.py", f"{_BOX}    fill: float\n", "    fill: float\n")
-    written = _run(grown, "from protos import generate; generate.write_proto()")
-    assert written.returncode == 0, written.stderr
+    poses = grown / "client/fastsplat_contract/geometry/poses.py"
+    poses.write_text(poses.read_text().replace(f"{_BOX}\n", ""))
+    run_python(grown, "-c", "from protos import generate; generate.write_proto()")
     proto = (grown / "protos/fastsplat/v1/fastsplat.proto").read_text()
     (box,) = re.findall(r"^message Box \{.*?^\}", proto, re.MULTILINE | re.DOTALL)
     assert "reserved 2;" in box and 'reserved "size";' in box and "double fill = 3;" in box
