@@ -110,9 +110,9 @@ class TrainingOptions(Options):
     """How often in a run the held-out views are measured for the progress report."""
     rates: LearningRates = LearningRates()
     """Learning rates."""
-    tolerance_db: float = Field(0.2, ge=0)
-    """PSNR of held-out views that twice the steps, or the surplus of Gaussians and harmonics, must gain to be spent;
-    0: all of the budget is (`requirement`)."""
+    tolerance_db: float = Field(0.1, ge=0)
+    """PSNR of held-out views, dB, that the last half of the steps, or surplus Gaussians, must gain to be spent; 0: the
+    whole budget is (`requirement`)."""
     checkpoint_every_s: float = Field(30.0, ge=0)
     """Seconds between checkpoints."""
 

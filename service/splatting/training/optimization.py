@@ -67,7 +67,7 @@ class Trainer:
         finish: Callable[[], bool] = lambda: False,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
-        self._supervision, self._recorder = supervision, recorder
+        self._supervision, self._start_count, self._recorder = supervision, len(start_points), recorder
         self._anchor_points, self._requirement = anchor_points, requirement
         self._settings, self._extent = settings, extent
         self._finish = finish
@@ -90,8 +90,9 @@ class Trainer:
             self.elapsed_s = time.monotonic() - begun
             before, progress = progress, self._requirement.progress(self.state, self.elapsed_s)
             step = Step(before, progress, self.elapsed_s, loss)
-            densify_if_due(self.state, step, self._settings, self._requirement.planned_count(self.state, progress))
-            self._requirement.after_step(self.state, step)
+            budget = self._requirement.budget(self.state)
+            densify_if_due(self.state, step, self._settings, self._start_count, budget)
+            self._requirement.after_step(self.state, progress)
             self._recorder.after_step(self.state, step)
         self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)
@@ -142,17 +143,9 @@ class Trainer:
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()
         self._photometric.step(self.state, number, progress, fit)
-        rates, rate = (
-            learning_rates(self._requirement.annealing(progress), self._extent, settings),
-            self._watch.rate(self.state),
-        )
+        rates, rate = learning_rates(progress, self._extent, settings), self._watch.rate(self.state)
         adam_step(self.state, {name: value * rate for name, value in rates.items()}, settings.backend)
-        phase = (
-            16 * self._requirement.round_of(progress)
-            + 4 * level
-            + 2 * (progress >= settings.depth_from)
-            + (correction is not None)
-        )
+        phase = 4 * level + 2 * (progress >= settings.depth_from) + (correction is not None)
         self._watch.after_step(self.state, image_loss, phase)
         return value
 

@@ -139,7 +139,7 @@ def train(
             draft,
             watch.drafts_at,
         )
-        requirement = Requirement(settings, there, run.held_out, len(run.start.points))
+        requirement = Requirement(settings, there, run.held_out)
         trainer = Trainer(
             state,
             there,
@@ -156,6 +156,7 @@ def train(
         trainer.run()
         if trainer.state.iteration >= FEWEST_STEPS:
             corrections = trainer.state.parameters.get(CORRECTIONS)
+            requirement.finish(trainer.state)
             require_likeness(trainer.state.parameters, there, run.held_out, corrections, settings.backend)
         refit_seconds = _refit_labels(run, trainer, settings)
         trained = _finished(run, trainer, recorder, requirement, settings, refit_seconds)
@@ -252,7 +253,7 @@ def _finished(
 ) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
-    gaussians, head = final_gaussians(requirement.flattened(trainer.state.parameters), settings.cull_opacity)
+    gaussians, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
     corrections = photo_corrections(trainer.state, trainer.views)
     exposure: dict[str, float] = {}
     if corrections:
