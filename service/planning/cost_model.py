@@ -241,10 +241,10 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
     measured, pruning = 0.4 * step, 0.0
     evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
-    if settings.max_psnr_drop_db and held_out:
+    if settings.tolerance_db:
         small = round(width * height * image_scales(settings)[0] ** 2)
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
-        pruning = weighed + EVALUATIONS * min(held_out, MAX_EVAL_VIEWS) * measured
+        pruning = weighed + EVALUATIONS * min(held_out or scene.views, MAX_EVAL_VIEWS) * measured
     refit = 0.0
     if settings.label_mode != "evidence" and scene.labels and settings.label_refit_epochs:
         channels = code_size(scene.labels, settings.code_size)

@@ -15,11 +15,19 @@ if TYPE_CHECKING:  # clients load the names, but not the settings
     from fastsplat.service.settings import Settings
 
 
-_FIELDS = ("time_budget_s", "min_iterations", "max_gaussians", "max_side", "max_sh_degree", "evaluations")
+_FIELDS = (
+    "time_budget_s",
+    "min_iterations",
+    "max_gaussians",
+    "max_side",
+    "max_sh_degree",
+    "evaluations",
+    "tolerance_db",
+)
 _VALUES: Mapping[PresetName, tuple[Any, ...]] = {
-    "draft": (30.0, 500, 20_000, 480, 3, 3),
+    "draft": (30.0, 500, 20_000, 480, 3, 3, 0.3),
     "balanced": tuple(TrainingSettings.model_fields[name].default for name in _FIELDS),
-    "best": (480.0, 1_000, 100_000, 960, 3, 10),
+    "best": (480.0, 1_000, 100_000, 960, 3, 10, 0.03),
 }
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {preset: MappingProxyType(dict(zip(_FIELDS, values, strict=True))) for preset, values in _VALUES.items()}

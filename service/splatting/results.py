@@ -16,9 +16,11 @@ class TrainedSplats:
         head: affine map W trained with the codes.
         quality: finite figures: psnr, psnr_cc (after color correction), ssim (means over held-out views that have them;
             otherwise absent), held_out (count), loss (mean of the last 50 steps), iterations, gaussians,
-            pruned_gaussians, sh_degree, train_seconds, time_budget_s, ghost_share, evidence_seconds,
+            sh_degree, train_seconds, time_budget_s, ghost_share, evidence_seconds,
             label_refit_seconds, preview_seconds (part of train_seconds), stopped_at_share (0..1 of the planned run,
-            only if ended early), random_points (initial Gaussians at random places for lack of capture points),
+            only if ended early), tolerance_db, enough (1 if more steps were not required), last_doubling_db (gain of
+            PSNR by the last half of the steps, where it was measured), random_points (initial Gaussians at random
+            places for lack of capture points),
             exposure_ev (colors against the photos' mean exposure, EV, at most 0, only with photometric correction).
         held_out: names of views that never entered a loss.
         evidence: label evidence of the other views; None if codes store the labels.

@@ -40,6 +40,13 @@ class SplatState:
         self.parameters[name] = value.detach().requires_grad_()
         self.exp_avg[name], self.exp_avg_sq[name] = value.new_zeros(value.shape), value.new_zeros(value.shape)
 
+    def keep(self, rows: Tensor) -> None:
+        """Removes all Gaussians but those of `rows`, int64 [K], with their moments."""
+        for name in GAUSSIAN_PARAMETERS:
+            self.parameters[name] = self.parameters[name].detach()[rows].requires_grad_()
+            for moments in (self.exp_avg, self.exp_avg_sq):
+                moments[name] = moments[name][rows]
+
     def tensors(self) -> dict[str, Tensor]:
         """Everything but the iteration, on the CPU under flat names."""
         groups = {"parameter": self.parameters, "exp_avg": self.exp_avg, "exp_avg_sq": self.exp_avg_sq}

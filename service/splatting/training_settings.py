@@ -110,8 +110,9 @@ class TrainingOptions(Options):
     """How often in a run the held-out views are measured for the progress report."""
     rates: LearningRates = LearningRates()
     """Learning rates."""
-    max_psnr_drop_db: float = Field(0.0, ge=0)
-    """What pruning harmonics and Gaussians may cost the held-out views, dB; 0, or no such views: nothing is pruned."""
+    tolerance_db: float = Field(0.1, ge=0)
+    """PSNR of held-out views, dB, that the last half of the steps, or surplus Gaussians, must gain to be spent; 0: the
+    whole budget is (`requirement`)."""
     checkpoint_every_s: float = Field(30.0, ge=0)
     """Seconds between checkpoints."""
 

@@ -43,7 +43,7 @@ wishes = st.builds(
     max_sh_degree=st.integers(0, 3),
     iterations=st.integers(1, 30_000),
     label_mode=st.sampled_from(["codes", "evidence", "auto"]),
-    max_psnr_drop_db=st.sampled_from([0.0, 0.05]),
+    tolerance_db=st.sampled_from([0.0, 0.05]),
 )
 
 

@@ -68,7 +68,7 @@ def _findings(quality: Mapping[str, Any], facts: SceneFacts, cameras: Sequence[P
             f"The photos look at the place from directions at most {spread:.0f} degrees apart.",
             "Walk around what matters: depth is known only where directions differ.",
         )
-    if steps is not None and (grade := _below(steps, _POOR_STEPS, _FAIR_STEPS)):
+    if steps is not None and not quality.get("enough") and (grade := _below(steps, _POOR_STEPS, _FAIR_STEPS)):
         yield Finding(
             "FEW_STEPS",
             grade,

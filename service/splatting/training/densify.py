@@ -20,7 +20,7 @@ MAX_COPIES = 16
 """No Gaussian is cut into more parts than this at once; the sums below lose precision beyond."""
 
 
-def densify_if_due(state: SplatState, step: Step, settings: TrainingSettings, start_count: int) -> None:
+def densify_if_due(state: SplatState, step: Step, settings: TrainingSettings, start_count: int, budget: int) -> None:
     """Move dead Gaussians of a run to where opacity is, and add new ones there, on a schedule (3DGS-MCMC without its
     noise). Random numbers are drawn from seed and iteration alone, so that a continued run ends as one that was not
     interrupted.
@@ -30,13 +30,14 @@ def densify_if_due(state: SplatState, step: Step, settings: TrainingSettings, st
         step: that it has just done.
         settings: the run's.
         start_count: Gaussians at the start of the run.
+        budget: Gaussians at most.
     """
     progress = step.progress
     if not event_due(step.progress_before, progress, settings.densify_events):
         return
     if not settings.densify_from <= progress <= settings.densify_until:
         return
-    target = planned_count(progress, start_count, settings.max_gaussians, settings.densify_from, settings.full_count_at)
+    target = planned_count(progress, start_count, budget, settings.densify_from, settings.full_count_at)
     seed = np.random.SeedSequence((settings.seed, 4, state.iteration)).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(seed[0] >> 1))
     need = activate_opacities(state.parameters["logit_opacities"].detach())

@@ -20,12 +20,12 @@ from fastsplat.service.splatting.training.densify import densify_if_due
 from fastsplat.service.splatting.training.depth_regularization import AnchorPoints, depth_anchors
 from fastsplat.service.splatting.training.objective import loss_terms
 from fastsplat.service.splatting.training.recorder import Recorder
+from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.run_watch import RunWatch
 from fastsplat.service.splatting.training.schedule import (
     depth_regularized,
     image_level,
     learning_rates,
-    run_progress,
     sh_degree,
 )
 from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
@@ -60,6 +60,7 @@ class Trainer:
         supervision: LabelSupervision,
         start_points: Tensor,
         recorder: Recorder,
+        requirement: Requirement,
         settings: TrainingSettings,
         extent: float,
         elapsed_s: float = 0.0,
@@ -67,7 +68,7 @@ class Trainer:
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
         self._supervision, self._start_count, self._recorder = supervision, len(start_points), recorder
-        self._anchor_points = anchor_points
+        self._anchor_points, self._requirement = anchor_points, requirement
         self._settings, self._extent = settings, extent
         self._finish = finish
         self._photometric = PhotometricTraining(settings)
@@ -82,14 +83,16 @@ class Trainer:
             TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
         """
         begun = time.monotonic() - self.elapsed_s
-        progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
+        progress = self._requirement.progress(self.state, self.elapsed_s)
         self._recorder.start(self.state, self.elapsed_s, progress)
         while progress < 1 and not (self.state.iteration >= FEWEST_STEPS and self._finish()):
             loss = self._step(progress)
             self.elapsed_s = time.monotonic() - begun
-            before, progress = progress, run_progress(self.state.iteration, self.elapsed_s, self._settings)
+            before, progress = progress, self._requirement.progress(self.state, self.elapsed_s)
             step = Step(before, progress, self.elapsed_s, loss)
-            densify_if_due(self.state, step, self._settings, self._start_count)
+            budget = self._requirement.budget(self.state)
+            densify_if_due(self.state, step, self._settings, self._start_count, budget)
+            self._requirement.after_step(self.state, progress)
             self._recorder.after_step(self.state, step)
         self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)

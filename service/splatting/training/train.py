@@ -5,12 +5,10 @@ Everything is optimized together from the first step: the single phase of the FA
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import torch
@@ -42,9 +40,9 @@ from fastsplat.service.splatting.training.checkpoint import (
 from fastsplat.service.splatting.training.depth_regularization import MAX_ANCHORS, AnchorPoints
 from fastsplat.service.splatting.training.optimization import Trainer
 from fastsplat.service.splatting.training.previews import UNWATCHED, Previews, TrainingWatch
-from fastsplat.service.splatting.training.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.training.quality import measure_views, require_likeness
 from fastsplat.service.splatting.training.recorder import Recorder
+from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.run_watch import return_warnings
 from fastsplat.service.splatting.training.schedule import image_scales
 from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
@@ -141,6 +139,7 @@ def train(
             draft,
             watch.drafts_at,
         )
+        requirement = Requirement(settings, there, run.held_out)
         trainer = Trainer(
             state,
             there,
@@ -148,6 +147,7 @@ def train(
             supervision=run.supervision,
             start_points=torch.from_numpy(run.start.points),
             recorder=recorder,
+            requirement=requirement,
             settings=settings,
             extent=run.extent,
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
@@ -156,9 +156,10 @@ def train(
         trainer.run()
         if trainer.state.iteration >= FEWEST_STEPS:
             corrections = trainer.state.parameters.get(CORRECTIONS)
+            requirement.finish(trainer.state)
             require_likeness(trainer.state.parameters, there, run.held_out, corrections, settings.backend)
         refit_seconds = _refit_labels(run, trainer, settings)
-        trained = _finished(run, trainer, recorder, settings, refit_seconds)
+        trained = _finished(run, trainer, recorder, requirement, settings, refit_seconds)
         recorder.report(trainer.state, trainer.elapsed_s, 1.0)
         return trained
 
@@ -243,26 +244,30 @@ def _refit_labels(run: _Run, trainer: Trainer, settings: TrainingSettings) -> fl
 
 
 def _finished(
-    run: _Run, trainer: Trainer, recorder: Recorder, settings: TrainingSettings, refit_seconds: float
+    run: _Run,
+    trainer: Trainer,
+    recorder: Recorder,
+    requirement: Requirement,
+    settings: TrainingSettings,
+    refit_seconds: float,
 ) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
-    trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
+    gaussians, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
     corrections = photo_corrections(trainer.state, trainer.views)
     exposure: dict[str, float] = {}
     if corrections:
         rows = trainer.state.parameters[CORRECTIONS].detach()
-        trained, exposure["exposure_ev"] = scene_exposure(trained, trainer.views, rows, backend)
-    gaussians = _pruned(trained, trainer.views, run.held_out, settings, "psnr_cc" if corrections else "psnr")
+        gaussians, exposure["exposure_ev"] = scene_exposure(gaussians, trainer.views, rows, backend)
     quality = {
         "iterations": float(trainer.state.iteration),
         "gaussians": float(len(gaussians)),
         "train_seconds": trainer.elapsed_s,
         "held_out": float(len(run.held_out)),
         "random_points": float(run.start.random),
-        "pruned_gaussians": float(len(trained) - len(gaussians)),
         "sh_degree": float(gaussians.sh_degree),
         **exposure,
+        **requirement.figures(trainer.state),
     }
     if settings.time_budget_s is not None:
         quality["time_budget_s"] = settings.time_budget_s
@@ -290,26 +295,6 @@ def _finished(
     held_out = tuple(view.name for view in run.held_out)
     warnings = return_warnings(trainer.state)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections, warnings)
-
-
-def _pruned(
-    gaussians: Gaussians,
-    views: tuple[TrainingView, ...],
-    held_out: tuple[TrainingView, ...],
-    settings: TrainingSettings,
-    figure: Literal["psnr", "psnr_cc"],
-) -> Gaussians:
-    """See `TrainingSettings.max_psnr_drop_db`, which is of this figure."""
-    if not settings.max_psnr_drop_db or not held_out:
-        return gaussians
-    backend = settings.backend
-    some = held_out[:: math.ceil(len(held_out) / MAX_EVAL_VIEWS)]
-
-    def measure(candidate: Gaussians) -> float:
-        return measure_views(_on(backend, color_parameters(candidate)), some, backend).get(figure, math.nan)
-
-    contribution = max_contribution(gaussians, [(view.viewmat, view.frames[0].camera) for view in views], backend)
-    return prune_to_psnr(gaussians, contribution, measure, settings.max_psnr_drop_db)
 
 
 def _ghost_share(gaussians: Gaussians, head: SemanticHead) -> float:

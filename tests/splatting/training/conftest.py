@@ -103,6 +103,7 @@ def quick() -> Callable[..., TrainingSettings]:
             "time_budget_s": None,
             "max_gaussians": 250,
             "evaluations": 0,
+            "tolerance_db": 0.0,
             "backend": "cpu",
         }
         return TrainingSettings(**(defaults | changes))

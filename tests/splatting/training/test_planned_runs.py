@@ -23,7 +23,7 @@ def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:
 @pytest.mark.parametrize(("views", "gaussians"), [(1, 1), (1, 300), (12, 1)])
 def test_the_smallest_plans_train_to_a_whole_scene(make_world, views: int, gaussians: int) -> None:
     capture, labelling = make_world(views)
-    requested = TrainingSettings(max_gaussians=gaussians, max_psnr_drop_db=0.05)
+    requested = TrainingSettings(max_gaussians=gaussians, tolerance_db=0.05)
     planned = fit_training(requested, scene_size(capture, 3), 1.0)
     trained = train(capture, labelling, planned.settings.model_copy(update={"iterations": 30}), silent)
     assert 1 <= len(trained.gaussians) <= gaussians and trained.quality["iterations"] <= 30

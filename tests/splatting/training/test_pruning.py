@@ -1,74 +1,96 @@
-"""Laws of pruning: what is pruned was not needed, and never costs more than allowed."""
+"""Laws of what a scene requires: surplus goes, never more than allowed; little to show takes little."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
+from torch import Tensor
 
-from fastsplat.service.scene.artefact.scene import Gaussians
-from fastsplat.service.splatting.training.pruning import max_contribution, prune_to_psnr
+from fastsplat.service.common.progress import silent
+from fastsplat.service.splatting.training.pruning import max_contribution, required_degree, required_rows
+from fastsplat.service.splatting.training.train import train
+from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views
-from fastsplat_contract.geometry.camera import Camera
+from tests.splatting.training.conftest import same_run
 
 
-def _gaussians(count: int, degree: int = 1) -> Gaussians:
-    random = np.random.default_rng(0)
-    return Gaussians(
-        means=random.normal(size=(count, 3)).astype(np.float32),
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.full((count, 3), -3, np.float32),
-        logit_opacities=np.zeros(count, np.float32),
-        sh=random.normal(size=(count, (degree + 1) ** 2, 3)).astype(np.float32),
-        codes=random.normal(size=(count, 2)).astype(np.float32),
-    )
+def _parameters(count: int, degree: int = 1) -> dict[str, Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    return {
+        "means": torch.randn(count, 3, generator=generator),
+        "quats": torch.tensor([1.0, 0, 0, 0]).repeat(count, 1),
+        "log_scales": torch.full((count, 3), -3.0),
+        "logit_opacities": torch.zeros(count),
+        "sh_dc": torch.zeros(count, 1, 3),
+        "sh_rest": torch.zeros(count, (degree + 1) ** 2 - 1, 3),
+        "codes": torch.zeros(count, 2),
+    }
 
 
-@given(st.floats(0.001, 3), st.floats(0, 5), st.integers(0, 300), st.integers(0, 3), st.integers(0, 10**6))
+@given(st.floats(0.001, 3), st.floats(0, 5), st.integers(1, 300), st.integers(0, 3), st.integers(0, 10**6))
 def test_no_more_is_lost_than_allowed(allowed, harmonics_db, count, degree, seed) -> None:
-    scene = _gaussians(count, degree)
+    scene = _parameters(count, degree)
     weight = np.random.default_rng(seed).exponential(size=count)
 
-    def quality(some: Gaussians) -> float:
-        return 30 + harmonics_db * some.sh_degree + 5 * len(some) / max(count, 1)
+    def quality(some: Mapping[str, Tensor]) -> float:
+        return 30 + harmonics_db * some["sh_rest"].shape[1] + 5 * len(some["means"]) / count
 
-    left = prune_to_psnr(scene, weight, quality, allowed)
-    assert quality(scene) - quality(left) <= allowed + 1e-9
-    stays = np.isin(scene.means[:, 0], left.means[:, 0])
-    assert (left.means == scene.means[stays]).all()
-    assert (left.sh == scene.sh[stays, : left.sh.shape[1]]).all()
-    assert stays.all() or not stays.any() or weight[~stays].max() <= weight[stays].min()
-
-
-def test_nothing_is_taken_when_nothing_may_be_lost() -> None:
-    scene = _gaussians(50)
-    left = prune_to_psnr(scene, np.ones(50), lambda some: 20.0, 0.0)
-    assert left is scene
-
-
-def test_harmonics_that_gain_nothing_go_and_those_that_gain_stay() -> None:
-    scene = _gaussians(64, degree=2)
-    flat = prune_to_psnr(scene, np.ones(64), lambda some: 20.0 + 100 * (len(some) == 64), 0.05)
-    assert flat.sh_degree == 0 and len(flat) == 64
-    result = prune_to_psnr(scene, np.ones(64), lambda some: 20.0 + min(some.sh_degree, 1) + len(some), 0.05)
-    assert result.sh_degree == 1 and len(result) == 64
+    rows = required_rows(scene, weight, quality, allowed).numpy()
+    assert 5 * (1 - len(rows) / count) <= allowed + 1e-9
+    stays = np.isin(np.arange(count), rows)
+    assert (np.diff(rows) > 0).all() and (stays.all() or not stays.any() or weight[~stays].max() <= weight[stays].min())
+    lowest = required_degree(scene, quality, allowed)
+    assert harmonics_db * ((degree + 1) ** 2 - (lowest + 1) ** 2) <= allowed + 1e-9
+    assert lowest == 0 or harmonics_db * ((degree + 1) ** 2 - lowest**2) > allowed - 1e-9
 
 
 def test_all_that_is_worth_nothing_goes_to_a_64th() -> None:
-    scene = _gaussians(640)
-    left = prune_to_psnr(scene, np.arange(640.0), lambda some: 20.0, 0.1)
-    assert (left.means == scene.means[630:]).all()
+    rows = required_rows(_parameters(640), np.arange(640.0), lambda some: 20.0, 0.1)
+    assert rows.tolist() == list(range(630, 640))
 
 
 def test_what_no_view_shows_contributes_nothing(world) -> None:
     capture, labelling = world
     views = load_views(capture, labelling, (0, 4, 8), 640, (0.5, 1.0))
-    scene = _gaussians(3)
-    scene.means[:] = [[0, 0, 0.2], [0, 0, 500.0], [0, 0, 0.2]]
-    scene.logit_opacities[:] = [3, 3, -20]
+    scene = _parameters(3)
+    scene["means"] = torch.tensor([[0, 0, 0.2], [0, 0, 500.0], [0, 0, 0.2]])
+    scene["logit_opacities"] = torch.tensor([3.0, 3, -20])
     cameras = [(view.viewmat, view.frames[0].camera) for view in views]
     weight = max_contribution(scene, cameras)
     assert weight[0] > 1 and weight[1] == 0 == weight[2]
-    assert isinstance(views[0].frames[0].camera, Camera)
     assert weight == pytest.approx(np.max([max_contribution(scene, [camera]) for camera in cameras], axis=0))
+
+
+_BUDGET = TrainingSettings(iterations=10_000, time_budget_s=None, evaluations=0)
+
+
+@pytest.mark.parametrize(("shade", "most"), [(0, 0), (128, 100)])
+def test_pictures_of_one_color_take_next_to_nothing(make_world, shade: int, most: int) -> None:
+    capture, labelling = make_world()
+    for view in capture.views:
+        Image.new("RGB", (64, 48), (shade,) * 3).save(view.image_path)
+    trained = train(capture, labelling, _BUDGET, silent)
+    assert len(trained.gaussians) <= most and trained.quality["iterations"] < 1_500 and trained.quality["enough"]
+
+
+def test_a_run_that_needs_no_more_ends_alike_after_a_checkpoint(world, quick, tmp_path: Path) -> None:
+    """It is pruned, and ends when the last half of its steps gained less than the tolerance."""
+    settings = quick(iterations=4_000, max_gaussians=600, tolerance_db=3.0, checkpoint_every_s=0)
+    whole = train(*world, settings, silent)
+    assert whole.quality["iterations"] == 650 and whole.quality["last_doubling_db"] < 3
+    assert len(whole.gaussians) < 300
+
+    def stop(event) -> None:
+        if event.metrics.get("iteration", 0) >= 300:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(*world, settings, stop, tmp_path)
+    assert same_run(train(*world, settings, silent, tmp_path), whole)

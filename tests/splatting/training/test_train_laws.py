@@ -112,7 +112,7 @@ def test_a_held_out_view_that_shows_nothing_does_not_spoil_the_figures(
         if kind == "masked"
         else _seeing_nothing(make_world(views=8)[0], index)
     )
-    settings = quick(held_out_every=held_out_every, evaluations=5, max_psnr_drop_db=0.1)
+    settings = quick(held_out_every=held_out_every, evaluations=5, tolerance_db=0.1)
     events: list[ProgressEvent] = []
     trained = train(spoilt, labelling, settings, events.append)
     assert trained.held_out[0] == f"{index:03d}.png" and trained.quality["held_out"] == 8 // held_out_every
