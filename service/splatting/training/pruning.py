@@ -38,8 +38,8 @@ def max_contribution(
     splats = splats_of(parameters, torch.zeros(len(parameters["means"]), 1, device=device))
     most = np.zeros(len(splats.means))
     for viewmat, camera in views:
-        ones = torch.ones(camera.height, camera.width, 1, device=device)
-        filled = accumulate_weights(splats, viewmat.to(device), camera, ones, backend=backend)[:, 0]
+        pixels = torch.ones(camera.height, camera.width, 1, device=device)
+        filled = accumulate_weights(splats, viewmat.to(device), camera, pixels, backend=backend)[:, 0]
         most = np.maximum(most, filled.double().cpu().numpy())
     return most
 
