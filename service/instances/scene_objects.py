@@ -97,13 +97,8 @@ def votes_of_views(
     backend: Backend = "cpu",
 ) -> NameVotes:
     """Counts the votes of `used` views' regions for `labels` names, see `count_votes`."""
-    return count_votes(
-        objects,
-        _lifted(gaussians, used, settings, backend),
-        [regions for _, regions in used],
-        labels,
-        min_overlap=NAME_OVERLAP,
-    )
+    lifted, regions = _lifted(gaussians, used, settings, backend), [seen for _, seen in used]
+    return count_votes(objects, lifted, regions, labels, min_overlap=NAME_OVERLAP)
 
 
 def regions_of_label_map(label_map: NDArray[np.uint16]) -> Regions:

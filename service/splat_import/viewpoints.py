@@ -141,9 +141,8 @@ def _free_places(gaussians: Gaussians, bulk: Bulk, axes: F64) -> F64:
     places, distance = places[free := distance > _FREE * bulk.radius], distance[free]
     chosen: list[int] = []
     while len(places) and len(chosen) < _INNER_PLACES:
-        gap = (
-            np.min([np.linalg.norm(places - places[index], axis=1) for index in chosen], axis=0) if chosen else distance
-        )
+        gaps = [np.linalg.norm(places - places[index], axis=1) for index in chosen]
+        gap = np.min(gaps or [distance], axis=0)
         if chosen and gap.max() < _FREE * bulk.radius:
             break
         chosen.append(int(gap.argmax()))
@@ -158,8 +157,7 @@ class _Look:
     ) -> None:
         self._splats = splats_of(gaussians, device=device_of(backend))
         self._bulk, self._drawn, self._camera, self._backend = bulk, drawn, camera, backend
-        self._means = gaussians.means
-        self._widest = np.exp(gaussians.log_scales.max(axis=1))
+        self._means, self._widest = gaussians.means, np.exp(gaussians.log_scales.max(axis=1))
         self._every_pixel = torch.ones(camera.height, camera.width, 1, device=self._splats.means.device)
 
     def at(self, pose: F64) -> _Trial:
