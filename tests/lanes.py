@@ -26,7 +26,6 @@ REST = (
     "capture/sfm/test_reconstruction.py",
     "capture/sfm/test_repetition.py",
     "capture/world/test_scale_tags.py",
-    "capture/sfm/test_spoiled_photos.py",
     "cli/test_mcp_sample.py",
     "cli/test_serve.py",
     "client/test_wheel.py",
@@ -40,7 +39,6 @@ REST = (
     "perception/test_pull.py",
     "splatting/raster/test_raster_arm64.py",
     "splatting/training/test_host_discipline.py",
-    "splatting/training/test_tabletop_figures.py",
     "web/",
     "workers/",
 )
@@ -48,6 +46,7 @@ REST = (
 whole captures, benchmarks, documents, packages, images, other programs."""
 
 FIRST = (  # their files that `make test` runs all the same: one journey with a real worker, and what needs none
+    "benchmarks/test_sample_answers.py",
     "docs/test_page_blocks.py",
     "web/test_journey.py",
     "web/test_page_sources.py",

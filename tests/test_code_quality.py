@@ -86,6 +86,11 @@ def test_no_name_has_a_word_of_our_own_where_the_field_has_one() -> None:
             assert f"_{old}_" not in f"_{words}_", f"{path}: {name}; the field says {word}"
 
 
+def test_only_benchmarks_tests_know_benchmarks() -> None:
+    sources = [path for path in _tracked() if path.suffix == ".py" and "benchmarks" not in path.parts[:2]]
+    assert not [path for path in sources if re.search(r"^\s*(from|import) benchmarks\b", _text(path), re.MULTILINE)]
+
+
 def _cpp_sources() -> list[Path]:
     return sorted(ROOT / path for path in _tracked() if path.suffix in (".cpp", ".h"))
 

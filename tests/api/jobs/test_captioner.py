@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.naming.replay import named, replayed
 from fastsplat_client.captioner import Captioner, suggest_by
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+from tests.client.replay_captioner import named, replayed
 from tests.commands import invoke
 
 

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import pytest
 from pydantic import ValidationError
 
-from benchmarks.naming.replay import ReplayCaptioner, replayed
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import CaptionerSettings, Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample
 from tests.cli.conftest import configured
+from tests.client.replay_captioner import ReplayCaptioner, replayed
 from tests.commands import invoke
 
 

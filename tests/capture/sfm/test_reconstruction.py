@@ -270,3 +270,15 @@ def test_video(suffix: str, code: str, test_data: Path, tmp_path: Path, settings
     names = {*(view.posed.name for view in capture.views), *capture.report.unregistered}
     assert names == {f"frame_{3 * i + 1:06d}.png" for i in range(len(order))}
     assert capture.report.source == "video" and len(capture.views) >= len(order) - 1
+
+
+def test_photos_that_are_all_damaged_end_the_capture_with_a_reason(upload, photo, settings) -> None:
+    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2)})
+    files = validate_upload(folder, settings).folder / "files"
+    for path in sorted(files.iterdir()):
+        content = path.read_bytes()
+        path.unlink()
+        path.write_bytes(content[:300])
+    with pytest.raises(ReconstructionError, match="hardly one of 2 photos") as caught:
+        build_capture(folder, folder.parent / "out", settings, silent)
+    assert caught.value.hint and not (folder.parent / "out").exists()

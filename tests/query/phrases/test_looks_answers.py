@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.query.language.meaning.probability import Logistic
@@ -19,9 +18,11 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Looks, Object, Scene
 from fastsplat_contract.messages.queries import Answer
 from tests.looks_model import COLORS, MODEL, write_looks_model
+from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
+from tests.query.placed_rooms import Room, box, scene_of, table
 
-_WORLD = drawn_frame(np.random.default_rng(3))
+_WORLD = rigid(3)
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
 _RATIO = Logistic(score=8.0, lead=2.0, offset=-4.0)
 
