@@ -17,6 +17,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
 from fastsplat.service.splatting.raster import cuda
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
 from tests.splatting import pretend_gpu
 
 HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.float32))
@@ -24,14 +25,9 @@ HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.floa
 
 def _scene() -> Gaussians:
     """A red and a green blob in front of the camera, labels 1 and 2."""
-    return Gaussians(
-        means=np.array([[-0.3, 0, 2], [0.3, 0, 2]], np.float32),
-        quats=np.array([[1, 0, 0, 0]] * 2, np.float32),
-        log_scales=np.full((2, 3), np.log(0.15), np.float32),
-        logit_opacities=np.full(2, 5, np.float32),
-        sh=np.array([[[1.5, -1.5, -1.5]], [[-1.5, 1.5, -1.5]]], np.float32),
-        codes=np.array([[0, 1, 0], [0, 0, 1]], np.float32),
-    )
+    colors = [[[1.5, -1.5, -1.5]], [[-1.5, 1.5, -1.5]]]
+    places = [[-0.3, 0, 2], [0.3, 0, 2]]
+    return labelled_scene(places, [1, 2], ("apple", "pear"), scales=0.15, logit_opacities=5.0, sh=colors).gaussians
 
 
 @pytest.fixture

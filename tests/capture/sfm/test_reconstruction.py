@@ -186,20 +186,12 @@ def test_blank_images(upload, settings, refused) -> None:
         build_capture(folder, folder.parent / "out", settings, silent)
 
 
-def test_memory_limit(upload, photo, settings, refused) -> None:
+@pytest.mark.parametrize(("limit", "value"), [("sfm_memory_bytes", 450 << 20), ("sfm_seconds", 0)])
+def test_limits(upload, photo, settings, refused, limit: str, value: int) -> None:
     folder = upload({"a.png": photo(1, (1600, 1200), "PNG"), "b.png": photo(2, (1600, 1200), "PNG")})
     validate_upload(folder, settings)
-    with refused(ResourceError, "SFM_MEMORY_BYTES"):
-        build_capture(
-            folder, folder.parent / "out", settings.model_copy(update={"sfm_memory_bytes": 450 << 20}), silent
-        )
-
-
-def test_time_limit(upload, photo, settings, refused) -> None:
-    folder = upload({"a.png": photo(1), "b.png": photo(2)})
-    validate_upload(folder, settings)
-    with refused(ResourceError, "SFM_SECONDS"):
-        build_capture(folder, folder.parent / "out", settings.model_copy(update={"sfm_seconds": 0}), silent)
+    with refused(ResourceError, limit.upper()):
+        build_capture(folder, folder.parent / "out", settings.model_copy(update={limit: value}), silent)
 
 
 def test_cancelling_stops_the_child_and_leaves_nothing(test_data: Path, tmp_path: Path, settings) -> None:

@@ -81,16 +81,15 @@ def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["the red shiny one left of the book", "how many red shiny ones are here?", "the second red shiny one"]
+    "text",
+    [
+        *("the red shiny one left of the book", "how many red shiny ones are here?", "the second red shiny one"),
+        "a submarine",  # looks like nothing here
+    ],
 )
 def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
     answer, plain = (_answer(_index(scene, DrawnEncoder(), looks), text) for looks in (model, None))
     assert (answer.outcome, answer.object_ids, answer.sentence) == (plain.outcome, plain.object_ids, plain.sentence)
-
-
-def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
-    answer, plain = (_answer(_index(scene, DrawnEncoder(), looks), "a submarine") for looks in (model, None))
-    assert (answer.outcome, answer.object_ids) == (plain.outcome, plain.object_ids)
 
 
 def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -> None:

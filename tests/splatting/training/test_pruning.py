@@ -11,18 +11,13 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splatting.training.pruning import max_contribution, prune_to_psnr
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.geometry.camera import Camera
+from tests.scenes import labelled_scene
 
 
 def _gaussians(count: int, degree: int = 1) -> Gaussians:
     random = np.random.default_rng(0)
-    return Gaussians(
-        means=random.normal(size=(count, 3)).astype(np.float32),
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.full((count, 3), -3, np.float32),
-        logit_opacities=np.zeros(count, np.float32),
-        sh=random.normal(size=(count, (degree + 1) ** 2, 3)).astype(np.float32),
-        codes=random.normal(size=(count, 2)).astype(np.float32),
-    )
+    means, sh = random.normal(size=(count, 3)), random.normal(size=(count, (degree + 1) ** 2, 3))
+    return labelled_scene(means, np.zeros(count, int), (), scales=0.05, logit_opacities=0.0, sh=sh).gaussians
 
 
 @given(st.floats(0.001, 3), st.floats(0, 5), st.integers(0, 300), st.integers(0, 3), st.integers(0, 10**6))
