@@ -24,7 +24,7 @@ def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:
 
 
 def change_body(folder: Path, change: Callable[[dict[str, Any]], Any], *renamed: str) -> None:
-    """Change `scene.json`, of whose text the first of `renamed` becomes the second, and give it a digest that fits."""
+    """Changes `scene.json` and its digest; `renamed`: a text in it, and what it becomes."""
     text = (folder / "scene.json").read_text()
     body = json.loads(text.replace(*renamed) if renamed else text)
     change(body)

@@ -42,10 +42,7 @@ _REFUSED = {
         b"Content-Length: 5\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n" + _GET + b"\r\n",
         (400, "content-length"),
     ),
-    "a head that is too large, still being written": (
-        _GET + b"X-Long: " + b"a" * 4_000_000,
-        (413, "headers"),
-    ),
+    "a head that is too large, still being written": (_GET + b"X-Long: " + b"a" * 4_000_000, (413, "headers")),
     "more headers than a request needs": (
         _GET + b"".join(b"X-%d: 1\r\n" % number for number in range(MAX_HEADERS)) + b"\r\n",
         (413, "headers"),
