@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import hypothesis
 import pytest
@@ -177,3 +177,15 @@ def s3() -> Iterator[str]:
             patch.setenv(name, value)
         yield f"http://{host}:{port}"
     server.stop()
+
+
+@pytest.fixture
+def gsplat_on_cpu(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Backend `cuda` on CPU tensors: everything of it, and of gsplat, but gsplat's kernels."""
+    from fastsplat.service.splatting.raster import cuda
+    from tests.splatting import gsplat_front_end
+
+    front_end = gsplat_front_end.install(monkeypatch)
+    monkeypatch.setattr(cuda, "gsplat_module", lambda: front_end)
+    monkeypatch.setattr(cuda, "DEVICE", "cpu")
+    return front_end

@@ -56,7 +56,8 @@ def test_folders_are_small() -> None:
 
 
 def test_parameters_say_what_they_are() -> None:
-    vague = {str(path) for path in _product() if _parameters(path) & _VAGUE_PARAMETERS}
+    product = [path for path in _tracked() if path.suffix == ".py" and path.parts[0] in _PRODUCT]
+    vague = {str(path) for path in product if _parameters(path) & _VAGUE_PARAMETERS}
     assert not vague
 
 
@@ -86,12 +87,13 @@ def test_no_name_has_a_word_of_our_own_where_the_field_has_one() -> None:
             assert f"_{old}_" not in f"_{words}_", f"{path}: {name}; the field says {word}"
 
 
-def _cpp_sources() -> list[Path]:
-    return sorted(ROOT / path for path in _tracked() if path.suffix in (".cpp", ".h"))
+def test_only_benchmarks_tests_know_benchmarks() -> None:
+    sources = [path for path in _tracked() if path.suffix == ".py" and "benchmarks" not in path.parts[:2]]
+    assert not [path for path in sources if re.search(r"^\s*(from|import) benchmarks\b", _text(path), re.MULTILINE)]
 
 
 def test_cpp_is_formatted_and_fits_into_120_columns() -> None:
-    sources = _cpp_sources()
+    sources = sorted(ROOT / path for path in _tracked() if path.suffix in (".cpp", ".h"))
     assert sources
     tool = Path(sys.executable).parent / "clang-format"
     result = subprocess.run(
@@ -126,10 +128,6 @@ def _text(path: Path) -> str:
     """What a file says; nothing of one that is no text."""
     data = (ROOT / path).read_bytes()
     return "" if b"\0" in data else data.decode(errors="replace")
-
-
-def _product() -> list[Path]:
-    return [path for path in _tracked() if path.suffix == ".py" and path.parts[0] in _PRODUCT]
 
 
 def _parameters(path: Path) -> set[str]:

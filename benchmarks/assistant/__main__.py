@@ -35,7 +35,6 @@ from benchmarks.assistant.questions import Question, is_right, lengths, read_que
 from benchmarks.assistant.rooms import Layout, layouts
 from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.relations.__main__ import share_right
-from benchmarks.relations.drawing import scene_of
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene
 from fastsplat.service.perception.lexicon.wordnet import find_lexicon
@@ -44,6 +43,7 @@ from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
+from tests.query.placed_rooms import scene_of
 
 _TIMEOUT_S = 60.0
 

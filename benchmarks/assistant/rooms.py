@@ -9,8 +9,9 @@ from itertools import product
 import numpy as np
 from scipy.optimize import minimize
 
-from benchmarks.relations.drawing import F64, Placed, Room, Slab, Triple, box, crate, drawn_frame, table
 from benchmarks.relations.questions import COLORS
+from tests.query.box_scenes import rigid
+from tests.query.placed_rooms import F64, Placed, Room, Slab, Triple, box, crate, table
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ def _layout(name: str, room: Room, seed: int) -> Layout:
     for number, obj in enumerate(room.objects, start=1):
         same = sum(previous.name == obj.name for previous in room.objects[:number])
         ids[obj.name if same == 1 else f"{obj.name} {same}"] = number
-    return Layout(name, room, drawn_frame(np.random.default_rng(seed)), ids)
+    return Layout(name, room, rigid(np.random.default_rng(seed)), ids)
 
 
 def _bounds(slabs: tuple[Slab, ...]) -> tuple[F64, F64]:

@@ -30,7 +30,6 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.naming.replay import named, replayed
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.reads.labels import true_objects
 from benchmarks.rooms.arranging import Room
@@ -48,6 +47,7 @@ from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.settings import CaptionerSettings, load_settings
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.scenes import Edit
+from tests.client.replay_captioner import named, replayed
 
 _TWELVE = (*ROOMS["validation"], *ROOMS["test"])
 _CHOSEN_ON = "nothing was chosen by these figures"

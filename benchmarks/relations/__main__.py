@@ -22,13 +22,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.provenance import begin, parser_of, write_results
-from benchmarks.relations.drawing import drawn_frame, scene_of
 from benchmarks.relations.questions import ROOMS, Case
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.messages.queries import Answer
+from tests.query.box_scenes import rigid
+from tests.query.placed_rooms import scene_of
 
 
 class HashEncoder:
@@ -82,7 +83,7 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
     while sum(reply.case.truth is not None for reply in answered) < decided:
         rng = np.random.default_rng([seed, room_seed])
         drawn = ROOMS[room_seed % len(ROOMS)](rng)
-        world = drawn_frame(rng)
+        world = rigid(rng)
         settings = QuerySettings()
         indices = {
             vertical: SceneIndex(scene_of(drawn.room, room_seed, world, vertical), HashEncoder(), settings)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.relations.drawing import F64, Room, box, crate, table
 from fastsplat_contract.geometry.poses import look_at
+from tests.query.placed_rooms import F64, Room, box, crate, table
 
 COLORS = {
     "red": (0.75, 0.10, 0.10),

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.application.answering import open_scenes
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.results import TextEncoder
@@ -26,6 +25,8 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.queries import Answer, QueryRequest
 from fastsplat_contract.messages.scenes import Edit
 from tests.application.conftest import ENCODER, LABELS
+from tests.query.box_scenes import rigid
+from tests.query.placed_rooms import Room, box, scene_of, table
 from tests.scenes import labelled_scene, store_scene
 
 PLAIN = ("mug", "something to drink from", "banana", "a grand piano", "handle")
@@ -57,7 +58,7 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, (0.7, 0.55, 0.4))
     room.place("mug", box((0.09, 0.09, 0.1)), (0.2, 0.1, 0.75), 0.2, (0.75, 0.1, 0.1))
     room.place("mug", box((0.09, 0.09, 0.1)), (1.5, 0, 0), 0.2, (0.1, 0.2, 0.75))
-    scene = scene_of(room, 0, drawn_frame(np.random.default_rng(3)))
+    scene = scene_of(room, 0, rigid(3))
     assert scene.objects is not None
     one_hot = np.eye(len(scene.dictionary) + 1, dtype=np.float32)
     label_ids = np.array([0, *(scene.dictionary.id_of(obj.name) for obj in scene.objects.table)])

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
@@ -16,14 +15,13 @@ from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from tests.scenes import stand_in_models
 
 
-def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
-    return ValidatedUpload(folder, "images", 1)
-
-
 @pytest.fixture
 def opened(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
     models = stand_in_models(tmp_path / "models", "minilm_l6_int8")
-    with open_service(Settings(data_dir=tmp_path, models=models, database_url=database_url), _admit) as service:
+    with open_service(
+        Settings(data_dir=tmp_path, models=models, database_url=database_url),
+        lambda folder, settings, strict: ValidatedUpload(folder, "images", 1),
+    ) as service:
         service.admin.projects.create("a")
         service.admin.projects.create("b")
         yield service

@@ -1,10 +1,11 @@
-"""A version is a folder and a row: a crash between them leaves no row without folder, nor a folder for long."""
+"""A version is a folder and a row; what is acknowledged is there, and undo, redo and restore are exact."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ import pytest
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.repositories.version_repository import NewVersion, VersionRepository
 from fastsplat.service.store.rows.records import NewJob
@@ -20,6 +21,7 @@ from fastsplat.workers.engine.cleanup import trash_lost_versions
 from fastsplat_contract.errors import DatabaseError
 from fastsplat_contract.messages.scenes import Color, Edit
 from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.application.version_machine import LIMIT, Place, run
 
 _DAY_S = 24 * 3600.0
 _EDITS = [Edit("recolor", label="mug", color=Color(0.0, 0.5, 1.0))]
@@ -113,3 +115,30 @@ def test_what_an_unfinished_job_or_an_older_database_explains_stays(place: tuple
         add_folder(f"later{number}")
     trash_lost_versions(store, time.time() + 30 * _DAY_S)
     assert len(_versions(service, scene_id)) == len(rows) + 5
+
+
+def test_every_acknowledged_call_is_in_the_one_history_of_its_scene(tmp_path: Path, database_url: str) -> None:
+    """SQLite: two servers of one data folder. PostgreSQL: two machines that share that and an object store alone."""
+    objects = tmp_path / "objects"
+    artefacts = ArtefactSettings(url=objects.as_uri() if database_url else "")
+    write_words(tmp_path / "models")
+    encoder = open_text_encoder(ENCODER, tmp_path / "models")
+    with ExitStack() as stack:
+        first, second = (
+            stack.enter_context(
+                open_service(
+                    Settings(
+                        data_dir=tmp_path / ("data", "elsewhere")[bool(database_url) and number],
+                        database_url=database_url,
+                        artefacts=artefacts,
+                        models=tmp_path / "models",
+                        query=QuerySettings(backend="reference"),
+                        calls=CallSettings(max_versions=LIMIT),
+                    )
+                )
+            )
+            for number in range(2)
+        )
+        published = objects if database_url else tmp_path / "data"
+        stores = first._store, second._store
+        run(Place((first.versions, second.versions), stores, published, encoder, bool(database_url)), scenes=4, steps=8)

@@ -15,9 +15,10 @@ from benchmarks.rooms.__main__ import mean_of
 from benchmarks.rooms.figures import MARGIN, Measured, figures_of
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.artefact.scene import Gaussians, Object, Objects, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
 
 _CAMERA = PosedCamera(Camera(80, 60, 60.0, 60.0, 40.0, 30.0), np.eye(4), "0.jpg")
 _LABELS = ("wall", "cup", "hammer", "book")
@@ -68,14 +69,6 @@ def _measured(
     means = truth.points.copy()
     moved = np.tile(np.arange(900) < fog * 900, 4) & (truth.owners > 1)
     means[moved, 2] -= 3 * MARGIN
-    gaussians = Gaussians(
-        means=means,
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.full((count, 3), np.log(0.004), np.float32),
-        logit_opacities=np.full(count, 4.0, np.float32),
-        sh=np.zeros((count, 1, 3), np.float32),
-        codes=np.zeros((count, 0), np.float32),
-    )
     named = names or {}
     ids = range(1, max(4, int(object_map.max())) + 1)
     sure = {"cup": 0.96, "knife": 0.9}  # one is stated, one a guess
@@ -86,15 +79,8 @@ def _measured(
     owners = truth.owners.copy()
     owners[np.flatnonzero(owners == 3)[:taken]] = 2
     membership = evidence_of(np.arange(count), owners, np.full(count, UNIT, np.int64), count)
-    scene = Scene(
-        gaussians=gaussians,
-        head=SemanticHead.unlearnt(0),
-        dictionary=dictionary_of(()),
-        label_embeddings=np.zeros((0, 4), np.float32),
-        text_encoder=("made", "0" * 64),
-        cameras=(),
-        scale="METRIC",
-        objects=Objects(table, membership),
+    scene = labelled_scene(
+        means, np.zeros(count, int), (), scales=0.004, logit_opacities=4.0, objects=Objects(table, membership)
     )
     view = TrueView("0.jpg", _CAMERA, instances=true)
     dataset = Dataset(Path("made"), "nerfstudio", dictionary_of(()), (), (view,), instances=_LABELS)

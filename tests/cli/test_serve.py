@@ -81,11 +81,13 @@ def test_a_signal_stops_all_in_good_order(serving, number):
     assert (served.folder / "one.stopped").exists() and (served.folder / "two.stopped").exists()
 
 
-def test_what_dies_is_started_again(serving):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_what_dies_or_is_stopped_for_long_is_started_again(serving, number):
     served = serving(one=_STEADY, two=_STEADY)
     wait_for(lambda: served.pids("one") and served.pids("two"))
-    os.kill(served.pids("one")[0], signal.SIGKILL)
+    os.kill(served.pids("one")[0], number)
     wait_for(lambda: len(served.pids("one")) == 2)
+    assert not is_alive(served.pids("one")[0])
     assert len(served.pids("two")) == 1 and served.process.poll() is None
 
 
@@ -100,14 +102,6 @@ def test_crashes_however_many_end_nothing(serving):
     served = serving(one=_STEADY, crashing=crashing)
     wait_for(lambda: len(served.pids("crashing")) > 6)
     assert served.process.poll() is None and len(served.pids("one")) == 1
-
-
-def test_what_is_stopped_for_long_is_killed_and_started_again(serving):
-    served = serving(one=_STEADY)
-    wait_for(lambda: served.pids("one"))
-    os.kill(served.pids("one")[0], signal.SIGSTOP)
-    wait_for(lambda: len(served.pids("one")) == 2)
-    assert not is_alive(served.pids("one")[0])
 
 
 def test_children_do_not_outlive_a_killed_supervisor(serving):

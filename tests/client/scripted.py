@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import Any, TypeVar
+
+Server = TypeVar("Server", bound=ThreadingHTTPServer)
 
 OPERATION = {
     "id": "o",
@@ -37,6 +39,10 @@ class Scripted(ThreadingHTTPServer):
         self.seen: list[tuple[str, dict[str, str], bytes]] = []
         self.url = f"http://127.0.0.1:{self.server_address[1]}"
 
+    def answer_to(self, body: bytes) -> Any:
+        """Status, headers and content, or the script's word for it."""
+        return self.script.pop(0)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         pass  # a client that has given up
 
@@ -50,7 +56,7 @@ class _Handler(BaseHTTPRequestHandler):
         server.seen.append(
             (f"{self.command} {self.path}", {name.lower(): value for name, value in self.headers.items()}, body)
         )
-        step = server.script.pop(0)
+        step = server.answer_to(body)
         if step == "hang up":
             self.close_connection = True
             return
@@ -71,11 +77,18 @@ class _Handler(BaseHTTPRequestHandler):
         pass
 
 
+def scripted() -> AbstractContextManager[Scripted]:
+    return serving(Scripted())
+
+
 @contextmanager
-def scripted() -> Iterator[Scripted]:
-    with Scripted() as running:
-        thread = threading.Thread(target=running.serve_forever)
-        thread.start()
-        yield running
-        running.shutdown()
+def serving(server: Server) -> Iterator[Server]:
+    """Serve it on this machine until the block ends."""
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        server.server_close()
         thread.join()

@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from benchmarks.naming.replay import named, replayed
 from fastsplat_client.captioner import MAX_REQUESTS, Captioner, ask_captioner
 from fastsplat_contract.errors import CaptionerError, InvalidInputError
 from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
+from tests.client.replay_captioner import named, replayed
 from tests.client.scripted import Scripted, scripted
 
 

@@ -8,12 +8,8 @@ from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError
 
 
-def _below(root: type[FastSplatError]) -> list[type[FastSplatError]]:
-    return [kind for kind in root.__subclasses__() if kind.__module__ == errors.__name__]
-
-
 def _drawn(root: type[FastSplatError], before: str = "") -> Iterator[str]:
-    children = _below(root)
+    children = [kind for kind in root.__subclasses__() if kind.__module__ == errors.__name__]
     for kind in children:
         last = kind is children[-1]
         name = f"{before}{'└' if last else '├'}── {kind.__name__}"

@@ -95,10 +95,6 @@ class _Known:
         return _answer(*embedding)
 
 
-def _cameras() -> list[PosedCamera]:
-    return [look((1.2 * np.cos(a), 1.2 * np.sin(a), 0.5), (0, 0, 0.1), f"{a:.1f}") for a in (0.0, 0.9, 1.8)]
-
-
 def _ball(center: Sequence[float], count: int, radius: float, seed: int) -> np.ndarray:
     directions = np.random.default_rng(seed).normal(size=(count, 3))
     return np.asarray(center) + radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
@@ -122,7 +118,9 @@ def test_what_a_mask_spills_onto_in_one_view_is_cut_off_by_the_others() -> None:
     wall = grid(1.0, 1.0, 0.03)[:, [2, 0, 1]] + np.array([0.13, 0.0, 0.1])
     gaussians = gaussians_at(np.concatenate([_ball((0.25, 0, 0.15), 300, 0.12, 0), wall]))
     ball, behind = np.arange(300), np.arange(300, len(gaussians))
-    first, *other_cameras = _cameras()
+    first, *other_cameras = [
+        look((1.2 * np.cos(a), 1.2 * np.sin(a), 0.5), (0, 0, 0.1), f"{a:.1f}") for a in (0.0, 0.9, 1.8)
+    ]
     masks = {posed.name: _rendering(gaussians, [ball, behind], posed)[:1] for posed in other_cameras}
     true, rest = _rendering(gaussians, [ball, behind], first)
     masks[first.name] = (true | ((cv2.dilate(true.astype(np.uint8), np.ones((5, 5))) > 0) & rest))[None]

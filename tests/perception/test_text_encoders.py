@@ -1,18 +1,23 @@
-"""Text encoders: unit vectors whose angles mean something."""
+"""Text encoders: unit vectors whose angles mean something, each text once, in order, at the priority of who asks."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fastsplat.service.common.process import lower_priority
 from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.text.text_tower import ClipTextEncoder, SentenceEncoder
+from fastsplat.service.perception.text.text_tower import ClipTextEncoder, SentenceEncoder, embed_side_by_side
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
@@ -112,3 +117,38 @@ def test_what_a_pull_converted_is_checked_against_its_receipt(tmp_path: Path) ->
     (folder / "pulled.json").write_text('{"sha256": ')
     with pytest.raises(ModelUnavailableError, match=r"pulled\.json is damaged"):
         only_network(folder, name="sentence:mine")
+
+
+@pytest.mark.parametrize("threads", [0, 1, 2, 7])
+@pytest.mark.parametrize("count", [1, 2, 9])
+def test_rows_are_in_the_order_of_the_texts_and_each_runs_once(threads: int, count: int) -> None:
+    ran: list[str] = []
+
+    def run(text: str) -> np.ndarray:
+        ran.append(text)
+        return np.array([float(text), 1.0], np.float32)
+
+    texts = [str(number) for number in range(count)]
+    rows = embed_side_by_side(run, texts, threads)
+    assert rows.dtype == np.float32 and rows[:, 0].tolist() == list(range(count))
+    assert sorted(ran) == texts
+
+
+def test_as_many_run_at_a_time_as_there_are_threads() -> None:
+    together = threading.Barrier(3)  # which opens only if three runs wait at once
+    embed_side_by_side(lambda text: np.full(1, together.wait(30), np.float32), ["a", "b", "c"], 3)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="threads have a niceness of their own on Linux alone")
+def test_runs_have_the_priority_of_the_thread_that_asks() -> None:
+    def priority() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    def nicely() -> tuple[int, set[float]]:
+        lower_priority(3)
+        rows = embed_side_by_side(lambda text: np.full(1, priority(), np.float32), ["a", "b", "c", "d"], 2)
+        return priority(), set(rows[:, 0].tolist())
+
+    with ThreadPoolExecutor(1) as pool:
+        niceness, of_runs = pool.submit(nicely).result()
+    assert niceness > priority() and of_runs == {niceness}

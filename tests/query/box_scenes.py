@@ -44,13 +44,14 @@ def look(eye: Sequence[float], target: Sequence[float], name: str) -> PosedCamer
     return PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), look_at(eye, target), name)
 
 
-def orbit(count: int = 8, radius: float = 1.0, height: float = 0.5) -> list[PosedCamera]:
-    """Level cameras around the origin."""
+def orbit(count: int = 8, radius: float = 1.0, height: float = 0.5, middle: float = 0.0) -> list[PosedCamera]:
+    """Level cameras around the vertical, which look at its point `middle`."""
     angles = np.arange(count) * 2 * np.pi / count
-    return [look((radius * np.cos(a), radius * np.sin(a), height), (0, 0, 0), f"{i}.jpg") for i, a in enumerate(angles)]
+    eyes = [(radius * np.cos(angle), radius * np.sin(angle), height) for angle in angles]
+    return [look(eye, (0, 0, middle), f"{number}.jpg") for number, eye in enumerate(eyes)]
 
 
-def rigid(seed: int) -> np.ndarray:
+def rigid(seed: int | np.random.Generator) -> np.ndarray:
     """Any rotation, and a translation of a few units."""
     rng = np.random.default_rng(seed)
     q, r = np.linalg.qr(rng.standard_normal((3, 3)))

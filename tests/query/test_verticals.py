@@ -48,10 +48,6 @@ def _scene(cameras: Sequence[PosedCamera], **quality: object) -> Scene:
     return replace(scene_of([_MUG, _TRAY], cameras), facts=split_quality(_RECORDED | quality)[0])
 
 
-def _as_trained(scene: Scene) -> Scene:
-    return scene
-
-
 def _aligned(scene: Scene) -> Scene:
     motion = any_motion(11)
     transform = pose_of(motion)
@@ -65,7 +61,7 @@ def _scaled(scene: Scene) -> Scene:
     return scale_scene(index, Edit("scale", known_lengths=(length,)))
 
 
-_EDITS: dict[str, Callable[[Scene], Scene]] = {"trained": _as_trained, "aligned": _aligned, "scaled": _scaled}
+_EDITS: dict[str, Callable[[Scene], Scene]] = {"trained": lambda scene: scene, "aligned": _aligned, "scaled": _scaled}
 
 
 @pytest.mark.parametrize("edit", _EDITS)

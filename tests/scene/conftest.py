@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,10 +23,14 @@ def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:
     return evidence_of(rows, names, rng.integers(1, 40_960, len(rows)), count)
 
 
-def sealed(body: dict[str, Any]) -> str:
-    """`scene.json` with a digest that fits it."""
+def change_body(folder: Path, change: Callable[[dict[str, Any]], Any], *renamed: str) -> None:
+    """Changes `scene.json` and its digest; `renamed`: a text in it, and what it becomes."""
+    text = (folder / "scene.json").read_text()
+    body = json.loads(text.replace(*renamed) if renamed else text)
+    change(body)
     body.pop("sha256", None)
-    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
+    digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+    (folder / "scene.json").write_text(json.dumps(body | {"sha256": digest}))
 
 
 def make_gaussians(count: int = 50, sh: int = 16, code: int = 3, seed: int = 0) -> Gaussians:

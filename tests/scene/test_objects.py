@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,7 +33,7 @@ from fastsplat_contract.codec.unseen_characters import unseen_in
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError, SceneFileError
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.object_reads import ObjectRead
-from tests.scene.conftest import make_scene, sealed
+from tests.scene.conftest import change_body, make_scene
 from tests.scene.test_observations import OBSERVATION
 
 IDS = (2, 5, 9)
@@ -121,10 +120,7 @@ def test_groups_follow_their_objects(scene: Scene) -> None:
 def test_a_folder_of_the_version_before_is_read_and_no_name_in_it_changes(scene: Scene, tmp_path: Path) -> None:
     original = replace(scene, observations=(OBSERVATION,), quality={"photometric": {"things": [1.0]}})
     write_scene(original, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = json.loads(path.read_text().replace('"object_id"', '"thing_id"'))
-    body["things"] = body.pop("objects")
-    path.write_text(sealed(body))
+    change_body(tmp_path / "v1", lambda body: body.update(things=body.pop("objects")), '"object_id"', '"thing_id"')
     (tmp_path / "v1" / "objects.safetensors").rename(tmp_path / "v1" / "things.safetensors")
     read = read_scene(tmp_path / "v1")
     assert read.objects is not None and original.objects is not None and read.objects.table == original.objects.table
@@ -137,11 +133,7 @@ def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_
     with pytest.raises(InvalidInputError, match="object 9"):
         write_scene(torn, tmp_path / "torn")
     write_scene(scene, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = json.loads(path.read_text())
-    body["objects"]["table"].pop()
-    body["objects"]["groups"].clear()
-    path.write_text(sealed(body))
+    change_body(tmp_path / "v1", lambda body: (body["objects"]["table"].pop(), body["objects"]["groups"].clear()))
     with pytest.raises(SceneFileError, match="object 9"):
         read_scene(tmp_path / "v1")
 
@@ -163,10 +155,7 @@ def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_
 )
 def test_a_damaged_row_says_so(scene: Scene, tmp_path: Path, rows: str, change: dict[str, object]) -> None:
     write_scene(scene, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = json.loads(path.read_text())
-    body["objects"][rows][0] |= change
-    path.write_text(sealed(body))
+    change_body(tmp_path / "v1", lambda body: body["objects"][rows][0].update(change))
     with pytest.raises(SceneFileError, match="malformed"):
         read_scene(tmp_path / "v1")
 

@@ -22,7 +22,7 @@ from fastsplat_contract.errors import (
     SceneFileError,
     SceneSchemaError,
 )
-from tests.scene.conftest import make_scene, sealed
+from tests.scene.conftest import change_body, make_scene
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
@@ -210,10 +210,7 @@ def test_files_of_two_scenes_do_not_mix(tmp_path: Path) -> None:
 @pytest.mark.parametrize("confidence", [-0.1, 1.5, "0.5", None])
 def test_a_confidence_that_is_none_is_damage(tmp_path: Path, confidence: object) -> None:
     write_scene(make_scene(), tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = json.loads(path.read_text())
-    body["dictionary"][1]["confidence"] = confidence
-    path.write_text(sealed(body))
+    change_body(tmp_path / "v1", lambda body: body["dictionary"][1].update(confidence=confidence))
     with pytest.raises(SceneFileError, match="confidence"):
         read_scene(tmp_path / "v1")
 

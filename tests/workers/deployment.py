@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import sqlite3
@@ -13,10 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
-import numpy as np
 import psycopg
 import pytest
-from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.capture_settings import CaptureSettings
@@ -26,6 +23,7 @@ from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.kinds.job_kinds import KINDS
 from fastsplat_contract.jobs.operations import Operation, SceneOptions
 from release.check_wheels import free_ports
+from tests.api.uploaded import photo
 from tests.postgres import PostgresServer
 from tests.processes import is_alive
 from tests.scenes import stand_in_models
@@ -35,6 +33,7 @@ from tests.workers.standby import APIS, WORKERS
 STAGES = KINDS["create_scene"].stages
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
+_PHOTOS = [photo(seed, (64, 64)) for seed in range(3)]
 _WORKER = """
 import os
 from dataclasses import replace
@@ -123,7 +122,7 @@ class Deployment:
         api = APIS.run(_API, {**self.environment(), "FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR": "grounding_dino_tiny"})
         self._processes.append(api)
         if wait:
-            self.wait_for(lambda: _answers(f"{self.http}/livez"))
+            self.wait_for(lambda: answers(f"{self.http}/livez"))
         return api
 
     def environment(self) -> dict[str, str]:
@@ -158,7 +157,7 @@ class Deployment:
         reply = httpx.post(
             f"{self.http}/v1/scenes",
             data={"labels": list(orders), "request_id": request_id},
-            files=[("images", (f"{number}.png", picture)) for number, picture in enumerate(_PICTURES)],
+            files=[("images", (f"{number}.jpg", picture)) for number, picture in enumerate(_PHOTOS)],
             timeout=_PATIENCE_S,
         )
         reply.raise_for_status()
@@ -260,21 +259,11 @@ def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUp
     return ValidatedUpload(folder, "images", count, has_labels=True)  # labels are orders here
 
 
-def _answers(url: str) -> bool:
+def answers(url: str) -> bool:
     try:
         return httpx.get(url, timeout=5).is_success
     except httpx.TransportError:
         return False
-
-
-def _picture(seed: int) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (64, 64, 3), dtype=np.uint8)
-    file = io.BytesIO()
-    Image.fromarray(pixels).save(file, "png")
-    return file.getvalue()
-
-
-_PICTURES = [_picture(seed) for seed in range(3)]
 
 
 def _all_threads_stopped(pid: int) -> bool:

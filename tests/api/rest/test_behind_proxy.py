@@ -39,15 +39,11 @@ def behind(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> 
             yield url, scene_id
 
 
-def _addresses(html: str) -> list[str]:
-    return re.findall(r"""(?:href|src|url)\s*[=:]\s*["']([^"'#]+)["']""", html)
-
-
 @pytest.mark.parametrize("page", ["/", "/docs"])
 def test_every_address_of_a_page_leads_through_the_proxy(behind: tuple[str, str], page: str) -> None:
     url, _ = behind
     response = httpx.get(url + page, timeout=60)
-    addresses = _addresses(response.text)
+    addresses = re.findall(r"""(?:href|src|url)\s*[=:]\s*["']([^"'#]+)["']""", response.text)
     assert response.status_code == 200 and len(addresses) >= 3
     for address in addresses:
         target = urljoin(url + page, address)

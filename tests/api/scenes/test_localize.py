@@ -53,10 +53,6 @@ def room_id(service: SceneService, api_settings: Settings) -> str:
     return add_room(service, api_settings, block=False)
 
 
-def _ask(faces: Faces, request: LocalizeRequest) -> Localization:
-    return from_proto(Localization, faces.rpc.Localize(to_proto(request)))
-
-
 def test_every_face_says_the_same_place(
     faces: Faces,
     service: SceneService,
@@ -68,7 +64,7 @@ def test_every_face_says_the_same_place(
     photos = (image_file(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))
     truth = service.localizing.localize(request)
-    assert_same(_ask(faces, request), truth)
+    assert_same(from_proto(Localization, faces.rpc.Localize(to_proto(request))), truth)
     paths = [tmp_path / name for name in ("room.png", "plain.png")]
     for path, content in zip(paths, photos, strict=True):
         path.write_bytes(content)
@@ -124,16 +120,15 @@ def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, pictu
 def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: np.ndarray) -> None:
     neighbor = looking(-0.15, height=1.2)
     photos = [image_file(picture), image_file(renderer(textured_room()).colors(neighbor))]
-    poses = [Pose(*_parts(posed.world_from_camera)) for posed in (_POSED, neighbor)]
+    poses = [
+        Pose(*vector3(posed.world_from_camera[:3, 3]), quaternion_of(posed.world_from_camera[:3, :3]))
+        for posed in (_POSED, neighbor)
+    ]
     answer = client.localize(room_id, photos, poses=poses)
     for photo, posed in zip(answer.photos, (_POSED, neighbor), strict=True):
         assert photo.camera is not None
         off = photo.camera.world_from_camera[:3, 3] - posed.world_from_camera[:3, 3]
         assert np.linalg.norm(off) < 0.03
-
-
-def _parts(pose: np.ndarray) -> tuple[Any, Any]:
-    return vector3(pose[:3, 3]), quaternion_of(pose[:3, :3])
 
 
 _HOSTILE: dict[str, tuple[dict[str, Any], str]] = {
@@ -169,13 +164,12 @@ def test_hostile_requests_are_refused_alike(faces: Faces, service: SceneService,
 def _post(faces: Faces, request: LocalizeRequest, **fields: str) -> httpx.Response:
     form: list[tuple[str, Any]] = [("photos", ("a", content)) for content in request.photos]
     form += [("focals", (None, str(focal))) for focal in request.focals]
-    form += [("poses", (None, json.dumps(_plain(pose)))) for pose in request.poses]
+    form += [
+        ("poses", (None, json.dumps({"position": pose.position._asdict(), "orientation": pose.orientation._asdict()})))
+        for pose in request.poses
+    ]
     form += [("version", (None, request.version)), *((name, (None, text)) for name, text in fields.items())]
     return faces.rest.post(f"/v1/scenes/{request.scene_id}:localize", files=form)
-
-
-def _plain(pose: Pose) -> dict[str, dict[str, float]]:
-    return {"position": pose.position._asdict(), "orientation": pose.orientation._asdict()}
 
 
 @pytest.mark.parametrize(

@@ -9,26 +9,25 @@ import pytest
 from PIL import Image
 
 from benchmarks.evaluation.held_out_views import evaluate_views, render_view
+from benchmarks.evaluation.predictions import silhouette
 from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.scene.artefact.scene import Gaussians, SemanticHead
+from fastsplat.service.splatting.raster import cuda
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
+from tests.splatting import pretend_gpu
 
 HEAD = SemanticHead(np.eye(3, dtype=np.float32) * 8, np.array([2, 0, 0], np.float32))
 
 
 def _scene() -> Gaussians:
     """A red and a green blob in front of the camera, labels 1 and 2."""
-    return Gaussians(
-        means=np.array([[-0.3, 0, 2], [0.3, 0, 2]], np.float32),
-        quats=np.array([[1, 0, 0, 0]] * 2, np.float32),
-        log_scales=np.full((2, 3), np.log(0.15), np.float32),
-        logit_opacities=np.full(2, 5, np.float32),
-        sh=np.array([[[1.5, -1.5, -1.5]], [[-1.5, 1.5, -1.5]]], np.float32),
-        codes=np.array([[0, 1, 0], [0, 0, 1]], np.float32),
-    )
+    colors = [[[1.5, -1.5, -1.5]], [[-1.5, 1.5, -1.5]]]
+    places = [[-0.3, 0, 2], [0.3, 0, 2]]
+    return labelled_scene(places, [1, 2], ("apple", "pear"), scales=0.15, logit_opacities=5.0, sh=colors).gaussians
 
 
 @pytest.fixture
@@ -61,6 +60,16 @@ def test_swapped_codes_lose_meaning_but_not_colour(truth) -> None:
     report = evaluate_views(scene, HEAD, *truth, ["0.png"], backend="reference")
     assert report.psnr > 50
     assert report.mean_iou == 0
+
+
+def test_a_gpu_is_measured_as_the_cpu_is(truth, gsplat_on_cpu: object, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cuda, "DEVICE", pretend_gpu.DEVICE)
+    posed, both = truth[0].views[0].posed, np.ones(2, bool)
+    with pretend_gpu.pretended():
+        ours, theirs = (evaluate_views(_scene(), HEAD, *truth, ["0.png"], backend=name) for name in ("cpu", "cuda"))
+        covered = [silhouette(_scene(), both, posed, name) for name in ("cpu", "cuda")]
+    assert theirs.psnr == pytest.approx(ours.psnr, abs=0.01) and theirs.mean_iou == ours.mean_iou
+    assert np.mean(covered[0] == covered[1]) > 0.98 and covered[0].any()
 
 
 def test_views_and_heads_that_do_not_belong_are_refused(truth) -> None:

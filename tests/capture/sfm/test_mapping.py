@@ -11,7 +11,14 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.sfm import model_agreement
-from fastsplat.service.capture.sfm.mapping import Mapping, Models, contradicting_pairs, mapper_options, strongest_pairs
+from fastsplat.service.capture.sfm.mapping import (
+    Mapping,
+    Models,
+    contradicting_pairs,
+    mapper_options,
+    strongest_pairs,
+    take_out_impossible,
+)
 from fastsplat.service.capture.sfm.model_agreement import (
     VerifiedMatches,
     choose_held_out,
@@ -159,3 +166,49 @@ def test_a_feature_with_two_orientations_is_no_contradiction() -> None:
     pixels = {image: np.repeat(places[::2], 2, axis=0) for image, places in pixels.items()}
     matches[0, 3] = matches[0, 3] ^ np.array([0, 1], np.uint32)  # the twin of each feature of the second image
     assert contradicting_pairs(matches, pixels) == []
+
+
+def _runaway(image: pycolmap.Image) -> None:
+    camera = image.camera
+    camera.width, camera.height = 219, 463
+    camera.params = np.array([365.67, 109.5, 231.5, -0.5187])  # as bundle adjustment left it once
+
+
+def _lens_of(*params: float) -> Callable[[pycolmap.Image], None]:
+    def change(image: pycolmap.Image) -> None:
+        image.camera.params = np.array(params)
+
+    return change
+
+
+def _lost(image: pycolmap.Image) -> None:
+    pose = np.array(image.frame.rig_from_world.matrix())
+    pose[1, 3] = np.nan
+    image.frame.rig_from_world = pycolmap.Rigid3d(pose)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (_runaway, "lens"),
+        (_lens_of(90_000.0, 512, 384, 0.0), "lens"),
+        (_lens_of(90.0, 512, 384, 0.0), "lens"),
+        (_lens_of(np.nan, 512, 384, 0.0), "lens"),
+        (_lens_of(1280.0, 512, 384, np.inf), "lens"),
+        (_lens_of(1280.0, -9e9, 384, 0.0), "lens"),
+        (_lost, "unknown"),
+    ],
+)
+def test_an_impossible_camera_leaves_with_its_observations_and_no_other(tmp_path: Path, spoil, reason: str) -> None:
+    model = synthesize_views(tmp_path / "features.db", 8, 60, cameras=8)
+    spoiled = model.images[3]
+    before = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
+    spoil(spoiled)
+    assert take_out_impossible([model], 1600) == {spoiled.name: reason}
+    after = {image.name: image.cam_from_world().matrix() for image in model.images.values() if image.has_pose}
+    assert after.keys() == before.keys() - {spoiled.name}
+    assert all(np.array_equal(after[name], before[name]) for name in after)
+    seen_by = {element.image_id for point in model.points3D.values() for element in point.track.elements}
+    assert model.num_points3D() > 50 and spoiled.image_id not in seen_by
+    assert all(point.track.length() >= 2 for point in model.points3D.values())
+    assert take_out_impossible([model], 1600) == {}

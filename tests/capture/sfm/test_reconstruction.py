@@ -186,20 +186,12 @@ def test_blank_images(upload, settings, refused) -> None:
         build_capture(folder, folder.parent / "out", settings, silent)
 
 
-def test_memory_limit(upload, photo, settings, refused) -> None:
+@pytest.mark.parametrize(("limit", "value"), [("sfm_memory_bytes", 450 << 20), ("sfm_seconds", 0)])
+def test_limits(upload, photo, settings, refused, limit: str, value: int) -> None:
     folder = upload({"a.png": photo(1, (1600, 1200), "PNG"), "b.png": photo(2, (1600, 1200), "PNG")})
     validate_upload(folder, settings)
-    with refused(ResourceError, "SFM_MEMORY_BYTES"):
-        build_capture(
-            folder, folder.parent / "out", settings.model_copy(update={"sfm_memory_bytes": 450 << 20}), silent
-        )
-
-
-def test_time_limit(upload, photo, settings, refused) -> None:
-    folder = upload({"a.png": photo(1), "b.png": photo(2)})
-    validate_upload(folder, settings)
-    with refused(ResourceError, "SFM_SECONDS"):
-        build_capture(folder, folder.parent / "out", settings.model_copy(update={"sfm_seconds": 0}), silent)
+    with refused(ResourceError, limit.upper()):
+        build_capture(folder, folder.parent / "out", settings.model_copy(update={limit: value}), silent)
 
 
 def test_cancelling_stops_the_child_and_leaves_nothing(test_data: Path, tmp_path: Path, settings) -> None:
@@ -270,3 +262,15 @@ def test_video(suffix: str, code: str, test_data: Path, tmp_path: Path, settings
     names = {*(view.posed.name for view in capture.views), *capture.report.unregistered}
     assert names == {f"frame_{3 * i + 1:06d}.png" for i in range(len(order))}
     assert capture.report.source == "video" and len(capture.views) >= len(order) - 1
+
+
+def test_photos_that_are_all_damaged_end_the_capture_with_a_reason(upload, photo, settings) -> None:
+    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2)})
+    files = validate_upload(folder, settings).folder / "files"
+    for path in sorted(files.iterdir()):
+        content = path.read_bytes()
+        path.unlink()
+        path.write_bytes(content[:300])
+    with pytest.raises(ReconstructionError, match="hardly one of 2 photos") as caught:
+        build_capture(folder, folder.parent / "out", settings, silent)
+    assert caught.value.hint and not (folder.parent / "out").exists()

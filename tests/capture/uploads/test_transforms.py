@@ -19,7 +19,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
-from tests.capture.upload_files import captured, encoded, frames_of, points_file, turned
+from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, points_file, turned
 
 _SIZE = (64, 48)
 _POINTS = points_file((0, 0, 1), (1, 2, 3))
@@ -373,3 +373,15 @@ def test_document_that_is_too_large(send, settings, refused) -> None:
     folder = send(_document())
     with refused(LimitExceededError, "transforms.json", " bytes"):
         validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
+
+
+def test_a_camera_of_the_upload_that_folds_the_picture_costs_its_photo(upload, photo, settings) -> None:
+    frames = frames_of(f"{number}.jpg" for number in range(3))
+    frames[1] |= {"fl_x": 40.0, "fl_y": 40.0, "k1": -0.9}
+    document = json.dumps({**PINHOLE, "frames": frames}).encode()
+    files = {f"{number}.jpg": photo(number) for number in range(3)}
+    folder = upload({**files, "transforms.json": document, "points3d.ply": points_file((0, 0, -2))})
+    capture = captured(folder, settings)
+    assert [view.posed.name for view in capture.views] == ["0.jpg", "2.jpg"]
+    assert capture.report.unregistered == ("1.jpg",) and capture.report.images == 3
+    assert [verdict.not_placed for verdict in capture.report.photos] == [None, "lens", None]

@@ -164,27 +164,25 @@ def test_recoloring_black_does_not_blow_up() -> None:
     assert np.isfinite(red.gaussians.sh).all() and np.abs(red.gaussians.sh).max() < 10 * np.abs(sh).max()
 
 
+_EDITS = (
+    Edit("remove", label="mug"),
+    Edit("recolor", label="mug", color=(1, 0, 0)),
+    Edit("move", label="mug", transform=pose_of(rigid(0))),
+    Edit("duplicate", label="mug", transform=pose_of(rigid(0))),
+)
+
+
 def test_an_edit_leaves_the_index_as_it_was(scene: Scene) -> None:
     index = opened(scene)
     before = {name: getattr(scene.gaussians, name).copy() for name in FIELDS}
-    for edit in (
-        Edit("remove", label="mug"),
-        Edit("recolor", label="mug", color=(1, 0, 0)),
-        Edit("move", label="mug", transform=pose_of(rigid(0))),
-        Edit("duplicate", label="mug", transform=pose_of(rigid(0))),
-    ):
+    for edit in _EDITS:
         apply_edit(index, edit)
         assert_same(index.scene.gaussians, Gaussians(**before))
 
 
 def test_what_has_no_gaussians_can_be_edited(scene: Scene) -> None:
     index = opened(apply_edit(opened(scene), Edit("remove", label="mug")))
-    for edit in (
-        Edit("remove", label="mug"),
-        Edit("recolor", label="mug", color=(1, 0, 0)),
-        Edit("move", label="mug", transform=pose_of(rigid(0))),
-        Edit("duplicate", label="mug", transform=pose_of(rigid(0))),
-    ):
+    for edit in _EDITS:
         assert_same(apply_edit(index, edit).gaussians, index.scene.gaussians)
 
 

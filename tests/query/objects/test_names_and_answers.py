@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.relations.drawing import Room, box, scene_of, table
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label_key
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.results import TextEncoder
@@ -27,6 +26,7 @@ from fastsplat.service.scene.artefact.suggestions import Suggestion
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.messages.queries import Answer
 from tests.query.conftest import DrawnEncoder, calibrated
+from tests.query.placed_rooms import Room, box, scene_of, table
 from tests.scenes import labelled_scene
 
 _NAMES = (

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.relations.drawing import Room, box, crate, drawn_frame, scene_of, table
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
@@ -17,10 +16,12 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
 from fastsplat_contract.messages.queries import Answer
+from tests.query.box_scenes import rigid
 from tests.query.conftest import index_of
 from tests.query.decisions import alike
+from tests.query.placed_rooms import Room, box, crate, scene_of, table
 
-_WORLD = drawn_frame(np.random.default_rng(3))
+_WORLD = rigid(3)
 _ASKER = _WORLD @ look_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
 _WOOD, _RED, _BLUE, _GREEN, _WHITE = (
     (0.72, 0.55, 0.38),

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Object, Scene
 from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
+from tests.query.box_scenes import rigid
 from tests.query.conftest import DrawnEncoder
 from tests.query.phrases.test_looks_answers import _answer
+from tests.query.placed_rooms import Room, box, scene_of, table
 
-_WORLD = drawn_frame(np.random.default_rng(3))
+_WORLD = rigid(3)
 _TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
 
 

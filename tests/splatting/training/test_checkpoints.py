@@ -1,8 +1,10 @@
-"""A run continues from its checkpoint to the bit, and from no other's."""
+"""A run continues from its checkpoint to the bit, and from no other's; a flipped bit is refused."""
 
 from __future__ import annotations
 
 import dataclasses
+import random
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from PIL import Image
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.results import Labelling
+from fastsplat.service.splatting.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.training.train import train
 from fastsplat_contract.errors import CancelledError, ConflictError
 from tests.splatting.training.conftest import masked, same_run, stopping_at
@@ -99,3 +102,27 @@ def test_a_checkpoint_of_an_older_format_is_not_continued_and_the_log_says_so(
     assert "anew" in caplog.text
     with safetensors.safe_open(tmp_path / "training.safetensors", "pt") as file:
         assert file.metadata()["version"] == "2"
+
+
+def test_a_flipped_bit_is_never_trained_on(tmp_path: Path) -> None:
+    tensors = {"means": torch.arange(30.0).reshape(10, 3), "ids": torch.arange(4), "none": torch.zeros(0, 2)}
+    for iteration in (6, 7):
+        write_checkpoint(Checkpoint(iteration, 1.5, tensors), tmp_path, "fingerprint")
+    assert read_checkpoint(tmp_path / "none", "fingerprint") is None
+    back = read_checkpoint(tmp_path, "fingerprint")
+    assert back is not None and (back.iteration, back.elapsed_s) == (7, 1.5)
+    assert all(torch.equal(back.tensors[name], tensors[name]) for name in tensors)
+    (path,) = tmp_path.iterdir()
+    whole, rng = path.read_bytes(), random.Random(0)
+    harmless = 0
+    for _ in range(100):
+        data = bytearray(whole)
+        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+        path.write_bytes(data)
+        with suppress(ConflictError):
+            read = read_checkpoint(tmp_path, "fingerprint")
+            # None is an older format, by its number; else the bit stood where nothing is written.
+            assert read is None or (read.iteration, read.elapsed_s) == (7, 1.5)
+            assert read is None or all(torch.equal(read.tensors[name], tensors[name]) for name in tensors)
+            harmless += 1
+    assert harmless < 5

@@ -10,8 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.evaluation.held_out_views import evaluate_views
-from benchmarks.evaluation.predictions import silhouette
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
@@ -74,15 +72,10 @@ def test_the_device_is_as_strict_as_a_gpu(device: str) -> None:
 
 
 @pytest.mark.parametrize("changes", [{}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}])
-def test_training_and_its_evaluation(world, quick, device: str, changes: dict[str, Any], tmp_path: Path) -> None:
+def test_training(world, quick, device: str, changes: dict[str, Any], tmp_path: Path) -> None:
     settings = quick(iterations=6, max_gaussians=120, backend="cuda", checkpoint_every_s=0.0, evaluations=2, **changes)
     found = train(*world, settings, silent, tmp_path)
     assert np.isfinite(found.quality["loss"]) and isinstance(found.gaussians.means, np.ndarray)
-    names = [view.posed.name for view in world[0].views[:2]]
-    theirs = evaluate_views(found.gaussians, found.head, *world, names, backend="cuda")
-    ours = evaluate_views(found.gaussians, found.head, *world, names, backend="cpu")
-    assert theirs.psnr == pytest.approx(ours.psnr, abs=0.01)
-    assert theirs.mean_iou == pytest.approx(ours.mean_iou, abs=0.01)
 
 
 def test_discovery_and_codes_of_objects(device: str, tmp_path: Path) -> None:
@@ -164,6 +157,3 @@ def test_viewpoints_and_pictures_of_a_splat_without_photos(device: str, tmp_path
     posed = PosedCamera(camera, ours[0], "picture")
     drawn = [Painter(room.gaussians, backend).picture(posed)[0].astype(int) for backend in ("cpu", "cuda")]
     assert np.quantile(np.abs(drawn[0] - drawn[1]), 0.98) <= 2 and drawn[0].any()
-    visible = np.ones(len(room.gaussians), bool)
-    covered = [silhouette(room.gaussians, visible, posed, backend) for backend in ("cpu", "cuda")]
-    assert np.mean(covered[0] == covered[1]) > 0.98 and covered[0].any()

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 
-from benchmarks.naming.replay import replayed
 from fastsplat.service.settings import CaptionerSettings
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.jobs.name_suggestions import CaptionerResult
 from fastsplat_contract.messages.scenes import Edit
+from tests.client.replay_captioner import replayed
 from tests.web.browser import visiting
 from tests.web.places import page_settings, running
 

@@ -10,7 +10,6 @@ import numpy as np
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
-from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import Visit, visiting
@@ -24,10 +23,6 @@ def _saved(visit: Visit, button: str) -> tuple[str, bytes]:
     with visit.page.expect_download() as download:
         visit.page.get_by_role("button", name=button, exact=True).click()
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
-
-
-def _shown_camera(width: int, height: int) -> PosedCamera:
-    return view_camera(np.array([float(number) for number in _VIEW.split("_")]), width, height)
 
 
 def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: Browser) -> None:
@@ -53,7 +48,7 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
         name, content = _saved(visit, "Its Gaussians as PLY")
         assert name == "mug.ply" and content == file(ExportRequest(scene_id, object_ids=(1,)))
 
-        camera = _shown_camera(1280, 720)
+        camera = view_camera(np.array([float(number) for number in _VIEW.split("_")]), 1280, 720)
         for button, request in (
             ("Picture as PNG", PictureRequest(scene_id, "rgb", camera=camera)),
             ("Mask in this view as PNG", PictureRequest(scene_id, "mask", "mug", camera)),

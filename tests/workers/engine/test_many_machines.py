@@ -18,7 +18,7 @@ from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.artefact.scene_files import read_scene
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from tests.postgres import PostgresServer
-from tests.workers.deployment import STAGES, Deployment, kill
+from tests.workers.deployment import STAGES, Deployment, answers, kill
 
 _AWAY_S = 4.0  # the database, and then the store: longer than a worker may be silent (`Deployment`)
 
@@ -62,7 +62,7 @@ def test_one_of_each_goes_and_every_job_is_done_once(postgres: PostgresServer, s
         first, second, third = machines
         server = first.start_api(wait=False)
         second.start_api()
-        first.wait_for(lambda: _answers(first))
+        first.wait_for(lambda: answers(f"{first.http}/livez"))
         worker = first.start_worker(elsewhere=True)
 
         def is_in(stage: str, job: str) -> bool:
@@ -112,13 +112,6 @@ def _fetched(machine: Deployment, scene: dict[str, Any]) -> tuple[Gaussians, byt
     folder = machine.service._store.blobs.fetch_version(scene["id"], scene["version"])
     assert folder is not None and folder.is_relative_to(machine.settings.data_dir)
     return read_scene(folder / "artefact").gaussians, (folder / "scene.ply").read_bytes()
-
-
-def _answers(machine: Deployment) -> bool:
-    try:
-        return httpx.get(f"{machine.http}/livez", timeout=5).is_success
-    except httpx.TransportError:
-        return False
 
 
 def _patiently(call: Callable[[], str]) -> str:

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from benchmarks.naming.replay import ReplayCaptioner, named, replayed
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import CaptionerSettings
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.contact_sheets import ContactSheet, SheetObject
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import write_words
+from tests.client.replay_captioner import ReplayCaptioner, named, replayed
 from tests.workers.deployment import Deployment, kill, new_database
 from tests.workers.draft_scenes import FINAL_IDS
 

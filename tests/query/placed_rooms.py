@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.artefact.scene import SH_C0, Gaussians, Object, Objects, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import SH_C0, Object, Objects, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
-from fastsplat_contract.geometry.camera import Camera, PosedCamera
-from fastsplat_contract.geometry.poses import look_at
+from tests.query.box_scenes import orbit, with_cameras_moved
+from tests.scenes import labelled_scene
 
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -123,16 +122,6 @@ def scene_of(room: Room, seed: int, world: F64, cameras: bool = True) -> Scene:
     )
 
 
-def drawn_frame(rng: np.random.Generator) -> F64:
-    """float64 [4, 4]: any rotation, and a translation of a few meters."""
-    rotation, upper = np.linalg.qr(rng.standard_normal((3, 3)))
-    rotation *= np.sign(np.diag(upper))
-    frame = np.eye(4)
-    frame[:3, :3] = rotation * np.linalg.det(rotation)
-    frame[:3, 3] = rng.normal(0, 2, 3)
-    return frame
-
-
 def _surface(obj: Placed, rng: np.random.Generator) -> tuple[F64, float]:
     """Points on the slabs' faces, in the room, and how wide a Gaussian is there."""
     sizes = np.array([np.subtract(slab.high, slab.low) for slab in obj.slabs])
@@ -166,29 +155,22 @@ def _turn(yaw: float) -> F64:
 def _trained(
     room: Room, world: F64, means: F64, colors: F64, owner: NDArray[np.int32], widths: F64, *, cameras: bool
 ) -> Scene:
-    dictionary = dictionary_of(list(dict.fromkeys(obj.name for obj in room.objects)))
-    count, classes = len(means), len(dictionary) + 1
-    angles = np.arange(8) * np.pi / 4
-    lens = Camera(96, 72, 90.0, 90.0, 48.0, 36.0)
-    views = [look_at((4 * np.cos(angle), 4 * np.sin(angle), 1.6), (0.0, 0.0, 0.5)) for angle in angles]
-    posed = [PosedCamera(lens, world @ view, f"{number}.jpg") for number, view in enumerate(views)]
     known = tuple(Object(number, obj.name, "person", 1.0) for number, obj in enumerate(room.objects, start=1))
-    rows = np.arange(count)
-    membership = evidence_of(rows, owner, np.full(count, 16 * UNIT, np.int64), count)
-    return Scene(
-        gaussians=Gaussians(
-            means=(means @ world[:3, :3].T + world[:3, 3]).astype(np.float32),
-            quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-            log_scales=np.log(np.repeat(widths[:, None], 3, axis=1)).astype(np.float32),
-            logit_opacities=np.full(count, _OPACITY, np.float32),
-            sh=((colors - 0.5) / SH_C0).astype(np.float32)[:, None, :],
-            codes=np.zeros((count, 0), np.float32),
-        ),
-        head=SemanticHead.unlearnt(classes - 1),
-        dictionary=dictionary,
-        label_embeddings=np.zeros((len(dictionary), 16), np.float32),
-        text_encoder=("drawn", "0" * 64),
-        cameras=tuple(posed if cameras else ()),
-        scale="METRIC",
+    count = len(means)
+    membership = evidence_of(np.arange(count), owner, np.full(count, 16 * UNIT, np.int64), count)
+    scene = labelled_scene(
+        means @ world[:3, :3].T + world[:3, 3],
+        np.zeros(count, int),
+        list(dict.fromkeys(obj.name for obj in room.objects)),
+        scales=widths[:, None],
+        logit_opacities=_OPACITY,
+        sh=((colors - 0.5) / SH_C0)[:, None, :],
+        cameras=orbit(8, 4.0, 1.6, 0.5) if cameras else (),
         objects=Objects(known, membership),
+    )
+    return replace(
+        with_cameras_moved(scene, world),
+        gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
+        head=SemanticHead.unlearnt(len(scene.dictionary)),
+        text_encoder=("drawn", "0" * 64),
     )

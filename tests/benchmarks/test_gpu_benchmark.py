@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 import torch
-from raster_scenes import crowded
 
 from benchmarks.raster import gpu
 from benchmarks.raster.garden import Scene
+from tests.splatting.raster.raster_scenes import crowded
 
 
 def test_without_a_gpu_nothing_is_measured_or_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
