@@ -24,15 +24,10 @@ REST = (
 whole captures, benchmarks, documents, packages, images, other programs."""
 
 FIRST = (  # their files that `make test` runs all the same: one journey with a real worker, and what needs none
-    "docs/test_examples_of_docstrings.py",
-    "docs/test_page_blocks.py",
-    "web/test_journey.py",
-    "benchmarks/test_sample_answers.py",
-    "web/test_page_sources.py",
-    "workers/kinds/test_budget.py",
-    "workers/kinds/test_damaged_results.py",
-    "workers/engine/test_periodic.py",
-)
+    "docs/test_examples_of_docstrings.py", "docs/test_page_blocks.py", "web/test_journey.py",
+    "benchmarks/test_sample_answers.py", "web/test_page_sources.py", "workers/kinds/test_budget.py",
+    "workers/kinds/test_damaged_results.py", "workers/engine/test_periodic.py",
+)  # fmt: skip
 
 TOGETHER = {
     "web/": "web",  # one server and one browser
@@ -43,20 +38,11 @@ TOGETHER = {
 """Files and folders of one process, by group; others: one a file. (Marks: pytest-xdist 3.8 fails under pytest 9.2.)"""
 
 LONG = (  # groups that start before all others, so that none is left to the end
-    "docs/test_pages.py",
-    "web",
-    "web with workers",
-    "test_code_quality.py",
-    "workers/engine/test_crashes.py",
-    "capture/sfm/test_reconstruction.py",
-    "workers/kinds/test_real_stages.py",
-    "workers/engine/test_backup.py",
-    "workers/engine/test_jobs.py",
-    "api/programs/test_client_interpreters.py",
-    "api/grpc/test_stream_reconnection.py",
-    "library/test_library_training.py",
-    "the page's sources",
-)
+    "docs/test_pages.py", "web", "web with workers", "test_code_quality.py", "workers/engine/test_crashes.py",
+    "capture/sfm/test_reconstruction.py", "workers/kinds/test_real_stages.py", "workers/engine/test_backup.py",
+    "workers/engine/test_jobs.py", "api/programs/test_client_interpreters.py",
+    "api/grpc/test_stream_reconnection.py", "library/test_library_training.py", "the page's sources",
+)  # fmt: skip
 
 
 def relative_path(nodeid: str) -> str:

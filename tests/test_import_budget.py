@@ -56,17 +56,10 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ("import fastsplat.api.server", 317, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
     ],
     ids=[
-        "package",
-        "settings",
-        "help",
-        "keys list",
-        "keys list of a server",
-        "trainer",
-        "supervisor",
-        "answers",
+        "package", "settings", "help", "keys list", "keys list of a server", "trainer", "supervisor", "answers",
         "server",
     ],
-)
+)  # fmt: skip
 def test_an_entry_point_loads_what_it_needs(entry: str, most: int, heavy: set[str], tmp_path: Path) -> None:
     """At most so many modules of ours, and of the large packages none but these."""
     command = [sys.executable, "-c", entry + _COUNT % ((*_OURS, *_HEAVY),)]

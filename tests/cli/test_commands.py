@@ -92,31 +92,14 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
 
 
 LOOKING = (  # commands that change nothing
-    "scenes list",
-    "scenes show $scene",
-    "scenes photos $failed_scene",
-    "scenes next-photos $scene",
-    "scenes observations $scene",
-    "scenes clean $scene --isolation-above 1.2 --preview",
-    "jobs list",
-    "jobs list --state failed --limit 1",
-    "jobs show $failed",
-    "jobs watch $done",
-    "jobs log $failed",
-    "projects list",
-    "keys list",
-    "objects list $scene",
-    "objects detections $upright",
-    "objects goal $upright 1",
-    "objects goal $scene 1",
-    "objects pick $scene --view front.png --pixel 15.5 18.5",
-    "objects measure $scene 1 2",
-    "objects versions $scene",
-    "objects known",
-    "ask $scene mug",
-    "ask $scene elephant ball --from front.png",
+    "scenes list", "scenes show $scene", "scenes photos $failed_scene", "scenes next-photos $scene",
+    "scenes observations $scene", "scenes clean $scene --isolation-above 1.2 --preview", "jobs list",
+    "jobs list --state failed --limit 1", "jobs show $failed", "jobs watch $done", "jobs log $failed",
+    "projects list", "keys list", "objects list $scene", "objects detections $upright", "objects goal $upright 1",
+    "objects goal $scene 1", "objects pick $scene --view front.png --pixel 15.5 18.5", "objects measure $scene 1 2",
+    "objects versions $scene", "objects known", "ask $scene mug", "ask $scene elephant ball --from front.png",
     "status",
-)
+)  # fmt: skip
 TABLES = ("list", "photos", "versions", "detections", "known")
 BY_REST = {
     "scenes list": "/v1/scenes",

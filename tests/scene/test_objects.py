@@ -120,7 +120,7 @@ def test_groups_follow_their_objects(scene: Scene) -> None:
 def test_a_folder_of_the_version_before_is_read_and_no_name_in_it_changes(scene: Scene, tmp_path: Path) -> None:
     original = replace(scene, observations=(OBSERVATION,), quality={"photometric": {"things": [1.0]}})
     write_scene(original, tmp_path / "v1")
-    change_body(tmp_path / "v1", lambda body: body.update(things=body.pop("objects")), '"object_id"', '"thing_id"')
+    change_body(tmp_path / "v1", lambda body: body.update({"things": body.pop("objects")}), '"object_id"', '"thing_id"')
     (tmp_path / "v1" / "objects.safetensors").rename(tmp_path / "v1" / "things.safetensors")
     read = read_scene(tmp_path / "v1")
     assert read.objects is not None and original.objects is not None and read.objects.table == original.objects.table

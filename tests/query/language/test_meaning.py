@@ -271,18 +271,13 @@ def test_the_relation_is_said_in_field_and_sentence(
 @pytest.mark.parametrize(
     ("question", "same", "feigned", "different", "before"),
     [
-        ("wicker chair", "chair", "", "", "wicker"),
-        ("where are the wicker chairs?", "chair", "", "", "wicker"),
+        ("wicker chair", "chair", "", "", "wicker"), ("where are the wicker chairs?", "chair", "", "", "wicker"),
         ("big wicker chair with a cushion", "chair", "", "", "wicker"),
-        ("rocking chair", "chair", "", "", "rocking"),
-        ("velvet sofa", "couch", "", "", "velvet"),
-        ("toy car", "", "car", "", ""),
-        ("porcelain cat", "", "cat", "", ""),
-        ("frying pan handle", "", "", "", ""),
-        ("push the chair into the car", "", "", "", ""),
-        ("chair", "", "", "", ""),
+        ("rocking chair", "chair", "", "", "rocking"), ("velvet sofa", "couch", "", "", "velvet"),
+        ("toy car", "", "car", "", ""), ("porcelain cat", "", "cat", "", ""), ("frying pan handle", "", "", "", ""),
+        ("push the chair into the car", "", "", "", ""), ("chair", "", "", "", ""),
     ],
-)
+)  # fmt: skip
 def test_words_before_a_name_leave_it_what_it_is_or_do_not(
     meanings: Callable[..., LabelMeanings], question: str, same: str, feigned: str, different: str, before: str
 ) -> None:

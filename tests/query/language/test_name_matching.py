@@ -129,21 +129,14 @@ def ask() -> Callable[[str], Any]:
 @pytest.mark.parametrize(
     ("text", "outcome", "first"),
     [
-        ("glass of water", "cannot_say", "glass"),
-        ("picture of a dog", "cannot_say", "picture"),
-        ("kettle without a lid", "cannot_say", "kettle"),
-        ("man with a hat", "cannot_say", "man"),
-        ("old scissors", "probably_here", "red scissors"),
-        ("machine", "here", "coffee machine"),
-        ("old mug", "here", "mug"),
-        ("scissors", "here", "red scissors"),
-        ("the mugs", "here", "mug"),
-        ("coffee machine", "here", "coffee machine"),
-        ("wall clock", "not_here", None),
-        ("orange juice", "cannot_say", None),
-        ("table lamp", "not_here", None),
+        ("glass of water", "cannot_say", "glass"), ("picture of a dog", "cannot_say", "picture"),
+        ("kettle without a lid", "cannot_say", "kettle"), ("man with a hat", "cannot_say", "man"),
+        ("old scissors", "probably_here", "red scissors"), ("machine", "here", "coffee machine"),
+        ("old mug", "here", "mug"), ("scissors", "here", "red scissors"), ("the mugs", "here", "mug"),
+        ("coffee machine", "here", "coffee machine"), ("wall clock", "not_here", None),
+        ("orange juice", "cannot_say", None), ("table lamp", "not_here", None),
     ],
-)
+)  # fmt: skip
 def test_answers_follow_the_grammar_whatever_the_encoder_says(
     ask: Callable[[str], Any], text: str, outcome: str, first: str | None
 ) -> None:

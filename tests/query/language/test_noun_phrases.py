@@ -17,28 +17,15 @@ from fastsplat.service.query.language.words.noun_phrases import (
 @pytest.mark.parametrize(
     ("text", "phrase"),
     [
-        ("the mug", "mug"),
-        ("a coffee machine", "coffee machine"),
-        ("Where is the mug?", "mug"),
-        ("where's my mug", "mug"),
-        ("WHERE ARE THE SPOONS?!", "SPOONS"),
-        ("please find me the coffee machine", "coffee machine"),
-        ("is there a mug here?", "mug"),
-        ("Is the mug in this room?", "mug"),
-        ("show me all of the mugs, please", "mugs"),
-        ('"mug"', "mug"),
-        ("  mug \n", "mug"),
-        ("the", "the"),
-        ("where is", "where is"),
-        ("?!", "?!"),
-        ("where is the", "the"),
-        ("theatre", "theatre"),
-        ("find", "find"),
-        ("isopod", "isopod"),
-        ("茶壶在哪里", "茶壶在哪里"),
-        ("👨‍👩‍👧", "👨‍👩‍👧"),
+        ("the mug", "mug"), ("a coffee machine", "coffee machine"), ("Where is the mug?", "mug"),
+        ("where's my mug", "mug"), ("WHERE ARE THE SPOONS?!", "SPOONS"),
+        ("please find me the coffee machine", "coffee machine"), ("is there a mug here?", "mug"),
+        ("Is the mug in this room?", "mug"), ("show me all of the mugs, please", "mugs"), ('"mug"', "mug"),
+        ("  mug \n", "mug"), ("the", "the"), ("where is", "where is"), ("?!", "?!"), ("where is the", "the"),
+        ("theatre", "theatre"), ("find", "find"), ("isopod", "isopod"),
+        ("茶壶在哪里", "茶壶在哪里"), ("👨‍👩‍👧", "👨‍👩‍👧"),
     ],
-)
+)  # fmt: skip
 def test_noun_phrases(text: str, phrase: str) -> None:
     assert noun_phrase(text) == phrase
 
