@@ -35,20 +35,20 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "library": (482, 355),
     "localization": (1837, 626),
     "perception": (4913, 2681),
-    "planning": (805, 457),
+    "planning": (799, 457),
     "query": (11963, 7684),
     "release": (0, 114),
     "scene": (3544, 1554),
     "service": (372, 0),
     "splat_import": (664, 332),
-    "splatting": (5727, 4595),
+    "splatting": (5729, 4595),
     "store": (4720, 1954),
     "tests": (0, 1743),
-    "web": (0, 4439),
+    "web": (0, 4438),
     "workers": (2525, 3490),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 79553, "tests": 63780, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 79549, "tests": 63779, "page": 15913, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")

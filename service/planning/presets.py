@@ -16,14 +16,8 @@ if TYPE_CHECKING:  # clients load the names, but not the settings
 
 
 _FIELDS = (
-    "time_budget_s",
-    "min_iterations",
-    "max_gaussians",
-    "max_side",
-    "max_sh_degree",
-    "evaluations",
-    "tolerance_db",
-)
+    "time_budget_s", "min_iterations", "max_gaussians", "max_side", "max_sh_degree", "evaluations", "tolerance_db",
+)  # fmt: skip
 _VALUES: Mapping[PresetName, tuple[Any, ...]] = {
     "draft": (30.0, 500, 20_000, 480, 3, 3, 0.3),
     "balanced": tuple(TrainingSettings.model_fields[name].default for name in _FIELDS),

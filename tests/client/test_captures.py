@@ -82,7 +82,7 @@ def test_all_that_belongs_to_a_capture_travels_under_its_name(server: Scripted, 
     parts = _parts(server)
     assert {name: content for (field, name), content in parts.items() if field == "files"} == _SENT
     assert parts["name", ""] == b"desk"
-    assert {field for field, _ in parts} == {"name", "request_id", "priority", "files"}
+    assert {field for field, _ in parts} == {"name", "request_id", "files"}
 
 
 def test_a_folder_without_pictures_is_said_before_anything_is_sent(server: Scripted, tmp_path: Path) -> None:

@@ -25,8 +25,7 @@ _DRAWN = """async (pause) => {
   const isSeen = ({ top, bottom }) => bottom > 0 && top < innerHeight;
   const pictures = [...document.images].filter((picture) => isSeen(picture.getBoundingClientRect()));
   await Promise.all(pictures.map((picture) => picture.decode().catch(() => undefined)));
-  do await new Promise((done) => setTimeout(done, pause));
-  while (window.unanswered > 0);
+  await new Promise((done) => setTimeout(done, pause));
 }"""
 _NOTED_MS = 400  # later than the page notes in its address where its camera came to rest: 250 ms after its last motion
 
@@ -159,7 +158,7 @@ def drawn(page: Page, box: Any) -> bytes:
     for _ in range(200):
         page.evaluate(_DRAWN, 50)
         before, picture = picture, page.screenshot(clip=box)
-        alike = alike + 1 if picture == before else 0
+        alike = alike + 1 if picture == before and not page.evaluate("window.unanswered") else 0
         if alike == 2:
             return picture
     raise AssertionError("the page does not come to rest")

@@ -28,6 +28,8 @@ from fastsplat.service.splatting.training_views import TrainingView
 
 _ALIKE_DB = 40.0
 """PSNR from which on pictures are taken to look alike: more is no gain."""
+_FAIR_DB = 30.0
+"""PSNR below which steps that gain nothing do not end a run: there its pictures are small, or the photos disagree."""
 _TAIL = 0.3
 """Once enough was done, the rest of the schedule takes this share of the steps before."""
 _MEASURED, _LIMIT = "requirement.measured", "requirement.limit"
@@ -45,7 +47,7 @@ class Requirement:
         self, settings: TrainingSettings, views: Sequence[TrainingView], held_out: Sequence[TrainingView]
     ) -> None:
         self._settings, self._views = settings, views
-        judges = held_out or views
+        judges = [view for view in held_out if view.frames[-1].has_content] or views
         self._judges = judges[:: math.ceil(len(judges) / MAX_EVAL_VIEWS)]
 
     def progress(self, state: SplatState, elapsed_s: float) -> float:
@@ -98,7 +100,7 @@ class Requirement:
 
     def _is_enough(self, state: SplatState) -> bool:
         psnr = state.parameters.get(_MEASURED, torch.zeros(0, 3))[:, -1].tolist()
-        stagnates = len(psnr) > 2 and psnr[-1] - psnr[-3] < self._settings.tolerance_db
+        stagnates = len(psnr) > 2 and _FAIR_DB <= psnr[-1] < psnr[-3] + self._settings.tolerance_db
         return bool(psnr) and (psnr[-1] >= _ALIKE_DB or stagnates)
 
     def _psnr(self, parameters: Mapping[str, Tensor]) -> float:

@@ -121,7 +121,7 @@ def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: n
     neighbor = looking(-0.15, height=1.2)
     photos = [image_file(picture), image_file(renderer(textured_room()).colors(neighbor))]
     poses = [
-        Pose(*vector3(posed.world_from_camera[:3, 3]), quaternion_of(posed.world_from_camera[:3, :3]))
+        Pose(vector3(posed.world_from_camera[:3, 3]), quaternion_of(posed.world_from_camera[:3, :3]))
         for posed in (_POSED, neighbor)
     ]
     answer = client.localize(room_id, photos, poses=poses)

@@ -84,7 +84,7 @@ def test_a_run_that_needs_no_more_ends_alike_after_a_checkpoint(world, quick, tm
     """It is pruned, and ends when the last half of its steps gained less than the tolerance."""
     settings = quick(iterations=4_000, max_gaussians=600, tolerance_db=3.0, checkpoint_every_s=0)
     whole = train(*world, settings, silent)
-    assert whole.quality["iterations"] == 650 and whole.quality["last_doubling_db"] < 3
+    assert whole.quality["iterations"] == 1_300 and whole.quality["last_doubling_db"] < 3
     assert len(whole.gaussians) < 300
 
     def stop(event) -> None:
