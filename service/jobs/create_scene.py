@@ -35,7 +35,7 @@ from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import PresetName
-from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
+from fastsplat.service.planning.time_budget import plan_perception
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.scene.artefact.scene import Gaussians, Objects, Scene, SceneFacts, SemanticHead
 from fastsplat.service.settings import Settings
@@ -166,9 +166,7 @@ def build_scene(
     labels: Sequence[str] = (),
     labelling: Labelling | None = None,
     preset: PresetName | None = None,
-    time_budget_s: float | None = None,
     capture_seconds: float | None = None,
-    progress: Progress = silent,
 ) -> BuiltScene:
     """Labels, trains and assembles a scene in this process.
 
@@ -177,8 +175,6 @@ def build_scene(
         labels: names to look for; empty: anything.
         labelling: replaces perception.
         preset, capture_seconds: recorded in the scene.
-        time_budget_s: seconds for perception, training and export together; None: only the settings' own bound.
-        progress: events of every stage; may raise `CancelledError`.
 
     Raises:
         ModelUnavailableError: the training device or a required model is missing (checked first).
@@ -191,22 +187,13 @@ def build_scene(
         open_closed_set_detector(settings.perception, settings.models)
     seconds = {} if capture_seconds is None else {"capture": capture_seconds}
     begun = time.monotonic()
-    if labelling is None:
-        labelled = label_views(capture, settings, labels, progress, time_budget_s=time_budget_s)
-    else:
-        labelled = LabelledViews(labelling)
+    labelled = label_views(capture, settings, labels) if labelling is None else LabelledViews(labelling)
     seconds["perception"] = time.monotonic() - begun
     begun = time.monotonic()
-    count = len(labelled.labelling.dictionary)
-    plan = plan_training(capture, settings, count, time_budget_s, spent_s=seconds["perception"])
-    tradeoffs = (*labelled.tradeoffs, *plan.tradeoffs)
-    used = settings.model_copy(update={"training": plan.settings})
-    trained = train_scene(capture, labelled.labelling, used, with_tradeoffs(progress, tradeoffs))
+    trained = train_scene(capture, labelled.labelling, settings)
     seconds["training"] = time.monotonic() - begun
     begun = time.monotonic()
-    tradeoffs += clock_tradeoff(settings.training, time_budget_s, trained.quality)
-    plan_facts = SceneFacts(preset=preset, tradeoffs=tradeoffs, time_asked_s=time_budget_s)
-    scene = assemble_scene(trained, labelled.labelling, capture, used, plan_facts, seconds, progress)
+    scene = assemble_scene(trained, labelled.labelling, capture, settings, SceneFacts(preset=preset), seconds)
     seconds["export"] = time.monotonic() - begun
     return BuiltScene(scene, labelled.labelling, seconds)
 

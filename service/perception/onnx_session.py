@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 import onnxruntime
 
+from fastsplat.service.common import file_hashes
 from fastsplat_contract.errors import ModelUnavailableError
 
 onnxruntime.disable_telemetry_events()  # photos and their times are private
@@ -88,11 +88,8 @@ def check_contract(
         )
 
 
-@cache
-def file_sha256(path: Path) -> str:
-    """Hex SHA-256 of a file that does not change during the process; cached."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+file_sha256 = cache(file_hashes.file_sha256)
+"""Hex SHA-256 of a file that does not change during the process; cached."""
 
 
 def _outputs(names: Sequence[str]) -> bytes:

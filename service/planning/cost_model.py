@@ -14,7 +14,7 @@ from statistics import mean
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.splatting.labels.semantics import code_size
 from fastsplat.service.splatting.training.densify import planned_count
-from fastsplat.service.splatting.training.pruning import EVALUATIONS, MAX_EVAL_VIEWS
+from fastsplat.service.splatting.training.pruning import MAX_EVAL_VIEWS
 from fastsplat.service.splatting.training.schedule import image_level, image_scales
 from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import split_views
@@ -26,6 +26,7 @@ _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # per level of reduction
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
 _DRAWN_A_VIEW = 6  # in training steps
+_JUDGED = 5  # measurements of some views after the last step: of the scene, and of each degree of harmonics
 _BELIEVED = 0.05
 _LEAST_SHARE = 0.1  # of the budget for optimization, however long loading and writing take
 
@@ -235,22 +236,19 @@ def write_seconds(settings: TrainingSettings) -> float:
 
 
 def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
-    """Seconds of rendering after the last step: pruning, label evidence, label refit, held-out views."""
+    """Seconds of rendering after the last step: harmonics, label evidence, label refit, held-out views."""
     width, height = _size(settings, scene)
     held_out = len(split_views(scene.views, settings.held_out_every)[1])
     step = step_seconds(round(width * height), settings.max_gaussians, 0)
-    measured, pruning = 0.4 * step, 0.0
+    measured = 0.4 * step
     evidence = 0.8 * step * scene.views if settings.label_mode == "evidence" and scene.labels else 0.0
-    if settings.tolerance_db:
-        small = round(width * height * image_scales(settings)[0] ** 2)
-        weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
-        pruning = weighed + EVALUATIONS * min(held_out or scene.views, MAX_EVAL_VIEWS) * measured
+    judged = _JUDGED * min(held_out or scene.views, MAX_EVAL_VIEWS) if settings.tolerance_db else 0
     refit = 0.0
     if settings.label_mode != "evidence" and scene.labels and settings.label_refit_epochs:
         channels = code_size(scene.labels, settings.code_size)
         looked = 0.8 * step_seconds(round(width * height), settings.max_gaussians, channels)
         refit = scene.views * (0.8 * step + settings.label_refit_epochs * looked)
-    return held_out * measured + pruning + evidence + refit
+    return (held_out + judged) * measured + evidence + refit
 
 
 def export_seconds(

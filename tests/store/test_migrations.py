@@ -253,7 +253,8 @@ def test_jobs_of_the_first_tables_keep_their_kind_order_result_and_attempts(tmp_
         "given back": ("RUNNING", 1, {"released": True}, (*creation, "given back", [], None)),
         "done": ("SUCCEEDED", 2, {"look_again": {"things": [3]}, "result": result, "again_after": "worker_died"},
                  ("look_again", {"object_ids": [3]}, result, "done", [], "worker_died")),
-        "captioner": ("CANCELLED", 0, {"ask_namer": {}}, ("ask_captioner", {}, None, "captioner", [], None)),
+        "captioner": ("SUCCEEDED", 0, {"ask_namer": {}, "result": {"shown": 3}},
+                      ("ask_captioner", {}, {"objects": 3}, "captioner", [], None)),
         "damaged": ("QUEUED", 0, {"retries": "x"}, ()),
     }  # fmt: skip
     numbers = dict.fromkeys(("created_at", "updated_at", "starts", "priority"), 1)

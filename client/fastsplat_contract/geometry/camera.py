@@ -16,6 +16,7 @@ from fastsplat_contract.geometry.poses import quaternion_of, rigid, vector3
 
 _OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _IDENTITY = np.eye(3)
+_TOLERANCE = 1e-3  # of the entries of a rigid transform
 
 
 @dataclass(frozen=True)
@@ -115,18 +116,18 @@ class PosedCamera:
         )
 
 
-def check_rigid(pose: NDArray[np.float64], *, field: str, tolerance: float = 1e-3) -> None:
+def check_rigid(pose: NDArray[np.float64], *, field: str) -> None:
     """Raise `InvalidInputError` unless `pose` is a finite rigid [4, 4] transform with determinant +1."""
     if pose.shape != (4, 4):
         raise InvalidInputError(f"{field}: a matrix of shape {pose.shape}, expected (4, 4)", field=field)
     if not np.isfinite(pose).all():
         raise InvalidInputError(f"{field}: the matrix has NaN or infinite numbers", field=field)
     rotation = pose[:3, :3]
-    if np.abs(rotation @ rotation.T - _IDENTITY).max() > tolerance or np.linalg.det(rotation) < 0:
+    if np.abs(rotation @ rotation.T - _IDENTITY).max() > _TOLERANCE or np.linalg.det(rotation) < 0:
         raise InvalidInputError.of(
             field,
             ": the upper 3×3 block is not a rotation",
             "Send world-from-camera with orthonormal axes and determinant +1; remove scale and mirroring.",
         )
-    if np.abs(pose[3] - np.array([0.0, 0.0, 0.0, 1.0])).max() > tolerance:
+    if np.abs(pose[3] - np.array([0.0, 0.0, 0.0, 1.0])).max() > _TOLERANCE:
         raise InvalidInputError(f"{field}: the last row is {pose[3].tolist()}, expected 0 0 0 1", field=field)

@@ -16,6 +16,7 @@ from typing import BinaryIO, Self
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Source
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs.blobs import lock_of, remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
@@ -106,8 +107,7 @@ class UploadSession:
             self._check_bytes(name, size)
             path.parent.mkdir(parents=True, exist_ok=True)
             os.link(source, path)
-            with path.open("rb") as file:
-                self._digests[name] = hashlib.file_digest(file, "sha256").hexdigest()
+            self._digests[name] = file_sha256(path)
         except OSError as error:
             path.unlink(missing_ok=True)
             raise disk_error(error, name) from error

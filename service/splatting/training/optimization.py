@@ -83,16 +83,15 @@ class Trainer:
             TrainingDivergedError: the loss or a Gaussian became NaN or infinite.
         """
         begun = time.monotonic() - self.elapsed_s
-        progress = self._requirement.progress(self.state, self.elapsed_s)
+        progress = self._requirement.progress(self.elapsed_s)
         self._recorder.start(self.state, self.elapsed_s, progress)
         while progress < 1 and not (self.state.iteration >= FEWEST_STEPS and self._finish()):
             loss = self._step(progress)
             self.elapsed_s = time.monotonic() - begun
-            before, progress = progress, self._requirement.progress(self.state, self.elapsed_s)
+            before, progress = progress, self._requirement.progress(self.elapsed_s)
             step = Step(before, progress, self.elapsed_s, loss)
-            budget = self._requirement.budget(self.state)
-            densify_if_due(self.state, step, self._settings, self._start_count, budget)
-            self._requirement.after_step(self.state, progress)
+            densify_if_due(self.state, step, self._settings, self._start_count, self._requirement.budget)
+            self._requirement.after_step(progress)
             self._recorder.after_step(self.state, step)
         self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)

@@ -17,10 +17,7 @@ from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS
 from fastsplat_contract.geometry.camera import Camera
 
 MAX_EVAL_VIEWS = 8  # held-out views used for measurement
-
 _HALVINGS = 6
-EVALUATIONS = _HALVINGS + 4
-"""Approximate number of measurements by `required_rows` and `required_degree`."""
 
 MeasurePsnr = Callable[[Mapping[str, Tensor]], float]
 """Measures parameters on views, PSNR in dB."""
@@ -45,14 +42,13 @@ def max_contribution(
 
 
 def required_rows(
-    parameters: Mapping[str, Tensor], contribution: NDArray[np.float64], measure: MeasurePsnr, max_drop_db: float
+    parameters: Mapping[str, Tensor], contribution: NDArray[np.float64], measure: MeasurePsnr, least_db: float
 ) -> Tensor:
-    """Rows of the Gaussians without which PSNR falls by more than `max_drop_db`, ascending, int64 [K].
+    """Rows of the Gaussians without which PSNR falls below `least_db`, ascending, int64 [K].
 
-    Those of smallest contribution go, as many as the allowance permits (in steps of 1/64).
+    Those of smallest contribution go, as many as that permits (in steps of 1/64).
     """
     order = np.argsort(contribution, kind="stable")
-    least = measure(parameters) - max_drop_db
 
     def rows_at(share: float) -> Tensor:
         return torch.from_numpy(np.sort(order[int(share * len(order)) :])).to(parameters["means"].device)
@@ -61,16 +57,15 @@ def required_rows(
     for _ in range(_HALVINGS):
         share, rows = (low + high) / 2, rows_at((low + high) / 2)
         fewer = {name: value[rows] if name in GAUSSIAN_PARAMETERS else value for name, value in parameters.items()}
-        low, high = (share, high) if measure(fewer) >= least else (low, share)
+        low, high = (share, high) if measure(fewer) >= least_db else (low, share)
     return rows_at(low)
 
 
-def required_degree(parameters: Mapping[str, Tensor], measure: MeasurePsnr, max_drop_db: float) -> int:
-    """Lowest degree of the harmonics for which PSNR falls by no more than `max_drop_db`."""
+def required_degree(parameters: Mapping[str, Tensor], measure: MeasurePsnr, least_db: float) -> int:
+    """Lowest degree of the harmonics for which PSNR is not below `least_db`."""
     harmonics = parameters["sh_rest"]
     highest = math.isqrt(1 + harmonics.shape[1]) - 1
-    least = measure(parameters) - max_drop_db
     for degree in range(highest):
-        if measure({**parameters, "sh_rest": harmonics[:, : (degree + 1) ** 2 - 1]}) >= least:
+        if measure({**parameters, "sh_rest": harmonics[:, : (degree + 1) ** 2 - 1]}) >= least_db:
             return degree
     return highest

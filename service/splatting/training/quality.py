@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -92,19 +92,25 @@ def require_likeness(
         )
 
 
+def _corrected_psnr(image: Tensor, target: Tensor, valid: Tensor | None) -> float:
+    return psnr(color_corrected(image, target, valid), target, valid)
+
+
+_FIGURES = {"psnr": psnr, "psnr_cc": _corrected_psnr, "ssim": ssim}
+
+
 def measure_views(
-    parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
+    parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend, names: Iterable[str] = _FIGURES
 ) -> dict[str, float]:
-    """psnr, psnr_cc (after `color_corrected`) and ssim of the scene's colors, each the mean over the views where it is
-    finite; absent if it is in none.
+    """psnr, psnr_cc (after `color_corrected`) and ssim of the scene's colors, or those of `names`: each the mean over
+    the views where it is finite; absent if it is in none.
 
     All harmonics of the parameters are used (see `SplatState`), and views are compared at their largest size.
     """
-    figures: dict[str, list[float]] = {"psnr": [], "psnr_cc": [], "ssim": []}
+    figures: dict[str, list[float]] = {name: [] for name in names}
     for _, image, target, valid in _pictures(parameters, views, backend):
-        figures["psnr"].append(psnr(image, target, valid))
-        figures["psnr_cc"].append(psnr(color_corrected(image, target, valid), target, valid))
-        figures["ssim"].append(ssim(image, target, valid))
+        for name, values in figures.items():
+            values.append(_FIGURES[name](image, target, valid))
     finite = {name: [value for value in values if math.isfinite(value)] for name, values in figures.items()}
     return {name: float(np.mean(values)) for name, values in finite.items() if values}
 

@@ -90,7 +90,7 @@ class Recorder:
         settings, now = self._settings, time.monotonic()
         self._losses.append(step.loss)
         if self._held_out and event_due(step.progress_before, step.progress, settings.evaluations):
-            figures = measure_views(state.parameters, self._held_out, settings.backend)
+            figures = measure_views(state.parameters, self._held_out, settings.backend, ("psnr",))
             self._psnr = figures.get("psnr", math.nan)
             release_free_memory()
             self._reported = -math.inf

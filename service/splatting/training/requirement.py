@@ -40,73 +40,91 @@ class Requirement:
 
     Args:
         views: training views.
-        held_out: views that are not trained on; if there are none, training views are measured.
+        held_out: views that are not trained on; if they show nothing, training views are measured.
+        state: of a new run or of a checkpoint. It is read once, as a GPU has to be waited for.
     """
 
     def __init__(
-        self, settings: TrainingSettings, views: Sequence[TrainingView], held_out: Sequence[TrainingView]
+        self,
+        settings: TrainingSettings,
+        views: Sequence[TrainingView],
+        held_out: Sequence[TrainingView],
+        state: SplatState,
     ) -> None:
-        self._settings, self._views = settings, views
+        self._settings, self._views, self._state = settings, views, state
         judges = [view for view in held_out if view.frames[-1].has_content] or views
         self._judges = judges[:: math.ceil(len(judges) / MAX_EVAL_VIEWS)]
+        measured, limit = state.parameters.get(_MEASURED), state.parameters.get(_LIMIT)
+        self._measured: list[list[float]] = [] if measured is None else measured.tolist()
+        self._limit = None if limit is None else int(limit)
 
-    def progress(self, state: SplatState, elapsed_s: float) -> float:
+    def progress(self, elapsed_s: float) -> float:
         """Progress of the run, 0..1, see `run_progress`; quicker once more is not required."""
-        planned = run_progress(state.iteration, elapsed_s, self._settings)
-        if not self._is_enough(state):
+        planned = run_progress(self._state.iteration, elapsed_s, self._settings)
+        if not self._is_enough():
             return planned
-        steps, before, _ = state.parameters[_MEASURED][-1].tolist()
-        share = (state.iteration - steps) / math.ceil(_TAIL * steps)
-        return float(min(1.0, max(planned, before + (1 - before) * share)))
+        steps, before, _ = self._measured[-1]
+        share = (self._state.iteration - steps) / math.ceil(_TAIL * steps)
+        return min(1.0, max(planned, before + (1 - before) * share))
 
-    def budget(self, state: SplatState) -> int:
+    @property
+    def budget(self) -> int:
         """Gaussians that the run may have."""
-        return int(state.parameters.get(_LIMIT, torch.tensor(self._settings.max_gaussians)))
+        return self._settings.max_gaussians if self._limit is None else self._limit
 
     @torch.no_grad()
-    def after_step(self, state: SplatState, progress: float) -> None:
+    def after_step(self, progress: float) -> None:
         """Decides what is due after a step that ended at `progress`."""
-        parameters = state.parameters
+        state, parameters = self._state, self._state.parameters
         if not self._settings.tolerance_db or state.iteration < FEWEST_STEPS:
             return
-        if _is_milestone(state.iteration) and not self._is_enough(state):
-            row = parameters["means"].new_tensor([[state.iteration, progress, self._psnr(parameters)]])
-            parameters[_MEASURED] = torch.cat([parameters.get(_MEASURED, row[:0]), row])
-        if _LIMIT not in parameters and (self._is_enough(state) or progress >= self._settings.full_count_at):
-            state.keep(self._required(parameters, self._settings.tolerance_db))
-            parameters[_LIMIT] = parameters["means"].new_tensor(float(state.count))
+        if _is_milestone(state.iteration) and not self._is_enough():
+            row = [float(state.iteration), progress, self._psnr(parameters)]
+            parameters[_MEASURED] = torch.tensor([*self._measured, row])
+            self._measured = parameters[_MEASURED].tolist()  # as a checkpoint has it
+        is_due = self._is_enough() or progress >= self._settings.full_count_at
+        if is_due and (self._limit is None or state.count > self._limit):  # again where the run was taken back
+            self._prune(self._psnr(parameters) - self._settings.tolerance_db)
+            parameters[_LIMIT] = torch.tensor(float(state.count))
+            self._limit = state.count
 
     @torch.no_grad()
-    def finish(self, state: SplatState) -> None:
+    def finish(self) -> None:
         """Removes, after the last step, harmonics that are not required; and Gaussians, where pictures are alike."""
+        state = self._state
         if not self._settings.tolerance_db:
             return
-        if self._psnr(state.parameters) >= _ALIKE_DB:
-            state.keep(self._required(state.parameters, 0.0))
+        psnr = self._psnr(state.parameters)
+        if psnr >= _ALIKE_DB:
+            self._prune(_ALIKE_DB)
         if state.count:
-            degree = required_degree(state.parameters, self._psnr, self._settings.tolerance_db / 4)
+            degree = required_degree(state.parameters, self._psnr, psnr - self._settings.tolerance_db / 4)
             state.begin("sh_rest", state.parameters["sh_rest"][:, : (degree + 1) ** 2 - 1])
 
-    def figures(self, state: SplatState) -> dict[str, float]:
+    def figures(self) -> dict[str, float]:
         """For a scene's quality, see `TrainedSplats`."""
-        measured = state.parameters.get(_MEASURED, torch.zeros(0, 3))[:, -1].tolist()
-        figures = {"enough": float(self._is_enough(state)), "tolerance_db": self._settings.tolerance_db}
-        return figures | ({"last_doubling_db": measured[-1] - measured[-3]} if len(measured) > 2 else {})
+        last = {"last_doubling_db": self._last_doubling_db()} if len(self._measured) > 2 else {}
+        return {"enough": float(self._is_enough()), "tolerance_db": self._settings.tolerance_db, **last}
 
-    def _required(self, parameters: Mapping[str, Tensor], tolerance_db: float) -> Tensor:
+    def _prune(self, least_db: float) -> None:
         views = [(view.viewmat, view.frames[0].camera) for view in self._views]
+        parameters = self._state.parameters
         contribution = max_contribution(parameters, views, self._settings.backend)
-        return required_rows(parameters, contribution, self._psnr, tolerance_db)
+        self._state.keep(required_rows(parameters, contribution, self._psnr, least_db))
 
-    def _is_enough(self, state: SplatState) -> bool:
-        psnr = state.parameters.get(_MEASURED, torch.zeros(0, 3))[:, -1].tolist()
-        stagnates = len(psnr) > 2 and _FAIR_DB <= psnr[-1] < psnr[-3] + self._settings.tolerance_db
-        return bool(psnr) and (psnr[-1] >= _ALIKE_DB or stagnates)
+    def _last_doubling_db(self) -> float:
+        return self._measured[-1][-1] - self._measured[-3][-1] if len(self._measured) > 2 else math.inf
+
+    def _is_enough(self) -> bool:
+        if not self._measured:
+            return False
+        psnr = self._measured[-1][-1]
+        return psnr >= _ALIKE_DB or (psnr >= _FAIR_DB and self._last_doubling_db() < self._settings.tolerance_db)
 
     def _psnr(self, parameters: Mapping[str, Tensor]) -> float:
-        figures = measure_views(parameters, self._judges, self._settings.backend)
         name = "psnr_cc" if CORRECTIONS in parameters else "psnr"
-        return float(min(figures.get(name, _ALIKE_DB), _ALIKE_DB))
+        figures = measure_views(parameters, self._judges, self._settings.backend, (name,))
+        return min(figures.get(name, _ALIKE_DB), _ALIKE_DB)
 
 
 def _is_milestone(iteration: int) -> bool:

@@ -139,7 +139,7 @@ def train(
             draft,
             watch.drafts_at,
         )
-        requirement = Requirement(settings, there, run.held_out)
+        requirement = Requirement(settings, there, run.held_out, state)
         trainer = Trainer(
             state,
             there,
@@ -156,7 +156,7 @@ def train(
         trainer.run()
         if trainer.state.iteration >= FEWEST_STEPS:
             corrections = trainer.state.parameters.get(CORRECTIONS)
-            requirement.finish(trainer.state)
+            requirement.finish()
             require_likeness(trainer.state.parameters, there, run.held_out, corrections, settings.backend)
         refit_seconds = _refit_labels(run, trainer, settings)
         trained = _finished(run, trainer, recorder, requirement, settings, refit_seconds)
@@ -267,7 +267,7 @@ def _finished(
         "random_points": float(run.start.random),
         "sh_degree": float(gaussians.sh_degree),
         **exposure,
-        **requirement.figures(trainer.state),
+        **requirement.figures(),
     }
     if settings.time_budget_s is not None:
         quality["time_budget_s"] = settings.time_budget_s

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sqlite3
 import time
@@ -11,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastsplat.service.common.atomic import atomic_file
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.store.blobs.blobs import remove
 
 MANIFEST = "backup.json"
@@ -39,7 +39,7 @@ class Entry:
 def write_manifest(folder: Path, database: str, report: BackupReport) -> None:
     """Makes a folder with complete files a backup; `database` is sqlite or postgresql."""
     entries = {
-        path.relative_to(folder).as_posix(): asdict(Entry(path.stat().st_size, digest(path)))
+        path.relative_to(folder).as_posix(): asdict(Entry(path.stat().st_size, file_sha256(path)))
         for path in sorted(folder.rglob("*"))
         if path.is_file()
     }
@@ -52,12 +52,6 @@ def write_manifest(folder: Path, database: str, report: BackupReport) -> None:
     }
     with atomic_file(folder / MANIFEST) as path:
         path.write_text(json.dumps(manifest, indent=1))
-
-
-def digest(path: Path) -> str:
-    """Returns the hexadecimal SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def copy_sqlite(source: Path, target: Path) -> None:

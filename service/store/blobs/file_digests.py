@@ -6,7 +6,6 @@ forever, as a disk changes bytes without changing a file's time.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import threading
 import time
@@ -14,6 +13,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat_contract.errors import SceneFileError
 
 DIGESTS = "files.sha256"
@@ -27,7 +27,7 @@ def write_digests(folder: Path) -> None:
     """Writes the digests of all files of a folder before it is published."""
     target = folder / DIGESTS
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
-    lines = [f"{_digest(folder / name)}  {name}\n" for name in names if name != DIGESTS]
+    lines = [f"{file_sha256(folder / name)}  {name}\n" for name in names if name != DIGESTS]
     target.write_text("".join(lines), encoding="utf-8")
 
 
@@ -81,7 +81,7 @@ class _Checked:
                 known = self._seen.get(key)
             if known is not None and known[0] == digest and time.monotonic() < known[1]:
                 return True
-            if _digest(path) != digest:
+            if file_sha256(path) != digest:
                 return False
         except FileNotFoundError:
             return False
@@ -93,8 +93,3 @@ class _Checked:
 
 
 _CHECKED = _Checked()
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -18,7 +18,6 @@ store's usual sources: AWS_ACCESS_KEY_ID and so on.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 import uuid
@@ -29,6 +28,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.blobs import Blobs, remove, trash_name
 from fastsplat.service.store.blobs.file_digests import write_digests
@@ -198,7 +198,9 @@ class ObjectStoreBlobs(Blobs):
     def _put(self, source: Path, key: str) -> None:
         parts = f"{_PARTS}{uuid.uuid4().hex}"
         names = sorted(path.relative_to(source).as_posix() for path in source.rglob("*") if path.is_file())
-        entries = {name: {"size": (source / name).stat().st_size, "sha256": _digest(source / name)} for name in names}
+        entries = {
+            name: {"size": (source / name).stat().st_size, "sha256": file_sha256(source / name)} for name in names
+        }
         with _store_errors(absence=()):
             for name in names:
                 self.files.put_file(str(source / name), f"{key}/{parts}/{name}")
@@ -238,7 +240,7 @@ class ObjectStoreBlobs(Blobs):
         path.parent.mkdir(parents=True, exist_ok=True)
         with _store_errors():
             self.files.get_file(key, str(path))
-        if path.stat().st_size != entry["size"] or _digest(path) != entry["sha256"]:
+        if path.stat().st_size != entry["size"] or file_sha256(path) != entry["sha256"]:
             raise ArtefactError(f"{key} was damaged in the object store or on the way")
 
     def _manifest(self, key: str) -> dict[str, Any] | None:
@@ -342,11 +344,3 @@ def _changed_at(entry: Mapping[str, Any]) -> float:
         entry[word] for word in ("LastModified", "last_modified", "mtime", "updated", "created") if word in entry
     )
     return moment.timestamp() if isinstance(moment, datetime) else float(moment)
-
-
-def _digest(path: Path) -> str:
-    digest = hashlib.sha256()
-    with path.open("rb", buffering=0) as file:
-        while chunk := file.read(_CHUNK):
-            digest.update(chunk)
-    return digest.hexdigest()

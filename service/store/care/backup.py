@@ -28,13 +28,13 @@ from typing import Any
 from sqlalchemy import URL, Connection, create_engine, delete, insert, select, update
 
 from fastsplat.service.common.atomic import atomic_file, link_or_copy, sync_directory, sync_tree
+from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.store.blobs.backup_files import (
     FORMAT,
     MANIFEST,
     BackupReport,
     Entry,
     copy_sqlite,
-    digest,
     write_manifest,
 )
 from fastsplat.service.store.blobs.blobs import remove
@@ -253,7 +253,7 @@ def _check_entries(backup: Path, entries: Mapping[str, Entry]) -> None:
         path = backup.joinpath(*PurePosixPath(name).parts)
         if ".." in PurePosixPath(name).parts or not path.is_file() or path.stat().st_size != entry.size:
             raise _damaged(name)
-        if digest(path) != entry.sha256:
+        if file_sha256(path) != entry.sha256:
             raise _damaged(name)
 
 

@@ -129,9 +129,9 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
 
 
-def _open_tables(engine: Engine, save: Save | None, tries: int = 5) -> None:
+def _open_tables(engine: Engine, save: Save | None) -> None:
     # A server that is just starting refuses a few times.
-    for remaining in reversed(range(tries)):
+    for remaining in reversed(range(5)):
         try:
             migrate(engine, save=save)
             return

@@ -31,6 +31,7 @@ from fastsplat.service.splat_import.pictures import Painter
 from fastsplat.service.splat_import.splat_import_settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
 from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.splatting.training import requirement
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.geometry.camera import PosedCamera
@@ -71,8 +72,12 @@ def test_the_device_is_as_strict_as_a_gpu(device: str) -> None:
     assert weight.grad is not None and weight.grad.cpu().tolist() == [0.0, 2.0, 8.0, 18.0]
 
 
-@pytest.mark.parametrize("changes", [{}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}])
-def test_training(world, quick, device: str, changes: dict[str, Any], tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "changes",
+    [{"tolerance_db": 0.1}, {"label_mode": "evidence"}, {"photometric": "on", "background": "random"}],
+)
+def test_training(world, quick, device: str, changes: dict[str, Any], tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(requirement, "FEWEST_STEPS", 2)
     settings = quick(iterations=6, max_gaussians=120, backend="cuda", checkpoint_every_s=0.0, evaluations=2, **changes)
     found = train(*world, settings, silent, tmp_path)
     assert np.isfinite(found.quality["loss"]) and isinstance(found.gaussians.means, np.ndarray)

@@ -261,7 +261,7 @@ def test_a_picture_is_judged_by_what_its_photo_would_show_of_it(world, quick) ->
 
 def test_a_corrected_run_is_judged_by_the_figure_that_does_not_know_the_exposure(world, quick, monkeypatch) -> None:
     judged = []
-    monkeypatch.setattr(Requirement, "finish", lambda self, state: judged.append(self._psnr(state.parameters)))
+    monkeypatch.setattr(Requirement, "finish", lambda self: judged.append(self._psnr(self._state.parameters)))
     for photometric, figure, other_figure in (("on", "psnr_cc", "psnr"), ("off", "psnr", "psnr_cc")):
         settings = quick(photometric=photometric, held_out_every=4, iterations=260)
         quality = train(*world, settings, silent).quality

@@ -14,7 +14,9 @@ from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.common.progress import silent
+from fastsplat.service.splatting.state import new_state
 from fastsplat.service.splatting.training.pruning import max_contribution, required_degree, required_rows
+from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views
@@ -42,17 +44,17 @@ def test_no_more_is_lost_than_allowed(allowed, harmonics_db, count, degree, seed
     def quality(some: Mapping[str, Tensor]) -> float:
         return 30 + harmonics_db * some["sh_rest"].shape[1] + 5 * len(some["means"]) / count
 
-    rows = required_rows(scene, weight, quality, allowed).numpy()
+    rows = required_rows(scene, weight, quality, quality(scene) - allowed).numpy()
     assert 5 * (1 - len(rows) / count) <= allowed + 1e-9
     stays = np.isin(np.arange(count), rows)
     assert (np.diff(rows) > 0).all() and (stays.all() or not stays.any() or weight[~stays].max() <= weight[stays].min())
-    lowest = required_degree(scene, quality, allowed)
+    lowest = required_degree(scene, quality, quality(scene) - allowed)
     assert harmonics_db * ((degree + 1) ** 2 - (lowest + 1) ** 2) <= allowed + 1e-9
     assert lowest == 0 or harmonics_db * ((degree + 1) ** 2 - lowest**2) > allowed - 1e-9
 
 
 def test_all_that_is_worth_nothing_goes_to_a_64th() -> None:
-    rows = required_rows(_parameters(640), np.arange(640.0), lambda some: 20.0, 0.1)
+    rows = required_rows(_parameters(640), np.arange(640.0), lambda some: 20.0, 19.9)
     assert rows.tolist() == list(range(630, 640))
 
 
@@ -80,15 +82,27 @@ def test_pictures_of_one_color_take_next_to_nothing(make_world, shade: int, most
     assert len(trained.gaussians) <= most and trained.quality["iterations"] < 1_500 and trained.quality["enough"]
 
 
+def test_a_run_that_was_taken_back_to_more_is_pruned_again(world, quick) -> None:
+    views, parameters = load_views(*world, (0, 4, 8), 640, (1.0,)), _parameters(60, degree=0)
+    state = new_state(parameters)
+    state.iteration = 251
+    requirement = Requirement(quick(tolerance_db=1.0), views, (), state)
+    for _ in range(2):
+        requirement.after_step(0.9)
+        assert state.count == requirement.budget == Requirement(quick(), views, (), state).budget < 60
+        for name, value in parameters.items():
+            state.begin(name, value)
+
+
 def test_a_run_that_needs_no_more_ends_alike_after_a_checkpoint(world, quick, tmp_path: Path) -> None:
     """It is pruned, and ends when the last half of its steps gained less than the tolerance."""
-    settings = quick(iterations=4_000, max_gaussians=600, tolerance_db=3.0, checkpoint_every_s=0)
+    settings = quick(iterations=3_900, max_gaussians=600, tolerance_db=3.0, checkpoint_every_s=0)
     whole = train(*world, settings, silent)
     assert whole.quality["iterations"] == 1_300 and whole.quality["last_doubling_db"] < 3
     assert len(whole.gaussians) < 300
 
     def stop(event) -> None:
-        if event.metrics.get("iteration", 0) >= 300:
+        if event.metrics.get("iteration", 0) >= 1_100:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
