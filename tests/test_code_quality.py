@@ -24,6 +24,13 @@ _OLD_WORDS = {
 }  # fmt: skip
 _EMPTY_WORDS = {"each", "own", "other", "others", "one", "ones", "shown", "told", "asked", "kept", "made"}
 """Nothing is called by such a word alone."""
+_FOUND_BY = {
+    "change detection": "service/localization/changes.py",
+    "instance segmentation": "service/instances/scene_objects.py",
+    "pnp": "service/localization/pose_solving.py",
+    "redact": "service/perception/label_maps/movers.py",
+    "visual localization": "service/localization/photo_placement.py",
+}
 
 _SPELLINGS = {re.compile(r'(?<!")metre|metre(?!s?")', re.IGNORECASE): "meter"}
 """Spellings, and the one that is used here. In quotes, files for other programs may hold the other one as a value."""

@@ -1,4 +1,4 @@
-"""Objects of a trained scene: discovery without a vocabulary, then naming by labels."""
+"""Instance segmentation of a trained scene: discovery without a vocabulary, then naming by labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Places photos in a scene: features, matches, pose, refinement, acceptance, covariance."""
+"""Visual localization of photos: features, matches, pose, refinement, acceptance, covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solves a photo's pose, focal length and distortion by RANSAC and least squares."""
+"""Solves PnP: a photo's pose, focal length and distortion by RANSAC and least squares."""
 
 from __future__ import annotations
 

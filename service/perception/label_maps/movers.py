@@ -1,4 +1,4 @@
-"""Masks of people and other moving objects in photos, by the configured detectors."""
+"""Redaction masks of people and other moving objects in photos, by the configured detectors."""
 
 from __future__ import annotations
 
