@@ -32,6 +32,9 @@ def create(
         float | None, typer.Option(help="Time for all that comes after structure from motion. Default: the preset's.")
     ] = None,
     preset: Preset = None,
+    tolerance_db: Annotated[
+        float | None, typer.Option(help="In place of a preset: what twice the training may still gain.")
+    ] = None,
     max_gaussians: Annotated[int | None, typer.Option(help="Hard budget.")] = None,
     priority: Annotated[int, typer.Option(help="Higher ones are trained first.")] = 0,
     movers: Annotated[Movers | None, typer.Option(help="ignore: people, cats and dogs are left out.")] = None,
@@ -73,6 +76,7 @@ def create(
         time_budget_s=seconds,
         max_gaussians=max_gaussians,
         preset=preset,
+        tolerance_db=tolerance_db,
         priority=priority,
         up=cast(UpAxis, up) if up else None,  # the service refuses what is none
         movers=movers,

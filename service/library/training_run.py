@@ -32,6 +32,7 @@ def train(
     labels: Sequence[str] = (),
     seconds: float | None = None,
     preset: PresetName | None = None,
+    tolerance_db: float | None = None,
     max_gaussians: int | None = None,
     strict: bool = False,
     progress: Callable[[Operation], None] | None = None,
@@ -46,6 +47,7 @@ def train(
         labels: names to look for; default those of the configured detectors.
         seconds: time budget for everything after structure from motion; default the preset's.
         preset: draft, balanced or best.
+        tolerance_db: in place of a preset, what twice the training may still gain, 0.05 to 2 dB of PSNR.
         max_gaussians: hard limit.
         strict: reject the capture if a photo is unusable; otherwise the photo is left out and the operation lists it.
         progress: called on every change of the operation; default prints each tenth of a stage.
@@ -61,7 +63,7 @@ def train(
     if not source.exists():
         raise NotFoundError(f"there is no {source}", field="capture", hint="Name a folder of photos, a zip or a video.")
     folder = Path(f"{source.resolve().stem}-scene") if out is None else Path(out)
-    options = SceneOptions(tuple(labels), seconds, max_gaussians, preset, strict=strict)
+    options = SceneOptions(tuple(labels), seconds, max_gaussians, preset, tolerance_db=tolerance_db, strict=strict)
     service = open_service(folder_settings(folder))
     try:
         _make_room(service, folder)

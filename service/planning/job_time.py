@@ -24,7 +24,7 @@ from fastsplat.service.splatting.training_settings import TrainingSettings
 
 STAGES = ("capture", "perception", "training", "export")
 PACED = ("capture", "perception")
-"""Stages whose time reveals the machine's speed; training ends by the clock."""
+"""Stages whose time reveals the machine's speed; training may end by the clock, or early."""
 
 _USUAL_LABELS = 30
 """Dictionary size assumed before detection."""

@@ -1,12 +1,13 @@
-"""Presets between speed and quality, from `make bench NAME=trade` and validation views."""
+"""Tolerances between speed and quality; presets are three of them (`docs/method.md`)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from fastsplat.service.splatting.training_settings import TrainingSettings
+from fastsplat.service.splatting.training_settings import GAIN_OF_DOUBLING, MOST_STEPS, TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.jobs.operations import PresetName as PresetName
 from fastsplat_contract.jobs.operations import SceneOptions
@@ -15,53 +16,66 @@ if TYPE_CHECKING:  # clients load the names, but not the settings
     from fastsplat.service.settings import Settings
 
 
-_FIELDS = (
-    "time_budget_s", "min_iterations", "max_gaussians", "max_side", "max_sh_degree", "evaluations", "tolerance_db",
-)  # fmt: skip
-_VALUES: Mapping[PresetName, tuple[Any, ...]] = {
-    "draft": (30.0, 500, 20_000, 480, 3, 3, 0.3),
-    "balanced": tuple(TrainingSettings.model_fields[name].default for name in _FIELDS),
-    "best": (480.0, 1_000, 100_000, 960, 3, 10, 0.03),
-}
-PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
-    {preset: MappingProxyType(dict(zip(_FIELDS, values, strict=True))) for preset, values in _VALUES.items()}
-)
-"""Changes to `TrainingSettings` by preset; "balanced" is the settings' own defaults."""
+TOLERANCES_DB: Mapping[PresetName, float] = MappingProxyType({"draft": 0.8, "balanced": 0.3, "best": 0.1})
+"""What the presets are: PSNR of held-out views, dB, that twice the steps may still gain."""
+_FEW_VIEWS_FROM_DB = 0.8
+"""Tolerance from which on not every view is detected in, and few are enough."""
+_FEW_VIEWS = 12
 
-PERCEPTION_PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
-    {
-        "draft": MappingProxyType({"max_views": 12, "closer_look": True}),
-        "balanced": MappingProxyType({"max_views": 0, "closer_look": True}),
-        "best": MappingProxyType({"max_views": 0, "closer_look": True}),
+
+def tolerance_changes(tolerance_db: float) -> dict[str, Any]:
+    """Changes to `TrainingSettings` for a tolerance, all on one curve through "balanced", the settings' own defaults.
+
+    Args:
+        tolerance_db: PSNR of held-out views, dB, that twice the steps may still gain.
+    """
+    default = TrainingSettings()
+    finer = default.tolerance_db / tolerance_db
+    steps = round(GAIN_OF_DOUBLING / tolerance_db)
+    return {
+        "tolerance_db": tolerance_db,
+        "iterations": steps,
+        "min_iterations": min(default.min_iterations, steps // 2),
+        "time_budget_s": (default.time_budget_s or math.inf) * finer,
+        "max_gaussians": round(default.max_gaussians / 1_000 * finer ** (2 / 3)) * 1_000,
+        "max_side": round(default.max_side * finer**0.3),
     }
-)
-"""Changes to `service.perception.perception_settings.PerceptionSettings` by preset."""
 
 
 def apply_preset(settings: Settings, name: str | None) -> Settings:
     """Applies a preset for training and perception, if any; raises as `preset_name`."""
-    if name is None:
-        return settings
-    preset = preset_name(name)
-    training = settings.training.model_copy(update=dict(PRESETS[preset]))
-    perception = settings.perception.model_copy(update=dict(PERCEPTION_PRESETS[preset]))
-    return settings.model_copy(update={"training": training, "perception": perception})
+    return settings if name is None else _within(settings, TOLERANCES_DB[preset_name(name)])
 
 
 def chosen_settings(settings: Settings, options: SceneOptions) -> Settings:
-    """Applies a user's preset, lens and limit of Gaussians to the operator's settings."""
-    settings = apply_preset(settings, options.preset)
+    """Applies a user's tolerance or preset, lens and budgets to the operator's settings.
+
+    Seconds that are given without a tolerance are used up, as are the views.
+    """
+    if options.tolerance_db is not None:
+        settings = _within(settings, options.tolerance_db)
+    elif options.preset is not None:
+        settings = apply_preset(settings, options.preset)
+    elif options.time_budget_s is not None:
+        settings = override_training(settings, iterations=max(settings.training.iterations, MOST_STEPS))
     lens = {name: value for name in ("lens", "nadir_deg") if (value := getattr(options, name)) is not None}
     settings = settings.model_copy(update={"capture": settings.capture.model_copy(update=lens)})
     return override_training(settings, max_gaussians=options.max_gaussians)
 
 
+def _within(settings: Settings, tolerance_db: float) -> Settings:
+    views = _FEW_VIEWS if tolerance_db >= _FEW_VIEWS_FROM_DB else 0
+    perception = settings.perception.model_copy(update={"max_views": views, "closer_look": True})
+    changed = override_training(settings, **tolerance_changes(tolerance_db))
+    return changed.model_copy(update={"perception": perception})
+
+
 def preset_name(text: str) -> PresetName:
     """Validates the name of a preset; raises `InvalidInputError`."""
-    for name in PRESETS:
+    for name in TOLERANCES_DB:
         if name == text:
             return name
-    raise InvalidInputError(f"no preset {text[:40]!r}", field="preset", hint=f"Use one of {', '.join(PRESETS)}.")
+    raise InvalidInputError(f"no preset {text[:40]!r}", field="preset", hint=f"Use one of {', '.join(TOLERANCES_DB)}.")
 
 
 def override_training(settings: Settings, **values: Any) -> Settings:

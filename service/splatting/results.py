@@ -18,8 +18,8 @@ class TrainedSplats:
             otherwise absent), held_out (count), loss (mean of the last 50 steps), iterations, gaussians,
             sh_degree, train_seconds, time_budget_s, ghost_share, evidence_seconds,
             label_refit_seconds, preview_seconds (part of train_seconds), stopped_at_share (0..1 of the planned run,
-            only if ended early), tolerance_db, enough (1 if more steps were not required), last_doubling_db (gain of
-            PSNR by the last half of the steps, where it was measured), random_points (initial Gaussians at random
+            only if ended early), tolerance_db, enough (1 if more steps were not required), next_doubling_db (PSNR
+            that twice the steps would about gain), random_points (initial Gaussians at random
             places for lack of capture points),
             exposure_ev (colors against the photos' mean exposure, EV, at most 0, only with photometric correction).
         held_out: names of views that never entered a loss.

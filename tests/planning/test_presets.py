@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from typing import get_args
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.planning.cost_model import SceneSize, fit_training
-from fastsplat.service.planning.presets import PERCEPTION_PRESETS, PRESETS, PresetName, apply_preset, override_training
+from fastsplat.service.planning.presets import (
+    TOLERANCES_DB,
+    PresetName,
+    apply_preset,
+    chosen_settings,
+    override_training,
+)
 from fastsplat.service.planning.time_budget import clock_tradeoff
 from fastsplat.service.scene.artefact.assessment import assess
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, GAIN_OF_DOUBLING, MOST_STEPS, TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.jobs.operations import MAX_TOLERANCE_DB, MIN_TOLERANCE_DB, SceneOptions
 from fastsplat_contract.messages.assessments import Assessment
 
 
@@ -42,7 +52,7 @@ def test_a_draft_has_a_floor_of_its_own_and_says_that_it_is_one() -> None:
     assert assess({"images": 40, "iterations": fewest}, SceneFacts(), ()).grade == "fair"
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", TOLERANCES_DB)
 def test_a_time_that_was_asked_for_rules_and_says_what_it_cost(name: PresetName) -> None:
     requested = apply_preset(Settings(), name).training
     training = requested.ending_after(20.0)
@@ -60,17 +70,29 @@ def test_a_time_that_was_asked_for_rules_and_says_what_it_cost(name: PresetName)
 def test_no_preset_saves_on_harmonics() -> None:
     """They cost few steps, and half a minute is better with them (`benchmarks/results/choices_presets.json`)."""
     default = TrainingSettings().max_sh_degree
-    assert {apply_preset(Settings(), name).training.max_sh_degree for name in PRESETS} == {default}
+    assert {apply_preset(Settings(), name).training.max_sh_degree for name in TOLERANCES_DB} == {default}
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_every_preset_is_valid_and_speaks_of_training_and_of_perception(name: PresetName) -> None:
-    assert set(PRESETS) == set(PERCEPTION_PRESETS) == set(get_args(PresetName))
-    settings = apply_preset(Settings(), name)
-    assert PRESETS[name].items() <= settings.training.model_dump().items()
-    assert PERCEPTION_PRESETS[name].items() <= settings.perception.model_dump().items()
-    TrainingSettings.model_validate(settings.training.model_dump())
-    PerceptionSettings.model_validate(settings.perception.model_dump())
+@given(st.floats(MIN_TOLERANCE_DB, MAX_TOLERANCE_DB), st.floats(MIN_TOLERANCE_DB, MAX_TOLERANCE_DB))
+def test_a_smaller_tolerance_takes_no_less_and_budgets_rule_over_it(first: float, second: float) -> None:
+    fine, coarse = (chosen_settings(Settings(), SceneOptions(tolerance_db=value)) for value in sorted((first, second)))
+    for field in ("iterations", "min_iterations", "time_budget_s", "max_gaussians", "max_side"):
+        assert getattr(fine.training, field) >= getattr(coarse.training, field)
+    assert (fine.perception.max_views or math.inf) >= (coarse.perception.max_views or math.inf)
+    TrainingSettings.model_validate(fine.training.model_dump())
+    budgets = SceneOptions(tolerance_db=first, max_gaussians=77, time_budget_s=20.0)
+    assert chosen_settings(Settings(), budgets).training.max_gaussians == 77
+    assert chosen_settings(Settings(), budgets).training.iterations == round(GAIN_OF_DOUBLING / first)
+
+
+@pytest.mark.parametrize("name", get_args(PresetName))
+def test_a_preset_is_a_tolerance(name: PresetName) -> None:
+    by_tolerance = chosen_settings(Settings(), SceneOptions(tolerance_db=TOLERANCES_DB[name]))
+    assert by_tolerance == apply_preset(Settings(), name) == chosen_settings(Settings(), SceneOptions(preset=name))
+
+
+def test_seconds_alone_are_used_up() -> None:
+    assert chosen_settings(Settings(), SceneOptions(time_budget_s=500.0)).training.iterations == MOST_STEPS
 
 
 def test_a_preset_replaces_its_own_fields_and_no_others() -> None:

@@ -41,6 +41,7 @@ Lens = Literal["auto", "fisheye", "panorama"]
 
 MAX_PRIORITY = 100
 MAX_NADIR_DEG = 80.0
+MIN_TOLERANCE_DB, MAX_TOLERANCE_DB = 0.05, 2.0
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,15 @@ class SceneOptions(Request):
     preset: Annotated[PresetName | None, Field(description="draft, balanced or best; absent: the server's default")] = (
         None
     )
+    tolerance_db: Annotated[
+        float | None,
+        Field(
+            ge=MIN_TOLERANCE_DB,
+            le=MAX_TOLERANCE_DB,
+            description="in place of a preset: PSNR of photos held out, dB, that twice the training may still gain; "
+            "draft is 0.8, balanced 0.3, best 0.1",
+        ),
+    ] = None
     priority: Annotated[
         int, Field(ge=-MAX_PRIORITY, le=MAX_PRIORITY, description="higher ones are trained first; 0 is usual")
     ] = 0

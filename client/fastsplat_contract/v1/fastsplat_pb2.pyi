@@ -612,7 +612,7 @@ KEY_STATE_EXPIRED: KeyState
 KEY_STATE_REVOKED: KeyState
 
 class CreateSceneHeader(_message.Message):
-    __slots__ = ("name", "request_id", "labels", "time_budget_s", "max_gaussians", "preset", "priority", "up", "movers", "privacy", "lens", "nadir_deg", "strict")
+    __slots__ = ("name", "request_id", "labels", "time_budget_s", "max_gaussians", "preset", "priority", "up", "movers", "privacy", "lens", "nadir_deg", "strict", "tolerance_db")
     NAME_FIELD_NUMBER: _ClassVar[int]
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     LABELS_FIELD_NUMBER: _ClassVar[int]
@@ -626,6 +626,7 @@ class CreateSceneHeader(_message.Message):
     LENS_FIELD_NUMBER: _ClassVar[int]
     NADIR_DEG_FIELD_NUMBER: _ClassVar[int]
     STRICT_FIELD_NUMBER: _ClassVar[int]
+    TOLERANCE_DB_FIELD_NUMBER: _ClassVar[int]
     name: str
     request_id: str
     labels: _containers.RepeatedScalarFieldContainer[str]
@@ -639,7 +640,8 @@ class CreateSceneHeader(_message.Message):
     lens: str
     nadir_deg: float
     strict: bool
-    def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ...) -> None: ...
+    tolerance_db: float
+    def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ..., tolerance_db: _Optional[float] = ...) -> None: ...
 
 class Operation(_message.Message):
     __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_captioner", "jobs_ahead", "starts_in_s")

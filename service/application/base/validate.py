@@ -15,7 +15,17 @@ from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.codec.unseen_characters import check_seen
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.jobs.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.jobs.operations import (
+    MAX_NADIR_DEG,
+    MAX_PRIORITY,
+    MAX_TOLERANCE_DB,
+    MIN_TOLERANCE_DB,
+    Lens,
+    Movers,
+    Privacy,
+    SceneOptions,
+    UpAxis,
+)
 from fastsplat_contract.messages.objects import PickRequest
 
 _MAX_NAME_CHARS = 200
@@ -154,6 +164,17 @@ def check_request_id(request_id: str) -> None:
 def _check_choices(options: SceneOptions) -> None:
     if options.preset is not None:
         preset_name(options.preset)
+        if options.tolerance_db is not None:
+            raise InvalidInputError(
+                "a preset and a tolerance", field="tolerance_db", hint="Leave one out: a preset is a tolerance."
+            )
+    if options.tolerance_db is not None and not MIN_TOLERANCE_DB <= options.tolerance_db <= MAX_TOLERANCE_DB:
+        raise LimitExceededError(
+            f"a tolerance of {options.tolerance_db:g} dB",
+            field="tolerance_db",
+            limit=f"{MIN_TOLERANCE_DB:g} to {MAX_TOLERANCE_DB:g} dB",
+            hint="0.3 is the default; less takes longer.",
+        )
     if options.up is not None and options.up not in get_args(UpAxis):
         raise InvalidInputError(
             f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."

@@ -23,13 +23,15 @@ from fastsplat.service.splatting.training.pruning import (
 )
 from fastsplat.service.splatting.training.quality import measure_views
 from fastsplat.service.splatting.training.schedule import run_progress
-from fastsplat.service.splatting.training_settings import FEWEST_STEPS, TrainingSettings
+from fastsplat.service.splatting.training_settings import FEWEST_STEPS, GAIN_OF_DOUBLING, TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView
 
 _ALIKE_DB = 40.0
 """PSNR from which on pictures are taken to look alike: more is no gain."""
 _FAIR_DB = 30.0
 """PSNR below which steps that gain nothing do not end a run: there its pictures are small, or the photos disagree."""
+_SAVING, _HARMONICS = 1 / 3, 1 / 12
+"""Shares of the tolerance that may be lost: with Gaussians, or with steps, that are spared; and with harmonics."""
 _TAIL = 0.3
 """Once enough was done, the rest of the schedule takes this share of the steps before."""
 _MEASURED, _LIMIT = "requirement.measured", "requirement.limit"
@@ -53,6 +55,7 @@ class Requirement:
     ) -> None:
         self._settings, self._views, self._state = settings, views, state
         judges = [view for view in held_out if view.frames[-1].has_content] or views
+        self._saving_db = _SAVING * settings.tolerance_db
         self._judges = judges[:: math.ceil(len(judges) / MAX_EVAL_VIEWS)]
         measured, limit = state.parameters.get(_MEASURED), state.parameters.get(_LIMIT)
         self._measured: list[list[float]] = [] if measured is None else measured.tolist()
@@ -84,7 +87,7 @@ class Requirement:
             self._measured = parameters[_MEASURED].tolist()  # as a checkpoint has it
         is_due = self._is_enough() or progress >= self._settings.full_count_at
         if is_due and (self._limit is None or state.count > self._limit):  # again where the run was taken back
-            self._prune(self._psnr(parameters) - self._settings.tolerance_db)
+            self._prune(self._psnr(parameters) - self._saving_db)
             parameters[_LIMIT] = torch.tensor(float(state.count))
             self._limit = state.count
 
@@ -98,13 +101,22 @@ class Requirement:
         if psnr >= _ALIKE_DB:
             self._prune(_ALIKE_DB)
         if state.count:
-            degree = required_degree(state.parameters, self._psnr, psnr - self._settings.tolerance_db / 4)
+            degree = required_degree(state.parameters, self._psnr, psnr - _HARMONICS * self._settings.tolerance_db)
             state.begin("sh_rest", state.parameters["sh_rest"][:, : (degree + 1) ** 2 - 1])
 
     def figures(self) -> dict[str, float]:
         """For a scene's quality, see `TrainedSplats`."""
-        last = {"last_doubling_db": self._last_doubling_db()} if len(self._measured) > 2 else {}
-        return {"enough": float(self._is_enough()), "tolerance_db": self._settings.tolerance_db, **last}
+        return {
+            "enough": float(self._is_enough()),
+            "tolerance_db": self._settings.tolerance_db,
+            "next_doubling_db": self._next_doubling_db(),
+        }
+
+    def _next_doubling_db(self) -> float:
+        """PSNR that twice the steps would gain, by what was measured or else by the mean curve of captures."""
+        if not self._is_enough():
+            return GAIN_OF_DOUBLING / max(self._state.iteration, FEWEST_STEPS)
+        return 0.0 if self._measured[-1][-1] >= _ALIKE_DB else max(0.0, self._last_doubling_db())
 
     def _prune(self, least_db: float) -> None:
         views = [(view.viewmat, view.frames[0].camera) for view in self._views]
@@ -119,7 +131,7 @@ class Requirement:
         if not self._measured:
             return False
         psnr = self._measured[-1][-1]
-        return psnr >= _ALIKE_DB or (psnr >= _FAIR_DB and self._last_doubling_db() < self._settings.tolerance_db)
+        return psnr >= _ALIKE_DB or (psnr >= _FAIR_DB and self._last_doubling_db() < self._saving_db)
 
     def _psnr(self, parameters: Mapping[str, Tensor]) -> float:
         name = "psnr_cc" if CORRECTIONS in parameters else "psnr"

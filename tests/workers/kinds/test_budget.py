@@ -17,7 +17,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.planning.cost_model import Speed
 from fastsplat.service.planning.job_time import PhotoSet, job_seconds
-from fastsplat.service.planning.presets import PRESETS, apply_preset, chosen_settings
+from fastsplat.service.planning.presets import TOLERANCES_DB, apply_preset, chosen_settings, tolerance_changes
 from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_settings import TrainingSettings
@@ -53,7 +53,9 @@ def test_without_a_budget_a_job_trains_with_the_operators_settings_and_the_users
     plain = make_plan(_job(tmp_path, SceneOptions()), _capture(20), 5, time.monotonic())
     assert (plain.settings, plain.tradeoffs) == (TrainingSettings(), ())
     fewer = make_plan(_job(tmp_path, SceneOptions(max_gaussians=77, preset="best")), _capture(20), 5, 0.0)
-    assert fewer.settings == TrainingSettings().model_copy(update={**PRESETS["best"], "max_gaussians": 77})
+    assert fewer.settings == TrainingSettings().model_copy(
+        update={**tolerance_changes(TOLERANCES_DB["best"]), "max_gaussians": 77}
+    )
     assert _job(tmp_path, SceneOptions(preset="draft")).settings == apply_preset(Settings(), "draft")
 
 

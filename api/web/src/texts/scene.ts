@@ -50,6 +50,8 @@ export const sceneTexts = {
     home: "First view",
     registered: (used: unknown, all: unknown) => `${String(used)} of ${String(all)} photos placed`,
     psnr: (value: number) => `${value.toFixed(1)} dB PSNR`,
+    doubling: (gain: number) =>
+      gain < 0.05 ? "more training would add nothing" : `twice the training would add about ${gain.toFixed(1)} dB`,
     remove: "Delete scene",
     removeQuestion: (name: string) => `Delete “${name}”? Its versions and files are removed for good.`,
     removeYes: "Delete for good",
