@@ -118,7 +118,7 @@ def test_200_questions_get_the_same_answer_from_both_faces_and_in_process(
     assert len(masks) > sum(mask.area > 0 for mask in masks) > 5
     assert {bool(mask.png) for mask in masks} == {True, False}
     assert sum(len(result.objects or ()) for result in answered) > 5
-    assert len(answered) > 150 and len(refused) >= 8
+    assert len(answered) > 150 and len(refused) >= 8 and "cameras[0].frame_id" in refused
 
 
 def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneService, scene_id: str) -> None:
