@@ -100,7 +100,10 @@ _BAD_BODIES = {
     "no json": ("{", "body"),
     "no object": ("[]", "body"),
     "unknown field": ('{"texts": ["mug"], "text": "mug"}', "text"),
+    "wrong type": ('{"texts": "mug"}', "texts"),
+    "number for text": ('{"texts": [7]}', "texts[0]"),
     "unknown output": ('{"texts": ["mug"], "outputs": ["mask4d"]}', "outputs[0]"),
+    "half a pose": ('{"texts": ["mug"], "cameras": [{"position": {"x": 0, "y": 0}}]}', "cameras[0].intrinsics"),
     "number as string": (
         json.dumps({"texts": ["mug"], "cameras": [_changed("position.x", "1")]}),
         "cameras[0].position.x",
