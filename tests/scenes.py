@@ -22,6 +22,7 @@ from fastsplat.service.scene.artefact.scene_files import write_scene
 from fastsplat.service.scene.formats.ply import write_ply
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.queue.claims import Claim
 from fastsplat.service.store.rows.codec import camera_to_json
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
@@ -146,6 +147,15 @@ def queued_job(name: str = "") -> NewJob:
         upload_id=uuid.uuid4().hex,
         options={"labels": [], "time_budget_s": None, "max_gaussians": None},
     )
+
+
+def claimed_job(store: Store, job: NewJob | None = None) -> Claim:
+    """A job that a worker has just taken: this one, or one like `queued_job`."""
+    job = job or queued_job()
+    store.scenes.create(job)
+    claim = store.jobs.claim(job.operation_id)
+    assert claim is not None
+    return claim
 
 
 def write_version(scene: Scene, folder: Path) -> None:

@@ -18,14 +18,13 @@ from fastsplat.service.store.queue.claims import Claim
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.rows.schema import operations
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.scenes import claimed_job
 
 
 def add_training_job(service: SceneService, name: str = "") -> Claim:
     """A claimed job with 300 steps of training, a log, a picture and two of three cameras."""
     job = NewJob(uuid.uuid4().hex, uuid.uuid4().hex, name, "", "", "none", {"labels": []})
-    service._store.scenes.create(job)
-    claim = service._store.jobs.claim(job.operation_id)
-    assert claim is not None
+    claim = claimed_job(service._store, job)
     log = service._store.blobs.log(job.operation_id)
     log.parent.mkdir(exist_ok=True)
     log.write_text("step 300")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import struct
 import zipfile
@@ -16,6 +17,14 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces
 
 Files = list[tuple[str, bytes]]
+TUS = {"Tus-Resumable": "1.0.0"}
+PIECE = {**TUS, "Content-Type": "application/offset+octet-stream"}
+
+
+def announced(name: str, length: int) -> dict[str, str]:
+    """Headers that announce a file of tus."""
+    encoded = base64.b64encode(name.encode()).decode()
+    return {**TUS, "Upload-Length": str(length), "Upload-Metadata": f"filename {encoded}"}
 
 
 def photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:

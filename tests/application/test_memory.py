@@ -22,6 +22,13 @@ from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Color, Edit
 from fastsplat_contract.photos.pictures import PictureRequest
 
+_STATUS = """
+from pathlib import Path
+
+def status(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(name))
+"""
 _PEAKS = """
 import json, sys
 from dataclasses import replace
@@ -41,10 +48,6 @@ from fastsplat_contract.photos.pictures import (PictureKind, PictureRequest)
 from tests.scenes import evidence_from_dense, labelled_scene
 
 SIDE, COUNT = 1800, 30_000
-
-def status(name):
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(name))
 
 def peak(work):
     release_free_memory()
@@ -233,11 +236,6 @@ edits = {
     "three": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0)), Edit("move", "banana", transform=pose_of(shift)),
               Edit("recolor", "mug", color=(0.0, 1.0, 0.0))],
 }
-
-def status(name):
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) * 1024 for line in lines if line.startswith(name))
-
 rows = {}
 with tempfile.TemporaryDirectory() as folder:
     write_scene(scene, Path(folder) / "scene")
@@ -259,7 +257,7 @@ print(json.dumps(rows))
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the peak from /proc")
 @pytest.mark.parametrize("program", [_PEAKS, _EDIT_PEAKS], ids=["pictures", "edits"])
 def test_estimates_are_above_the_real_peak_and_not_far_above(models_dir: Path, program: str) -> None:
-    command = [sys.executable, "-c", program, "minilm_l6_int8", str(models_dir)]
+    command = [sys.executable, "-c", _STATUS + program, "minilm_l6_int8", str(models_dir)]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, cwd=Path(__file__).parents[2])
     for kind, (peak, estimate) in json.loads(done.stdout).items():
         assert peak <= estimate <= 4 * peak + (128 << 20), (kind, peak >> 20, estimate >> 20)

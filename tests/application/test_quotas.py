@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.jobs.operations import SceneOptions
+from tests.at_once import at_once
 
 
 @pytest.fixture
@@ -92,23 +92,9 @@ def test_jobs_that_wait_are_bounded_and_a_cancelled_one_makes_room(opened: Calla
 
 def test_many_at_once_pass_no_bound(opened: Callable[..., SceneService]) -> None:
     service = opened(scenes=3)
-    outcomes: list[str] = []
-    barrier = threading.Barrier(8)
-
-    def post() -> None:
-        barrier.wait()
-        try:
-            _post(service, "a")
-            outcomes.append("made")
-        except QuotaError:
-            outcomes.append("refused")
-
-    threads = [threading.Thread(target=post) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert outcomes.count("made") == 3 and len(service.in_project("a").list_scenes()[0]) == 3
+    outcomes = at_once(*[lambda: _post(service, "a")] * 8)
+    assert [type(outcome) for outcome in outcomes].count(QuotaError) == 5
+    assert len(service.in_project("a").list_scenes()[0]) == 3
 
 
 def test_without_bounds_nothing_is_refused(opened: Callable[..., SceneService]) -> None:

@@ -34,12 +34,8 @@ _NAMES = tuple(f"IMG_{number}.png" for number in range(4))
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[SceneService]:
     """A service that reads photos."""
-
-    def admit(folder: Path, settings: Any, *more: Any) -> Any:
-        return validate_upload(folder, settings, *more)
-
     models = stand_in_models(tmp_path / "models", "minilm_l6_int8")
-    with open_service(Settings(data_dir=tmp_path / "data", models=models), admit) as service:
+    with open_service(Settings(data_dir=tmp_path / "data", models=models), validate_upload) as service:
         yield service
 
 

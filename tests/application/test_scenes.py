@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat_contract.codec.json_codec import from_json, to_json
-from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
-from fastsplat_contract.messages.pieces import messages_of_query, query_of
-from fastsplat_contract.messages.queries import QueryOut, QueryRequest
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Edit
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
 def test_unknown_ids_are_not_found(service):
@@ -79,18 +76,3 @@ def test_deleted_is_gone_from_disk_and_database(service, settings, post, finish)
     assert list((settings.data_dir / "scenes").iterdir()) == []
     assert list((settings.data_dir / "uploads").iterdir()) == []
     assert service.get_operation(info.operation_id).state == "SUCCEEDED"
-
-
-def test_a_damaged_scene_is_left_out_of_a_question_to_all_and_named(service, settings, post, finish):
-    whole, damaged = post("whole"), post("damaged")
-    finish(whole)
-    finish(damaged)
-    (file,) = (settings.data_dir / "scenes" / damaged.id).glob("*/artefact/scene.json")
-    file.write_bytes(file.read_bytes()[:-20])
-    answered = service.answers.query(QueryRequest("", ("mug",)))
-    assert [answer.scene_id for answer in answered.answers] == [whole.id]
-    with pytest.raises(SceneFileError) as caught:
-        service.answers.query(QueryRequest(damaged.id, ("mug",)))
-    assert [(skipped.scene_id, skipped.reason) for skipped in answered.skipped] == [(damaged.id, caught.value.reason)]
-    messages = [pb.QueryResponse.FromString(m.SerializeToString()) for m in messages_of_query(answered)]
-    assert query_of(messages, frozenset()) == answered == from_json(QueryOut, to_json(answered))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from fastsplat.service.query.surfaces.surface_views import SurfaceView, surface_
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import ENCODER, made_scene, write_words
+from tests.at_once import at_once
 from tests.query.wall import wall_index
 from tests.scenes import finish_job, queued_job
 
@@ -83,11 +85,7 @@ def test_values_that_are_made_at_once_weigh_no_more_than_all_may() -> None:
         both.wait()
         return key
 
-    threads = [threading.Thread(target=cache.get, args=(key, lambda: 10, lambda key=key: make(key))) for key in "ab"]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    at_once(*(partial(cache.get, key, lambda: 10, partial(make, key)) for key in "ab"))
     assert cache.bytes <= 10 and len(cache) == 1
 
 

@@ -33,7 +33,7 @@ from tests.api.training_job import add_cancelled_job
 from tests.api.upright_scene import add_upright_scene
 from tests.cli.conftest import FREE_PORTS, configured
 from tests.commands import invoke
-from tests.scenes import queued_job
+from tests.scenes import claimed_job
 
 LONG = "a name that nobody should give, 名前 " * 10  # more letters than any terminal has columns
 _SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
@@ -68,16 +68,13 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
         settings = load_settings().model_copy(update=FREE_PORTS)
         with open_service(settings) as service:
             ids = {"scene": add_scene(service, settings, LONG[:200]), "upright": add_upright_scene(service, settings)}
-            job = queued_job()
-            service._store.scenes.create(job)
-            claim = service._store.jobs.claim(job.operation_id)
-            assert claim is not None
+            claim = claimed_job(service._store)
             lost = PhotoVerdict(LONG, False, "no_overlap", ("blurred",), "", 0.3, 0.8, 0, LONG)
             service._store.jobs.record_photos(claim, [to_plain(lost)])
             error = {"kind": "INTERNAL", "reason": "X", "message": LONG, "stage": "training", "details": {}}
             service._store.jobs.fail(claim, error)
-            ids |= {"failed": job.operation_id, "failed_scene": job.scene_id}
-            log = service._store.blobs.log(job.operation_id)
+            ids |= {"failed": claim.operation.id, "failed_scene": claim.operation.scene_id}
+            log = service._store.blobs.log(claim.operation.id)
             log.parent.mkdir(exist_ok=True)
             log.write_text(LONG)
             ids["cancelled"] = add_cancelled_job(service, "a.jpg")

@@ -14,7 +14,7 @@ from typer.testing import Result
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from tests.commands import invoke
-from tests.scenes import queued_job
+from tests.scenes import claimed_job, queued_job
 
 Run = Callable[..., Result]
 
@@ -28,16 +28,13 @@ def waiting(service: SceneService) -> str:
 
 @pytest.fixture
 def failed(service: SceneService) -> str:
-    job = replace(queued_job(), options={"validated": ""})
-    service._store.scenes.create(job)
-    claim = service._store.jobs.claim(job.operation_id)
-    assert claim is not None
+    claim = claimed_job(service._store, replace(queued_job(), options={"validated": ""}))
     error = {"kind": "INTERNAL", "reason": "CRASHED", "message": "it died [/b]", "stage": "training", "details": {}}
     service._store.jobs.fail(claim, error)
-    log = service._store.blobs.log(job.operation_id)
+    log = service._store.blobs.log(claim.operation.id)
     log.parent.mkdir(exist_ok=True)
     log.write_bytes(b"first\nlast words \xff\n")
-    return job.operation_id
+    return claim.operation.id
 
 
 def _listed(fastsplat: Run, *words: str) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict
 from tests.scene.conftest import make_gaussians
-from tests.scenes import queued_job
+from tests.scenes import claimed_job
 
 Run = Callable[..., Result]
 
@@ -100,17 +100,15 @@ def test_files_that_make_no_scene_are_refused(fastsplat: Run, service: SceneServ
 
 
 def test_what_became_of_its_photos_is_listed(fastsplat: Run, service: SceneService) -> None:
-    job = queued_job()
-    service._store.scenes.create(job)
-    claim = service._store.jobs.claim(job.operation_id)
-    assert claim is not None
-    unseen = fastsplat("scenes", "photos", job.scene_id)
+    claim = claimed_job(service._store)
+    scene_id = claim.operation.scene_id
+    unseen = fastsplat("scenes", "photos", scene_id)
     assert unseen.exit_code == 0 and "nobody has looked" in unseen.stderr and not unseen.stdout
     lost = PhotoVerdict("[b]1.jpg", False, "no_overlap", ("blurred",), "", 0.3, 0.8, 0, "Take it again.")
     good = PhotoVerdict("2.jpg", True, None, (), "", 1.0, 0.8, 120, "")
     service._store.jobs.record_photos(claim, [to_plain(lost), to_plain(good)])
-    listed = fastsplat("scenes", "photos", job.scene_id)
+    listed = fastsplat("scenes", "photos", scene_id)
     for text in ("[b]1.jpg", "not placed: no overlap, blurred", "Take it again.", "2.jpg"):
         assert text in listed.stdout
     assert "1 of 2 photos have a place" in listed.stderr
-    assert json.loads(fastsplat("scenes", "photos", job.scene_id, "--json").stdout)["photos"][0] == to_plain(lost)
+    assert json.loads(fastsplat("scenes", "photos", scene_id, "--json").stdout)["photos"][0] == to_plain(lost)

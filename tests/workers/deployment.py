@@ -6,8 +6,10 @@ import os
 import signal
 import sqlite3
 import subprocess
+import sys
 import time
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +31,7 @@ from tests.processes import is_alive
 from tests.scenes import stand_in_models
 from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
+from tests.workers.watched_sockets import watching
 
 STAGES = KINDS["create_scene"].stages
 _HERE = Path(__file__).parent
@@ -77,6 +80,32 @@ def new_database(request: pytest.FixtureRequest, opened: ExitStack, database: st
         return ""
     server: PostgresServer = request.getfixturevalue("postgres")
     return opened.enter_context(server.database())
+
+
+@contextmanager
+def real_worker(settings: Settings, *watched: Path, **variables: str) -> Iterator[subprocess.Popen[bytes]]:
+    """`fastsplat worker` with its real stages until the block ends; of `variables` FASTSPLAT_ is left out."""
+    environment = {
+        **os.environ,
+        "FASTSPLAT_DATA_DIR": str(settings.data_dir),
+        "FASTSPLAT_MODELS": str(settings.models),
+        "FASTSPLAT_JOBS": '{"niceness": 0}',
+        **{f"FASTSPLAT_{name}": value for name, value in variables.items()},
+    }
+    for folder in watched:
+        environment = watching(folder, environment)
+    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
+    worker = subprocess.Popen(command, env=environment, cwd=_HERE.parent.parent, start_new_session=True)
+    try:
+        yield worker
+    finally:
+        worker.terminate()
+        assert worker.wait(timeout=60) == 0
+
+
+def wait_over(service: SceneService, operation: Operation, patience_s: float = 300.0) -> Operation:
+    wait_for(lambda: service.get_operation(operation.id).done, patience_s)
+    return service.get_operation(operation.id)
 
 
 @dataclass(frozen=True)

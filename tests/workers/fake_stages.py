@@ -177,10 +177,7 @@ def _assemble(job: Job, folder: Path) -> None:
         "gaussians": len(scene.gaussians),
         "objects": 0,
         "scale": scene.scale,
-        "dictionary": [
-            {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
-            for n, e in enumerate(scene.dictionary.entries, start=1)
-        ],
+        "dictionary": _rows(scene.dictionary),
         "cameras": [camera_to_json(posed)],
         "quality": {
             "psnr": 30.0,
@@ -190,6 +187,13 @@ def _assemble(job: Job, folder: Path) -> None:
         },
     }
     (folder / "summary.json").write_text(json.dumps(summary))
+
+
+def _rows(dictionary: Dictionary) -> list[dict[str, object]]:
+    return [
+        {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
+        for n, e in enumerate(dictionary.entries, start=1)
+    ]
 
 
 def _looking(job: Job, folder: Path, progress: Progress) -> None:
@@ -205,18 +209,14 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
     _obey(job, "naming", progress)
     scene = read_scene(job.upload / "artefact")
     texts = tuple(job.order["texts"])
-    entries = (replace(scene.dictionary.entries[0], label=texts[0]), *scene.dictionary.entries[1:])
-    write_version(replace(scene, dictionary=Dictionary(entries)), folder)
+    dictionary = Dictionary((replace(scene.dictionary.entries[0], label=texts[0]), *scene.dictionary.entries[1:]))
+    write_version(replace(scene, dictionary=dictionary), folder)
     result = LookAgainResult("", texts, ("a.png",), True, (), (), 0, 0)
-    rows = [
-        {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
-        for n, e in enumerate(entries, start=1)
-    ]
     summary = {
         "parent": job.version,
         "gaussians": len(scene.gaussians),
         "objects": 0,
-        "dictionary": rows,
+        "dictionary": _rows(dictionary),
         "result": to_plain(result),
     }
     (folder / "summary.json").write_text(json.dumps(summary))

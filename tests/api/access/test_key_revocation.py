@@ -34,6 +34,7 @@ from fastsplat_contract.errors import DatabaseError, UnauthenticatedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rpc_refusal, served
+from tests.at_once import on_a_loop
 from tests.waiting import wait_for, with_growing_limit
 
 _LONG_FILE = 1 << 28  # more than any buffer on its way
@@ -270,7 +271,8 @@ def test_a_call_ends_with_its_key_and_others_go_on(place: _Place, call: str, exp
     assert _status(place, key) == 401
 
 
-def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_ends_none() -> None:
+@on_a_loop
+async def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_ends_none() -> None:
     valid = KeyRecord("0" * 12, "robot", "reader", "0" * 64, 0.0)
     reads: list[float] = []
 
@@ -284,29 +286,27 @@ def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_en
             raise DatabaseError("it does not answer")
         return _Ring({valid.id: valid} if len(reads) < 4 else {})
 
-    async def main() -> list[str]:
-        authenticator = Authenticator(load, auth_enabled=True)
-        rule = rule_of("GET /v1/scenes")
+    authenticator = Authenticator(load, auth_enabled=True)
+    rule = rule_of("GET /v1/scenes")
 
-        async def call() -> str:
-            principal = await authenticator.authenticate(Credentials("fsk"), rule)
-            assert principal is not None
-            try:
-                with authenticator.watch(principal):
-                    await asyncio.Event().wait()
-            except UnauthenticatedError as error:
-                return error.message
-            raise AssertionError
+    async def call() -> str:
+        principal = await authenticator.authenticate(Credentials("fsk"), rule)
+        assert principal is not None
+        try:
+            with authenticator.watch(principal):
+                await asyncio.Event().wait()
+        except UnauthenticatedError as error:
+            return error.message
+        raise AssertionError
 
-        return await asyncio.gather(*(call() for _ in range(50)))
-
-    ends = asyncio.run(main())
+    ends = await asyncio.gather(*(call() for _ in range(50)))
     assert len(ends) == 50 and len(reads) == 4
     assert Authenticator.FRESH_S <= 1
 
 
 @pytest.mark.parametrize("new", ["key", "project"])
-def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None:
+@on_a_loop
+async def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None:
     """A call must not take a reading for its own that began before the call: it may lack what was made meanwhile."""
     old, fresh, unknown = (f"fsk_{digit * 12}_{'s' * 43}" for digit in "123")
     keys, projects = {key_id_of(old)}, {"default"}
@@ -326,44 +326,38 @@ def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None
             assert go_on.wait(60)
         return ring
 
-    async def main() -> None:
-        authenticator = Authenticator(load, auth_enabled=True)
+    authenticator = Authenticator(load, auth_enabled=True)
 
-        async def call(key: str, project: str = "") -> Principal | None:
-            return await authenticator.authenticate(Credentials(key, project), rule_of("GET /v1/scenes"))
+    async def call(key: str, project: str = "") -> Principal | None:
+        return await authenticator.authenticate(Credentials(key, project), rule_of("GET /v1/scenes"))
 
-        await call(old)
-        looks_again = asyncio.create_task(call(unknown))
-        await asyncio.to_thread(begun.wait)
-        keys.add(key_id_of(fresh))
-        projects.add("new")
-        late = asyncio.create_task(call(fresh) if new == "key" else call(old, "new"))
-        for _ in range(3):
-            await asyncio.sleep(0)  # it has come to where it waits for a reading, and one is under way
-        go_on.set()
-        with pytest.raises(UnauthenticatedError):
-            await looks_again
-        assert await late is not None
-
-    asyncio.run(main())
+    await call(old)
+    looks_again = asyncio.create_task(call(unknown))
+    await asyncio.to_thread(begun.wait)
+    keys.add(key_id_of(fresh))
+    projects.add("new")
+    late = asyncio.create_task(call(fresh) if new == "key" else call(old, "new"))
+    for _ in range(3):
+        await asyncio.sleep(0)  # it has come to where it waits for a reading, and one is under way
+    go_on.set()
+    with pytest.raises(UnauthenticatedError):
+        await looks_again
+    assert await late is not None
 
 
-def test_a_task_that_others_cancel_is_cancelled() -> None:
+@on_a_loop
+async def test_a_task_that_others_cancel_is_cancelled() -> None:
     valid = KeyRecord("0" * 12, "robot", "reader", "0" * 64, 0.0)
+    authenticator = Authenticator(lambda: KeyRing({valid.id: valid}), auth_enabled=False)
+    principal = await authenticator.authenticate(Credentials(""), rule_of("GET /v1/scenes"))
+    assert principal is not None and principal.role == "operator"
 
-    async def main() -> None:
-        authenticator = Authenticator(lambda: KeyRing({valid.id: valid}), auth_enabled=False)
-        principal = await authenticator.authenticate(Credentials(""), rule_of("GET /v1/scenes"))
-        assert principal is not None and principal.role == "operator"
+    async def call() -> None:
+        with authenticator.watch(principal):
+            await asyncio.Event().wait()
 
-        async def call() -> None:
-            with authenticator.watch(principal):
-                await asyncio.Event().wait()
-
-        task = asyncio.create_task(call())
-        await asyncio.sleep(0)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-
-    asyncio.run(main())
+    task = asyncio.create_task(call())
+    await asyncio.sleep(0)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -16,7 +14,7 @@ from fastsplat.service.settings import CaptionerSettings, Settings, load_setting
 from fastsplat_client.captioner import Captioner, suggest_by
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from tests.api.clients import client_of
-from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+from tests.api.nameless import Nameless, nameless_sample
 from tests.cli.conftest import configured
 from tests.client.replay_captioner import ReplayCaptioner, named, replayed
 from tests.commands import invoke
@@ -117,22 +115,6 @@ def nameless(models_dir: Path, tmp_path: Path) -> Iterator[Nameless]:
         yield opened
 
 
-def test_true_names_reach_suggestions_and_none_is_stated(nameless: Nameless) -> None:
-    with client_of(nameless.faces) as client:
-        sheets = list(client.contact_sheets(nameless.scene_id))
-        for model, seed in (("one", 1), ("other", 2)):
-            seen = seen_with_errors(nameless.truth, seed)
-            with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
-                said = suggest_by(client, nameless.scene_id, Captioner(server.url, model))
-            assert said.requests == len(sheets) and {name.object_id for name in said.names} == nameless.truth.keys()
-        listed = {obj.id: obj for obj in client.objects(nameless.scene_id)}
-        assert not any(obj.name for obj in listed.values())
-        reached = [name in [guess.name for guess in listed[obj].suggestions] for obj, name in nameless.truth.items()]
-        assert np.mean(reached) >= 0.95
-        (answer,) = client.query(nameless.scene_id, "banana")
-        assert answer.outcome == "probably_here"
-
-
 def test_a_poster_that_says_what_to_say_names_nothing(nameless: Nameless) -> None:
     with client_of(nameless.faces) as client:
         sheets, before = list(client.contact_sheets(nameless.scene_id)), client.scene(nameless.scene_id).version
@@ -156,8 +138,10 @@ def test_the_command_asks_and_says_what_came(nameless: Nameless, tmp_path: Path)
         command = ["objects", "ask-captioner", nameless.scene_id, server.url, "eyes", "--captioner-key", str(key)]
         done = invoke(*command, "--server", server_url)
         assert done.exit_code == 0, (done.output, done.exception)
-        assert (
-            f"{len(nameless.truth)} names suggested for {sum(len(sheet.objects) for sheet in sheets)} objects"
-            in done.stdout
-        )
-        assert {headers["authorization"] for _, headers, _ in server.got} == {"Bearer secret"}
+    count = sum(len(sheet.objects) for sheet in sheets)
+    assert f"{len(nameless.truth)} names suggested for {count} objects" in done.stdout
+    assert [headers["authorization"] for _, headers, _ in server.got] == ["Bearer secret"] * len(sheets)
+    with client_of(nameless.faces) as client:
+        listed = {obj.id: obj for obj in client.objects(nameless.scene_id)}
+    for obj, name in nameless.truth.items():
+        assert listed[obj].name == "" and name in [guess.name for guess in listed[obj].suggestions]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
@@ -27,8 +26,8 @@ from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
-from tests.api.training_job import add_training_job, picture, show_training
-from tests.scenes import queued_job
+from tests.api.training_job import add_training_job, make_old, picture, show_training
+from tests.scenes import claimed_job, queued_job
 
 
 @pytest.fixture
@@ -214,22 +213,20 @@ def test_an_early_end_is_asked_for_once_and_refused_outside_the_training(
     assert again == client.finish(job) == service.jobs.finish(job) == service.get_operation(job)
     assert service._store.jobs.check(training) == {"finish"}
 
-    queued = queued_job("waits")
-    service._store.scenes.create(queued)
-    claim = service._store.jobs.claim(queued.operation_id)
-    assert claim is not None
+    claim = claimed_job(service._store)
+    waits = claim.operation.id
     stage = {"stage": "training", "fraction": 0.0, "message": "", "seconds": 0.0, "metrics": {"iteration": 0.0}}
     for rows in ([], [stage], [{**stage, "fraction": 1.0, "metrics": {"iteration": 9.0}}]):
         service._store.jobs.report(claim, rows)
         with pytest.raises(NotReadyError):
-            client.finish(queued.operation_id)
-        assert not service.get_operation(queued.operation_id).finish_requested
+            client.finish(waits)
+        assert not service.get_operation(waits).finish_requested
     service._store.jobs.cancelled(claim)
     with pytest.raises(NotReadyError, match="CANCELLED"):
-        client.finish(queued.operation_id)
+        client.finish(waits)
     with pytest.raises(NotFoundError):
         client.finish("nothing")
-    service.delete_scene(queued.scene_id)
+    service.delete_scene(claim.operation.scene_id)
 
 
 def test_a_job_that_is_done_shows_nothing_more(service: SceneService, client: Client) -> None:
@@ -254,7 +251,7 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     assert (running.worker, running.attempt, running.seconds_left) == ("working", 1, 199.0)
     assert "job_seconds_left" not in running.stages[-1].metrics
 
-    _age(service, training.operation.id)
+    make_old(service, training.operation.id)
     silent = client.operation(training.operation.id)
     assert silent.worker == "silent" and silent.seconds_left is None
     service._store.workers.unregister("somebody")
@@ -303,11 +300,3 @@ def test_a_job_that_waits_says_how_many_are_ahead_and_for_how_long(
     for job in jobs:
         service.delete_scene(job.scene_id)
     assert service.get_operation(jobs[2].operation_id).jobs_ahead is None
-
-
-def _age(service: SceneService, operation_id: str) -> None:
-    """Make a job's last report an hour old."""
-    with service._store.engine.begin() as connection:
-        connection.exec_driver_sql(
-            f"UPDATE operations SET updated_at = {time.time() - 3600} WHERE id = '{operation_id}'"
-        )

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import base64
 import io
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
 from mcp import Client as McpClient
-from mcp.client.streamable_http import streamable_http_client
-from mcp_types import CallToolResult, ImageContent, TextContent
+from mcp_types import ImageContent, TextContent
 from PIL import Image
 
 from fastsplat_client import Client
@@ -24,7 +21,7 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
-from tests.api.programs.test_assistant import _call, _refusal
+from tests.api.programs.test_assistant import _call, _refusal, _said, _talk
 
 _WRONG = {"one": 1, "other": 2}  # the seeds of what two stand-ins for an assistant see wrongly
 
@@ -33,11 +30,6 @@ _WRONG = {"one": 1, "other": 2}  # the seeds of what two stand-ins for an assist
 def room(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nameless]:
     with nameless_sample(models_dir, tmp_path_factory.mktemp("named")) as opened:
         yield opened
-
-
-def _said(result: CallToolResult) -> Any:
-    assert not result.is_error, result.content
-    return result.structured_content
 
 
 async def _name_all(client: McpClient, scene_id: str, source: str, guesses: Mapping[int, str]) -> tuple[int, list[int]]:
@@ -65,15 +57,10 @@ async def _name_all(client: McpClient, scene_id: str, source: str, guesses: Mapp
 
 
 def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_without_a_person(room: Nameless) -> None:
-    async def session(source: str, seed: int) -> tuple[int, list[int]]:
-        async with (
-            httpx2.AsyncClient(timeout=60) as http,
-            McpClient(streamable_http_client(f"{room.faces.rest.base_url}/mcp", http_client=http)) as client,
-        ):
-            return await _name_all(client, room.scene_id, source, seen_with_errors(room.truth, seed))
-
     for source, seed in _WRONG.items():
-        calls, seen = asyncio.run(session(source, seed))
+        guesses = seen_with_errors(room.truth, seed)
+        talk = partial(_name_all, scene_id=room.scene_id, source=source, guesses=guesses)
+        calls, seen = _talk(room.faces, talk)
         assert calls <= 6 and len(seen) == len(set(seen)) and room.truth.keys() <= set(seen)
     with client_of(room.faces) as client:
         listed = {obj.id: obj for obj in client.objects(room.scene_id)}

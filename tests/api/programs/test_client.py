@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-import socket
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -24,6 +22,7 @@ from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
+from tests.api.line import Line
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import EndlessQuestions, Faces, OwnQuestions, served, serving
 from tests.api.uploaded import photo, zipped
@@ -88,59 +87,16 @@ def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
     service.delete_scene(operation.scene_id)
 
 
-@contextmanager
-def _flaky(port: int, after: int) -> Iterator[tuple[str, list[int]]]:
-    """A way to the server on which every connection breaks after so many bytes from the client."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    carried: list[int] = []
-
-    def carry(near: socket.socket) -> None:
-        with near, socket.create_connection(("127.0.0.1", port)) as far:
-            back = threading.Thread(target=_pump, args=(far, near, 1 << 40))
-            back.start()
-            carried.append(_pump(near, far, after))
-            for end in (near, far):
-                end.shutdown(socket.SHUT_RDWR)
-            back.join()
-
-    def accept() -> None:
-        while True:
-            try:
-                near, _ = listener.accept()
-            except OSError:
-                return
-            threading.Thread(target=carry, args=(near,), daemon=True).start()
-
-    accepting = threading.Thread(target=accept)
-    accepting.start()
-    try:
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}", carried
-    finally:
-        listener.shutdown(socket.SHUT_RDWR)
-        listener.close()
-        accepting.join()
-
-
-def _pump(source: socket.socket, sink: socket.socket, most: int) -> int:
-    total = 0
-    try:
-        while total < most and (data := source.recv(min(4096, most - total))):
-            sink.sendall(data)
-            total += len(data)
-    except OSError:
-        pass
-    return total
-
-
 def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
     faces: Faces, service: SceneService, captures: dict[str, Path]
 ) -> None:
     size = captures["archive"].stat().st_size
-    with _flaky(faces.ports.http, after=size // 3) as (url, carried):
-        retry = Retry(tries=20, first_s=0.01, most_s=0.05)
-        with Client(url, retry=retry, piece_bytes=size // 5) as client:
-            operation = client.create_scene(captures["archive"])
-    assert len(carried) > 2
+    line = Line(faces.ports.http, most_bytes=size // 3)
+    retry = Retry(tries=20, first_s=0.01, most_s=0.05)
+    with Client(f"http://127.0.0.1:{line.port}", retry=retry, piece_bytes=size // 5) as client:
+        operation = client.create_scene(captures["archive"])
+    line.take_down()
+    assert line.connections > 2
     record = service._store.scenes.operation(operation.id)
     stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
     assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(photo(n, _SIZE) for n in range(3))

@@ -87,16 +87,7 @@ def test_the_contract_and_the_client_pass_their_tests_on_each_and_with_the_numpy
     for name in _TESTS:
         (tmp_path / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / "tests" / name, tmp_path / "tests" / name)
-    command = [
-        environments(version),
-        "-m",
-        "pytest",
-        "-q",
-        "--import-mode=importlib",
-        "-p",
-        "no:cacheprovider",
-        "tests",
-    ]
+    command = [environments(version), *"-m pytest -q --import-mode=importlib -p no:cacheprovider tests".split()]
     variables = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     # Where CI is set, hypothesis has no deadlines.
     environment = {**variables, "PYTHONPATH": str(tmp_path), "CONTRACT_EXAMPLES": "2", "CI": "1"}

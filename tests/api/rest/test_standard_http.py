@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.api.rest import access, responses
+from fastsplat.api.rest import access
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from tests.api.served import Faces, rest_refusal, served
@@ -77,30 +77,21 @@ def test_files_of_the_page_are_compressed_for_those_who_read_it(faces: Faces, pa
     assert again.status_code == 304 and again.content == b""
 
 
-def test_large_answers_are_compressed_for_those_who_can_read_it(faces: Faces, scene_id: str) -> None:
-    url = f"/query?text={'&text='.join(['mug', 'ball', 'moon', 'novel'] * 4)}&scene={scene_id}"
-    plain = faces.rest.get(url, headers={"Accept-Encoding": "identity"})
-    assert "content-encoding" not in plain.headers and plain.headers["vary"] == "Accept-Encoding"
-    with faces.rest.stream("GET", url, headers={"Accept-Encoding": "gzip"}) as response:
-        raw = b"".join(response.iter_raw())
-    assert response.headers["content-encoding"] == "gzip" and len(raw) < len(plain.content)
-    assert json.loads(gzip.decompress(raw)) == plain.json()
-
-
-@pytest.mark.parametrize("path", ["/query?text=mug&text=ball&text=moon&text=novel&max_matches=-1", "/openapi.json"])
+@pytest.mark.parametrize("path", [f"/query?{'&'.join(['text=mug', 'text=novel'] * 8)}", "/openapi.json"])
 @pytest.mark.parametrize(
     ("accepted", "compressed"),
     [("gzip", True), ("br, GZip;q=0.5", True), ("gzip;q=0", False), ("br, gzip; q=0.0, *", False), ("br", False)],
 )
-def test_gzip_is_for_those_who_accept_it(
-    faces: Faces, scene_id: str, path: str, accepted: str, compressed: bool, monkeypatch: pytest.MonkeyPatch
+def test_large_answers_are_compressed_for_those_who_accept_it(
+    faces: Faces, scene_id: str, path: str, accepted: str, compressed: bool
 ) -> None:
-    monkeypatch.setattr(responses, "_GZIP_FROM_BYTES", 100)
+    plain = faces.rest.get(path, headers={"Accept-Encoding": "identity"})
+    assert "content-encoding" not in plain.headers
     with faces.rest.stream("GET", path, headers={"Accept-Encoding": accepted}) as response:
         raw = b"".join(response.iter_raw())
     assert (response.headers.get("content-encoding") == "gzip") is compressed
     assert "Accept-Encoding" in response.headers["vary"]
-    assert json.loads(gzip.decompress(raw) if compressed else raw)
+    assert (gzip.decompress(raw) if compressed else raw) == plain.content
 
 
 @pytest.mark.parametrize("path", ["/", "/web/icon.svg", "/docs-files/swagger-ui.css", "/openapi.json"])

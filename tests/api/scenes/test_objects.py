@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -24,6 +23,7 @@ from fastsplat_contract.messages.scenes import Edit, InsertSource
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, made_scene, turned
 from tests.api.served import Faces, rest_refusal
+from tests.at_once import at_once
 from tests.scenes import finish_job, queued_job, store_scene
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
@@ -100,21 +100,14 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
 
 
 def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client, fresh_id: str) -> None:
-    def attempt(call: Callable[[], Any]) -> Any:
-        try:
-            return call()
-        except FastSplatError as error:
-            return error
+    def name(object_id: int, word: str, looked_at: str) -> Callable[[], Any]:
+        return lambda: client.name_objects(fresh_id, object_id, word, looked_at=looked_at)
 
-    def name(object_id: int, word: str, looked_at: str) -> Any:
-        return attempt(lambda: client.name_objects(fresh_id, object_id, word, looked_at=looked_at))
-
-    with ThreadPoolExecutor(4) as pool:
-        different = list(pool.map(lambda object_id: name(object_id, _WORDS[object_id], "1"), (1, 2, 3)))
-        assert not [outcome for outcome in different if isinstance(outcome, FastSplatError)]
-        assert [obj.name for obj in client.objects(fresh_id)] == list(_WORDS[1:])
-        version = client.scene(fresh_id).version
-        same = list(pool.map(lambda word: name(2, word, version), ("sphere", "balloon", "novel")))
+    different = at_once(*(name(object_id, _WORDS[object_id], "1") for object_id in (1, 2, 3)))
+    assert not [outcome for outcome in different if isinstance(outcome, FastSplatError)]
+    assert [obj.name for obj in client.objects(fresh_id)] == list(_WORDS[1:])
+    version = client.scene(fresh_id).version
+    same = at_once(*(name(2, word, version) for word in ("sphere", "balloon", "novel")))
     conflicts = [outcome for outcome in same if isinstance(outcome, ConflictError)]
     assert len(conflicts) == 2 and all(error.field == "edits[0].version" for error in conflicts)
     (winner,) = (outcome for outcome in same if not isinstance(outcome, FastSplatError))

@@ -22,7 +22,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import PHOTO_COLORS, add_scene
 from tests.api.served import Faces
-from tests.scenes import queued_job
+from tests.scenes import claimed_job
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 _HOSTILE = (
@@ -125,31 +125,29 @@ def _verdict(number: int) -> PhotoVerdict:
 
 
 def test_verdicts_are_the_same_over_each_face_while_the_job_still_runs(faces: Faces, service: SceneService) -> None:
-    job = queued_job()
-    service._store.scenes.create(job)
-    claim = service._store.jobs.claim(job.operation_id)
-    assert claim is not None
+    claim = claimed_job(service._store)
+    scene_id = claim.operation.scene_id
     truth = tuple(_verdict(number) for number in range(7))
-    assert service.list_photo_verdicts(job.scene_id) == ((), "", False, 0, 0)
+    assert service.list_photo_verdicts(scene_id) == ((), "", False, 0, 0)
     service._store.jobs.record_photos(claim, [to_plain(verdict) for verdict in truth])
-    page = service.list_photo_verdicts(job.scene_id, page_size=3)
+    page = service.list_photo_verdicts(scene_id, page_size=3)
     assert (page.photos, page.assessed, page.placed_count, page.photo_count) == (truth[:3], True, 4, 7)
     with client_of(faces) as client:
-        assert_same(tuple(client.photo_verdicts(job.scene_id)), truth)
-        over_rest = faces.rest.get(f"/v1/scenes/{job.scene_id}/photo-verdicts", params={"page_size": 3}).json()
+        assert_same(tuple(client.photo_verdicts(scene_id)), truth)
+        over_rest = faces.rest.get(f"/v1/scenes/{scene_id}/photo-verdicts", params={"page_size": 3}).json()
         assert over_rest == to_plain(page)
         token, read = "", []
         while True:
-            request = pb.ListPhotoVerdictsRequest(scene_id=job.scene_id, page_size=3, page_token=token)
+            request = pb.ListPhotoVerdictsRequest(scene_id=scene_id, page_size=3, page_token=token)
             answer = faces.rpc.ListPhotoVerdicts(request)
             read += [from_proto(PhotoVerdict, photo) for photo in answer.photos]
             assert (answer.assessed, answer.placed_count, answer.photo_count) == (True, 4, 7)
             if not (token := answer.next_page_token):
                 break
         assert_same(tuple(read), truth)
-        service.delete_scene(job.scene_id)
+        service.delete_scene(scene_id)
         with pytest.raises(NotFoundError):
-            list(client.photo_verdicts(job.scene_id))
+            list(client.photo_verdicts(scene_id))
 
 
 def test_what_training_estimated_of_a_photo_is_in_its_verdict() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from fastsplat_contract.errors import QuotaError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.served import Faces
+from tests.at_once import at_once
 
 
 @pytest.fixture
@@ -59,14 +59,9 @@ def test_it_is_whole_is_kept_as_it_was_changed_and_comes_anew_after_it_was_delet
 
 
 def test_two_who_ask_at_once_get_one_scene(empty_service: SceneService, tmp_path: Path) -> None:
-    got: list[str] = []
-    threads = [threading.Thread(target=lambda: got.append(empty_service.open_sample().id)) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(got) == 3 and len(set(got)) == 1
-    assert _folders(tmp_path) == [got[0]]
+    scenes = at_once(*[empty_service.open_sample] * 3)
+    (scene_id,) = {scene.id for scene in scenes}
+    assert _folders(tmp_path) == [scene_id]
 
 
 def test_it_counts_as_a_scene_of_the_project(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from fastsplat_contract.messages.scenes import Edit, SceneUpdate
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces
+from tests.at_once import at_once
 
 _REMOVE = Edit("remove", label="mug")
 _UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -112,21 +114,8 @@ def scene(service: SceneService, api_settings: Settings) -> str:
 
 
 def test_of_two_at_once_that_expect_the_same_name_one_wins(service: SceneService, scene: str) -> None:
-    outcomes: list[str] = []
-    start = threading.Barrier(2)
-
-    def rename(name: str) -> None:
-        start.wait()
-        try:
-            outcomes.append(service.update_scene(scene, SceneUpdate(name, "made")).name)
-        except ConflictError:
-            outcomes.append("")
-
-    threads = [threading.Thread(target=rename, args=(name,)) for name in ("one", "two")]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(outcomes)[0] == "" and outcomes.count("") == 1
-    assert service.get_scene(scene).name in outcomes
+    updates = (SceneUpdate(name, "made") for name in ("one", "two"))
+    outcomes = at_once(*(partial(service.update_scene, scene, update) for update in updates))
+    (winner,) = (renamed for renamed in outcomes if not isinstance(renamed, ConflictError))
+    assert service.get_scene(scene).name == winner.name != "made"
     service.delete_scene(scene)

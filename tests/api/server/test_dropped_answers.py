@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import closing
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import grpc
 import httpx
@@ -23,7 +20,7 @@ from fastsplat_contract.codec.proto_codec import to_proto
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene, turned
-from tests.waiting import wait_for
+from tests.api.server_process import ServerProcess, server_process
 
 _SERVE = """
 import asyncio, sys
@@ -38,7 +35,8 @@ async def main(service, settings):
             print("left:", generator.ag_code.co_qualname, flush=True)
         hooks.finalizer(generator)
     sys.set_asyncgen_hooks(finalizer=left)
-    ready = lambda ports: print("ready:", ports.http, ports.grpc, flush=True)
+    def ready(ports):
+        print(f"HTTP on http://127.0.0.1:{ports.http}, gRPC on 127.0.0.1:{ports.grpc}", flush=True)
     await serve(service, settings, asyncio.Event(), ready)
 
 settings = Settings.model_validate_json(sys.argv[1])
@@ -52,44 +50,22 @@ _STREAMING = sorted(
 )
 
 
-class _Server(NamedTuple):
-    process: subprocess.Popen[bytes]
-    log: Path
-    scene_id: str
-
-    @property
-    def ports(self) -> tuple[str, str]:
-        """HTTP's and gRPC's."""
-        (line,) = [line for line in self.log.read_text().splitlines() if line.startswith("ready: ")]
-        _, http, rpc = line.split()
-        return http, rpc
-
-    def check(self) -> None:
-        """It lives, answers, and has left nothing to the garbage collector."""
-        answer = httpx.get(f"http://127.0.0.1:{self.ports[0]}/v1/scenes", timeout=60)
-        assert answer.status_code == 200 and self.process.poll() is None
-        assert [line for line in self.log.read_text().splitlines() if line.startswith("left: ")] == []
+def _check(server: ServerProcess) -> None:
+    """It lives, answers, and has left nothing to the garbage collector."""
+    assert httpx.get(f"{server.url}/v1/scenes", timeout=60).status_code == 200 and server.process.poll() is None
+    assert "\nleft: " not in server.log.read_text()
 
 
 @pytest.fixture(scope="module")
-def server(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Server]:
+def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[ServerProcess, str]]:
+    """A server, and a scene of it."""
     settings = api_settings.model_copy(update={"data_dir": tmp_path_factory.mktemp("dropped")})
     with open_service(settings) as service:
         scene_id = add_scene(service, settings)
         os.truncate(service.photos.path(scene_id, "front.png")[0], _LONG_FILE)
         service._store.scenes.create(NewJob("queued", "queued", "", "", "", "queued", {}))
-    log = settings.data_dir.with_suffix(".log")
-    command = [sys.executable, "-c", _SERVE, settings.model_dump_json()]
-    with log.open("w") as output:
-        process = subprocess.Popen(command, stdout=output, stderr=output, cwd=Path(__file__).parents[3])
-    try:
-        running = _Server(process, log, scene_id)
-        wait_for(lambda: "ready: " in log.read_text() or process.poll() is not None)
-        assert process.poll() is None, log.read_text()
-        yield running
-    finally:
-        process.kill()
-        process.wait()
+    with server_process(settings, _SERVE) as server:
+        yield server, scene_id
 
 
 def _request(rpc: str, scene_id: str) -> Any:
@@ -117,34 +93,35 @@ def _argument(rpc: str, scene_id: str) -> Any:
 
 
 @pytest.mark.parametrize("rpc", _STREAMING)
-def test_an_answer_over_grpc_is_dropped(server: _Server, rpc: str) -> None:
+def test_an_answer_over_grpc_is_dropped(place: tuple[ServerProcess, str], rpc: str) -> None:
     """Read to its first message, then cancelled, or its connection cut: by the blocking client."""
+    server, scene_id = place
     for turn in range(_TIMES):
-        with grpc.insecure_channel(f"127.0.0.1:{server.ports[1]}") as channel:
-            call = getattr(SceneServiceStub(channel), rpc)(_argument(rpc, server.scene_id), timeout=60)
+        with grpc.insecure_channel(server.grpc_target) as channel:
+            call = getattr(SceneServiceStub(channel), rpc)(_argument(rpc, scene_id), timeout=60)
             next(call)
             if turn % 2:
                 call.cancel()
-    server.check()
+    _check(server)
 
 
-def test_streams_are_left_by_the_typed_client(server: _Server) -> None:
-    http, rpc = server.ports
-    question = Subscription(QueryRequest(server.scene_id, ("mug",), outputs=frozenset({"mask2d"})))
-    with Client(f"http://127.0.0.1:{http}", grpc_target=f"127.0.0.1:{rpc}") as client:
+def test_streams_are_left_by_the_typed_client(place: tuple[ServerProcess, str]) -> None:
+    server, scene_id = place
+    question = Subscription(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
+    with Client(server.url, grpc_target=server.grpc_target) as client:
         for _ in range(_TIMES):
             for _ in client.stream_query(question, (turned(0.01 * step) for step in range(100))):
                 break
             for _ in client.watch("queued"):
                 break
-    server.check()
+    _check(server)
 
 
-def test_events_are_dropped(server: _Server) -> None:
-    url = f"http://127.0.0.1:{server.ports[0]}/v1/operations/queued/events"
-
+def test_events_are_dropped(place: tuple[ServerProcess, str]) -> None:
+    server, _ = place
+    url = f"{server.url}/v1/operations/queued/events"
     with httpx.Client(timeout=60) as client:
         for _ in range(_TIMES):
             with client.stream("GET", url) as answer, closing(answer.iter_raw()) as pieces:
                 assert b"event: operation" in next(pieces)
-    server.check()
+    _check(server)

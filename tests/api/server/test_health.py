@@ -10,6 +10,7 @@ import pytest
 from fastsplat.api import health
 from fastsplat.api.health import Readiness
 from fastsplat_contract.errors import NotReadyNowError, ResourceError
+from tests.at_once import on_a_loop
 
 
 def _why(readiness: Readiness) -> str:
@@ -18,20 +19,19 @@ def _why(readiness: Readiness) -> str:
     return caught.value.message
 
 
-def test_nothing_is_ready_before_the_first_look_and_after_the_drain_began() -> None:
-    async def run() -> None:
-        readiness = Readiness(lambda: None)
-        assert not readiness.ready and "first check" in _why(readiness)
-        await readiness.look()
-        readiness.require()
-        readiness.drain()
-        await readiness.look()
-        assert not readiness.ready and "stop" in _why(readiness)
-
-    asyncio.run(run())
+@on_a_loop
+async def test_nothing_is_ready_before_the_first_look_and_after_the_drain_began() -> None:
+    readiness = Readiness(lambda: None)
+    assert not readiness.ready and "first check" in _why(readiness)
+    await readiness.look()
+    readiness.require()
+    readiness.drain()
+    await readiness.look()
+    assert not readiness.ready and "stop" in _why(readiness)
 
 
-def test_findings_follow_the_check_and_are_told_once_each() -> None:
+@on_a_loop
+async def test_findings_follow_the_check_and_are_told_once_each() -> None:
     faults: list[Exception | None] = [None, ResourceError("no disk"), ResourceError("no disk"), ValueError("?"), None]
     states: list[bool] = []
 
@@ -40,24 +40,22 @@ def test_findings_follow_the_check_and_are_told_once_each() -> None:
         if fault is not None:
             raise fault
 
-    async def run() -> None:
-        readiness = Readiness(check)
-        readiness.PERIOD_S = 0.0
+    readiness = Readiness(check)
+    readiness.PERIOD_S = 0.0
 
-        async def changed(ready: bool) -> None:
-            states.append(ready)
+    async def changed(ready: bool) -> None:
+        states.append(ready)
 
-        task = asyncio.create_task(readiness.watch(changed))
-        async with asyncio.timeout(30):
-            while len(states) < 3:
-                await asyncio.sleep(0.01)
-        task.cancel()
-
-    asyncio.run(run())
+    task = asyncio.create_task(readiness.watch(changed))
+    async with asyncio.timeout(30):
+        while len(states) < 3:
+            await asyncio.sleep(0.01)
+    task.cancel()
     assert states == [True, False, True]
 
 
-def test_a_check_that_hangs_ends_readiness_and_holds_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+@on_a_loop
+async def test_a_check_that_hangs_ends_readiness_and_holds_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(health, "_DEADLINE_S", 0.02)
     release = threading.Event()
     begun: list[int] = []
@@ -66,14 +64,11 @@ def test_a_check_that_hangs_ends_readiness_and_holds_one_thread(monkeypatch: pyt
         begun.append(1)
         release.wait(30)
 
-    async def run() -> None:
-        readiness = Readiness(check)
-        for _ in range(20):
+    readiness = Readiness(check)
+    for _ in range(20):
+        await readiness.look()
+    assert "not ended" in _why(readiness) and len(begun) == 1
+    release.set()
+    async with asyncio.timeout(30):
+        while not readiness.ready:
             await readiness.look()
-        assert "not ended" in _why(readiness) and len(begun) == 1
-        release.set()
-        async with asyncio.timeout(30):
-            while not readiness.ready:
-                await readiness.look()
-
-    asyncio.run(run())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import resource
 import socket
 import threading
@@ -16,7 +15,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import LimitSettings, Settings
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, served
-from tests.api.uploaded import messages, photos, post
+from tests.api.uploaded import TUS, announced, messages, photos, post
 from tests.waiting import wait_for
 
 _FORMS, _PIECES = 450, 50
@@ -38,12 +37,7 @@ def files() -> Iterator[None]:
 
 
 def _create_resumable(faces: Faces) -> str:
-    headers = {
-        "Tus-Resumable": "1.0.0",
-        "Upload-Length": "1000",
-        "Upload-Metadata": f"filename {base64.b64encode(b'a.jpg').decode()}",
-    }
-    return str(faces.rest.post("/v1/uploads", headers=headers).headers["location"])
+    return str(faces.rest.post("/v1/uploads", headers=announced("a.jpg", 1_000)).headers["location"])
 
 
 @pytest.mark.usefixtures("files")
@@ -83,7 +77,7 @@ def test_slow_uploads_hold_no_threads(api_settings: Settings, tmp_path: Path) ->
 
 
 def _offset(faces: Faces, path: str) -> str:
-    return str(faces.rest.head(path, headers={"Tus-Resumable": "1.0.0"}).headers["upload-offset"])
+    return str(faces.rest.head(path, headers=TUS).headers["upload-offset"])
 
 
 def _posts_pass(faces: Faces, service: SceneService) -> None:

@@ -13,6 +13,7 @@ from fastsplat.api.receiving import UploadReceiver
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import LimitSettings, UploadSettings
 from fastsplat_contract.errors import CancelledError, InvalidInputError, OverloadedError
+from tests.at_once import on_a_loop
 
 
 class _Sink:
@@ -70,87 +71,80 @@ async def _silent() -> AsyncIterator[bytes]:
     await asyncio.Event().wait()
 
 
-def test_many_at_once_get_their_own_bytes() -> None:
-    async def main() -> None:
-        receiver = _receiver(100)
-        contents = [random.Random(seed).randbytes(seed * 10_000) for seed in range(50)]
-        sinks = [_Sink() for _ in contents]
-        streams = [_stream(data, random.Random(seed)) for seed, data in enumerate(contents)]
-        sizes = await asyncio.gather(
-            *(receiver.receive(stream, sink.open, size=len) for stream, sink in zip(streams, sinks, strict=True))
-        )
-        assert [sink.data for sink in sinks] == contents and sizes == [len(data) for data in contents]
-        assert sinks[0].calls == ["open", "finish"]
-        assert all(sink.calls == ["open", "write", "finish"] for sink in sinks[1:])
-        await asyncio.to_thread(receiver.close)
-
-    asyncio.run(main())
+@on_a_loop
+async def test_many_at_once_get_their_own_bytes() -> None:
+    receiver = _receiver(100)
+    contents = [random.Random(seed).randbytes(seed * 10_000) for seed in range(50)]
+    sinks = [_Sink() for _ in contents]
+    streams = [_stream(data, random.Random(seed)) for seed, data in enumerate(contents)]
+    sizes = await asyncio.gather(
+        *(receiver.receive(stream, sink.open, size=len) for stream, sink in zip(streams, sinks, strict=True))
+    )
+    assert [sink.data for sink in sinks] == contents and sizes == [len(data) for data in contents]
+    assert sinks[0].calls == ["open", "finish"]
+    assert all(sink.calls == ["open", "write", "finish"] for sink in sinks[1:])
+    await asyncio.to_thread(receiver.close)
 
 
-def test_what_is_refused_is_closed_before_it_is_told_and_its_place_is_free() -> None:
-    async def main() -> None:
-        receiver = _receiver(all_uploads=1)
-        for refused_after in (0, 100_000, 299_999):
-            sink = _Sink(refused_after)
-            with pytest.raises(InvalidInputError):
-                await receiver.receive(_stream(bytes(300_000), random.Random(1)), sink.open, size=len)
-            assert sink.calls == ["open", "write", "close"]
-        await asyncio.to_thread(receiver.close)
-
-    asyncio.run(main())
+@on_a_loop
+async def test_what_is_refused_is_closed_before_it_is_told_and_its_place_is_free() -> None:
+    receiver = _receiver(all_uploads=1)
+    for refused_after in (0, 100_000, 299_999):
+        sink = _Sink(refused_after)
+        with pytest.raises(InvalidInputError):
+            await receiver.receive(_stream(bytes(300_000), random.Random(1)), sink.open, size=len)
+        assert sink.calls == ["open", "write", "close"]
+    await asyncio.to_thread(receiver.close)
 
 
-def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -> None:
-    async def main() -> None:
-        limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
-        receiver = UploadReceiver(limits, UploadSettings(), 2)
-        sinks = [_Sink(), _Sink()]
-        tasks = [
-            asyncio.create_task(receiver.receive(_silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks
-        ]
-        while not all(sink.data for sink in sinks):
-            await asyncio.sleep(0.01)
-        refused = _Sink()
-        with pytest.raises(OverloadedError, match="memory"):
-            await receiver.receive(_silent(), refused.open, size=len, memory_bytes=1)
-        assert not refused.calls
-        free = _stream(bytes(1_000), random.Random(1))
-        assert await receiver.receive(free, _Sink().open, size=len) == 1_000  # what holds a batch only still comes in
-        for task in tasks:
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-        while True:  # the place is free as soon as the upload is closed
-            try:
-                last = _stream(bytes(1_000), random.Random(1))
-                assert await receiver.receive(last, _Sink().open, size=len, memory_bytes=2**24) == 1_000
-                break
-            except OverloadedError:
-                await asyncio.sleep(0.01)
-        await asyncio.to_thread(receiver.close)
-
-    asyncio.run(main())
-
-
-def test_a_sender_who_pauses_is_written_and_when_he_leaves_it_is_closed() -> None:
-    async def main() -> None:
-        receiver = _receiver(all_uploads=1)
-        sink = _Sink()
-        task = asyncio.create_task(receiver.receive(_silent(), sink.open, size=len))
-        while not sink.data:
-            await asyncio.sleep(0.01)
-        with pytest.raises(OverloadedError):
-            await receiver.receive(_silent(), _Sink().open, size=len)
+@on_a_loop
+async def test_uploads_that_the_transport_holds_in_memory_are_bounded_by_their_sum() -> None:
+    limits = LimitSettings(all_uploads=8, upload_memory_bytes=2**24)
+    receiver = UploadReceiver(limits, UploadSettings(), 2)
+    sinks = [_Sink(), _Sink()]
+    tasks = [
+        asyncio.create_task(receiver.receive(_silent(), sink.open, size=len, memory_bytes=2**23)) for sink in sinks
+    ]
+    while not all(sink.data for sink in sinks):
+        await asyncio.sleep(0.01)
+    refused = _Sink()
+    with pytest.raises(OverloadedError, match="memory"):
+        await receiver.receive(_silent(), refused.open, size=len, memory_bytes=1)
+    assert not refused.calls
+    free = _stream(bytes(1_000), random.Random(1))
+    assert await receiver.receive(free, _Sink().open, size=len) == 1_000  # what holds a batch only still comes in
+    for task in tasks:
         task.cancel()
         with pytest.raises(asyncio.CancelledError):
             await task
-        await asyncio.to_thread(receiver.close)
-        assert sink.calls == ["open", "write", "close"]
+    while True:  # the place is free as soon as the upload is closed
+        try:
+            last = _stream(bytes(1_000), random.Random(1))
+            assert await receiver.receive(last, _Sink().open, size=len, memory_bytes=2**24) == 1_000
+            break
+        except OverloadedError:
+            await asyncio.sleep(0.01)
+    await asyncio.to_thread(receiver.close)
 
-    asyncio.run(main())
+
+@on_a_loop
+async def test_a_sender_who_pauses_is_written_and_when_he_leaves_it_is_closed() -> None:
+    receiver = _receiver(all_uploads=1)
+    sink = _Sink()
+    task = asyncio.create_task(receiver.receive(_silent(), sink.open, size=len))
+    while not sink.data:
+        await asyncio.sleep(0.01)
+    with pytest.raises(OverloadedError):
+        await receiver.receive(_silent(), _Sink().open, size=len)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await asyncio.to_thread(receiver.close)
+    assert sink.calls == ["open", "write", "close"]
 
 
-def test_a_finish_that_runs_is_cancelled_and_closed_after_it() -> None:
+@on_a_loop
+async def test_a_finish_that_runs_is_cancelled_and_closed_after_it() -> None:
     class Endless(_Sink):
         def finish(self) -> int:
             super().finish()
@@ -162,15 +156,12 @@ def test_a_finish_that_runs_is_cancelled_and_closed_after_it() -> None:
                 self._note("cancelled")
                 raise
 
-    async def main() -> None:
-        receiver = _receiver()
-        task = asyncio.create_task(receiver.receive(_stream(b"abc", random.Random(1)), sink.open, size=len))
-        assert await asyncio.to_thread(begun.wait, 30)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        await asyncio.to_thread(receiver.close)
-
     begun, sink = threading.Event(), Endless()
-    asyncio.run(main())
+    receiver = _receiver()
+    task = asyncio.create_task(receiver.receive(_stream(b"abc", random.Random(1)), sink.open, size=len))
+    assert await asyncio.to_thread(begun.wait, 30)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    await asyncio.to_thread(receiver.close)
     assert sink.calls == ["open", "write", "finish", "cancelled", "close"]

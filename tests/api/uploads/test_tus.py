@@ -16,10 +16,7 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal
-from tests.api.uploaded import zipped
-
-_TUS = {"Tus-Resumable": "1.0.0"}
-_PIECE = {**_TUS, "Content-Type": "application/offset+octet-stream"}
+from tests.api.uploaded import PIECE, TUS, zipped
 
 
 def _name(name: str) -> dict[str, str]:
@@ -27,13 +24,13 @@ def _name(name: str) -> dict[str, str]:
 
 
 def _create(faces: Faces, name: str, length: int, **headers: str) -> str:
-    response = faces.rest.post("/v1/uploads", headers={**_TUS, "Upload-Length": str(length), **_name(name), **headers})
+    response = faces.rest.post("/v1/uploads", headers={**TUS, "Upload-Length": str(length), **_name(name), **headers})
     assert response.status_code == 201, response.text
     return str(response.headers["location"])
 
 
 def _patch(faces: Faces, path: str, offset: int, data: bytes, **headers: str) -> httpx.Response:
-    return faces.rest.patch(path, content=data, headers={**_PIECE, "Upload-Offset": str(offset), **headers})
+    return faces.rest.patch(path, content=data, headers={**PIECE, "Upload-Offset": str(offset), **headers})
 
 
 def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
@@ -59,7 +56,7 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
         assert answer.status_code == 204 and answer.headers["upload-offset"] == str(end)
         assert answer.headers["tus-resumable"] == "1.0.0"
         assert parsedate_to_datetime(answer.headers["upload-expires"]).year >= 2020
-    head = faces.rest.head(path, headers=_TUS)
+    head = faces.rest.head(path, headers=TUS)
     assert head.headers["upload-offset"] == head.headers["upload-length"] == str(len(data))
     assert head.headers["cache-control"] == "no-store" and head.headers["upload-metadata"].endswith("note aGk=")
     form = {"uploads": path.rpartition("/")[2], "name": "in pieces", "request_id": f"tus-{time.time_ns()}"}
@@ -69,7 +66,7 @@ def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, servic
     record = service._store.scenes.operation(first.json()["id"])
     folder = service._store.blobs.upload(record.upload_id)
     assert len(list(folder.rglob("*.jpg"))) == 3
-    assert faces.rest.delete(path, headers=_TUS).status_code == 204
+    assert faces.rest.delete(path, headers=TUS).status_code == 204
     assert len(list(folder.rglob("*.jpg"))) == 3
     faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
 
@@ -92,7 +89,7 @@ def test_a_connection_that_breaks_leaves_what_was_taken(faces: Faces, service: S
     offset, status = 0, 0
     while status != 204:  # until the server has noticed
         assert time.monotonic() < deadline, "the broken connection still holds the upload"
-        offset = int(faces.rest.head(path, headers=_TUS).headers["upload-offset"])
+        offset = int(faces.rest.head(path, headers=TUS).headers["upload-offset"])
         status = _patch(faces, path, offset, data[offset:]).status_code
         assert status in (204, 409, 423)
     assert taken <= offset <= 100_000
@@ -101,7 +98,7 @@ def test_a_connection_that_breaks_leaves_what_was_taken(faces: Faces, service: S
 
 def test_the_first_bytes_may_come_with_the_announcement(faces: Faces) -> None:
     response = faces.rest.post(
-        "/v1/uploads", content=b"01234", headers={**_PIECE, "Upload-Length": "10", **_name("a.bin")}
+        "/v1/uploads", content=b"01234", headers={**PIECE, "Upload-Length": "10", **_name("a.bin")}
     )
     assert response.status_code == 201 and response.headers["upload-offset"] == "5"
     assert _patch(faces, response.headers["location"], 5, b"56789").headers["upload-offset"] == "10"
@@ -117,19 +114,19 @@ def test_checksums_are_kept_to(faces: Faces) -> None:
     assert _patch(faces, path, 0, b"01234", **{"Upload-Checksum": f"sha1 {right}"}).status_code == 204
     for header in ("md5 abcd", "sha1", "sha1 ???"):
         assert _patch(faces, path, 5, b"56789", **{"Upload-Checksum": header}).status_code == 400
-    assert faces.rest.head(path, headers=_TUS).headers["upload-offset"] == "5"
+    assert faces.rest.head(path, headers=TUS).headers["upload-offset"] == "5"
 
 
 @pytest.mark.parametrize(
     ("method", "headers", "status"),
     [
         ("PATCH", {}, 412),
-        ("PATCH", {**_PIECE, "Tus-Resumable": "0.2.2", "Upload-Offset": "0"}, 412),
-        ("PATCH", {**_TUS, "Content-Type": "application/json", "Upload-Offset": "0"}, 415),
-        ("PATCH", {**_PIECE}, 400),
-        ("PATCH", {**_PIECE, "Upload-Offset": "-1"}, 400),
-        ("PATCH", {**_PIECE, "Upload-Offset": "٣"}, 400),
-        ("PATCH", {**_PIECE, "Upload-Offset": "3"}, 409),
+        ("PATCH", {**PIECE, "Tus-Resumable": "0.2.2", "Upload-Offset": "0"}, 412),
+        ("PATCH", {**TUS, "Content-Type": "application/json", "Upload-Offset": "0"}, 415),
+        ("PATCH", {**PIECE}, 400),
+        ("PATCH", {**PIECE, "Upload-Offset": "-1"}, 400),
+        ("PATCH", {**PIECE, "Upload-Offset": "٣"}, 400),
+        ("PATCH", {**PIECE, "Upload-Offset": "3"}, 409),
         ("HEAD", {}, 412),
         ("DELETE", {}, 412),
     ],
@@ -139,7 +136,7 @@ def test_what_is_not_tus_is_refused(faces: Faces, method: str, headers: dict[str
     sent = {name: value.encode() for name, value in headers.items()}
     answer = faces.rest.request(method, path, headers=sent, content=b"abcd" if method == "PATCH" else b"")
     assert answer.status_code == status and answer.headers["tus-resumable"] == "1.0.0"
-    assert faces.rest.head(path, headers=_TUS).headers["upload-offset"] == "0"
+    assert faces.rest.head(path, headers=TUS).headers["upload-offset"] == "0"
 
 
 @pytest.mark.parametrize(
@@ -154,16 +151,16 @@ def test_what_is_not_tus_is_refused(faces: Faces, method: str, headers: dict[str
     ],
 )
 def test_what_cannot_become_a_capture_is_refused_at_once(faces: Faces, headers: dict[str, str], status: int) -> None:
-    answer = faces.rest.post("/v1/uploads", headers={**_TUS, **headers})
+    answer = faces.rest.post("/v1/uploads", headers={**TUS, **headers})
     assert rest_refusal(answer).code == status and answer.headers["tus-resumable"] == "1.0.0"
 
 
 def test_gone_is_gone(faces: Faces) -> None:
     path = _create(faces, "a.bin", 4)
-    assert faces.rest.delete(path, headers=_TUS).status_code == 204
-    assert faces.rest.head(path, headers=_TUS).status_code == 404
+    assert faces.rest.delete(path, headers=TUS).status_code == 204
+    assert faces.rest.head(path, headers=TUS).status_code == 404
     assert _patch(faces, path, 0, b"abcd").status_code == 404
-    assert faces.rest.delete(path, headers=_TUS).status_code == 404
+    assert faces.rest.delete(path, headers=TUS).status_code == 404
 
 
 def test_no_scene_is_made_of_half_an_upload(faces: Faces) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import base64
-import threading
 import time
 import uuid
 from dataclasses import dataclass, replace
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 
 import grpc
@@ -37,10 +36,9 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import ENCODER, made_scene
 from tests.api.served import Faces, rpc_refusal
-from tests.api.uploaded import photo, zipped
+from tests.api.uploaded import PIECE, TUS, announced, photo, zipped
+from tests.at_once import at_once
 from tests.scenes import finish_job, queued_job
-
-_TUS = {"Tus-Resumable": "1.0.0"}
 
 
 @dataclass(frozen=True)
@@ -148,30 +146,16 @@ def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place,
 def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, capture: Path) -> None:
     service, key_id = place.service, place.link().key.id
     sessions = [OneUpload(service, key_id).new_upload() for _ in range(2)]
-    outcomes: list[str] = []
-    start = threading.Barrier(2)
     for number, session in enumerate(sessions):
         for seed in range(3):
             session.write(f"{seed}.jpg", [photo(10 * number + seed)])
-
-    def post(number: int) -> None:
-        start.wait()
-        try:
-            OneUpload(service, key_id).create_scene(sessions[number], f"phone {number}", "", SceneOptions())
-            outcomes.append("made")
-        except ConflictError:
-            outcomes.append("refused")
-
-    threads = [threading.Thread(target=post, args=(number,)) for number in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert sorted(outcomes) == ["made", "refused"]
+    key = OneUpload(service, key_id)
+    outcomes = at_once(*(partial(key.create_scene, session, "by phone", "", SceneOptions()) for session in sessions))
+    assert [isinstance(outcome, ConflictError) for outcome in outcomes].count(True) == 1
     assert len(service.list_scenes().scenes) == 1
     assert len(place.uploads()) == 1
     with pytest.raises(ConflictError):
-        OneUpload(service, key_id).new_upload()
+        key.new_upload()
 
 
 def _expire(place: _Place, key_id: str) -> None:
@@ -194,11 +178,8 @@ def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> 
 
 def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -> None:
     link = place.link(60.0)
-    headers = {**_TUS, "Authorization": f"Bearer {link.secret}"}
-    name = base64.b64encode(b"a.zip").decode()
-    begun = place.faces.rest.post(
-        "/v1/uploads", headers={**headers, "Upload-Length": "3", "Upload-Metadata": f"filename {name}"}
-    )
+    headers = {**announced("a.zip", 3), "Authorization": f"Bearer {link.secret}"}
+    begun = place.faces.rest.post("/v1/uploads", headers=headers)
     assert begun.status_code == 201, begun.text
     record = place.service._store.keys.find(link.key.id)
     assert record is not None and record.expires_at == pytest.approx(record.created_at + 86_400)
@@ -208,17 +189,17 @@ def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
     """Files of others are as if they were not there; it has one that is not whole, and no more than one upload has."""
     first, second = place.link().secret, place.link().secret
 
-    def call(key: str, method: str, path: str = "/v1/uploads", content: bytes = b"", **headers: str) -> httpx.Response:
-        sent = {**_TUS, "Authorization": f"Bearer {key}", **{name.replace("_", "-"): headers[name] for name in headers}}
+    def call(
+        key: str, method: str, path: str, headers: dict[str, str] | None = None, content: bytes = b""
+    ) -> httpx.Response:
+        sent = {**(headers or TUS), "Authorization": f"Bearer {key}"}
         return place.faces.rest.request(method, path, headers=sent, content=content)
 
     def create(key: str, length: int) -> httpx.Response:
-        name = base64.b64encode(b"a.jpg").decode()
-        return call(key, "POST", Upload_Length=str(length), Upload_Metadata=f"filename {name}")
+        return call(key, "POST", "/v1/uploads", announced("a.jpg", length))
 
     def piece(key: str, path: str, content: bytes) -> int:
-        kind = "application/offset+octet-stream"
-        return call(key, "PATCH", path, content, Upload_Offset="0", Content_Type=kind).status_code
+        return call(key, "PATCH", path, {**PIECE, "Upload-Offset": "0"}, content).status_code
 
     for owner in (place.editor, first):
         path = create(owner, 4).headers["location"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 import os
@@ -25,7 +24,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.api.uploaded import Files, messages, photo, photos, post
+from tests.api.uploaded import PIECE, Files, announced, messages, photo, photos, post
 from tests.waiting import wait_for
 
 
@@ -363,11 +362,9 @@ def test_a_photo_that_cannot_be_used_is_left_out_over_each_face_or_refused_if_as
 
 def test_photos_of_one_name_are_all_kept_however_they_come(faces: Faces, service: SceneService) -> None:
     files = [("image.jpg", photo(1)), ("image.jpg", photo(2)), ("image.jpg", photo(3))]
-    name = base64.b64encode(b"image.jpg").decode()
     uploads = []
-    for _, content in files:
-        headers = {"Tus-Resumable": "1.0.0", "Upload-Length": str(len(content)), "Upload-Metadata": f"filename {name}"}
-        headers["Content-Type"] = "application/offset+octet-stream"
+    for name, content in files:
+        headers = {**announced(name, len(content)), **PIECE}
         upload = faces.rest.post("/v1/uploads", headers=headers, content=content)
         uploads.append(("uploads", (None, upload.headers["location"].rpartition("/")[2])))
     posted = [post(faces, files), faces.rest.post("/v1/scenes", files=uploads)]

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,17 +11,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.ply import read_ply, write_ply
 from fastsplat.service.settings import Settings
-from fastsplat_contract.jobs.operations import Operation, SceneOptions
+from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.instances.made_room import CAMERA, NAMES, Room, make_room
-from tests.workers.deployment import post_folder
+from tests.workers.deployment import post_folder, real_worker, wait_over
 
-_ROOT = Path(__file__).parent.parent.parent.parent
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
@@ -37,17 +32,8 @@ def settings(tmp_path: Path, models_dir: Path) -> Settings:
 @pytest.fixture
 def worker(settings: Settings) -> Iterator[None]:
     """A worker that renders few pictures around a splat."""
-    environment = {
-        **os.environ,
-        "FASTSPLAT_DATA_DIR": str(settings.data_dir),
-        "FASTSPLAT_MODELS": str(settings.models),
-        "FASTSPLAT_SPLAT_IMPORT": json.dumps({"pictures": 3}),
-    }
-    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-    process = subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)
-    yield
-    process.terminate()
-    assert process.wait(timeout=60) == 0
+    with real_worker(settings, SPLAT_IMPORT=json.dumps({"pictures": 3})):
+        yield
 
 
 def _shuffled(room: Room) -> tuple[Gaussians, np.ndarray]:
@@ -74,15 +60,6 @@ def _posed_photos(room: Room, folder: Path) -> None:
     (folder / "transforms.json").write_text(json.dumps(document))
 
 
-def _end(service: SceneService, operation: Operation) -> Operation:
-    deadline = time.monotonic() + 300
-    while not operation.done:
-        assert time.monotonic() < deadline, operation
-        time.sleep(0.2)
-        operation = service.get_operation(operation.id)
-    return operation
-
-
 @pytest.mark.usefixtures("worker")
 def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Settings, tmp_path: Path) -> None:
     posed, alone = tmp_path / "posed", tmp_path / "alone"
@@ -96,7 +73,7 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
     with open_service(settings) as service:
         with_photos = post_folder(service, posed, SceneOptions())
         without = post_folder(service, alone, SceneOptions(up="z"))
-        assert (ended := _end(service, with_photos)).state == "SUCCEEDED", ended.error
+        assert (ended := wait_over(service, with_photos)).state == "SUCCEEDED", ended.error
 
         info = service.get_scene(with_photos.scene_id)
         assert info.gaussians == len(splat) and info.quality["splat"] == "own.ply" and info.quality["psnr"] > 20
@@ -120,7 +97,7 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
         assert picture.startswith(b"\x89PNG")
         assert [photo.view for photo in service.photos.all(info.id).photos] == [posed.name for posed in info.cameras]
 
-        assert (ended := _end(service, without)).state == "SUCCEEDED", ended.error
+        assert (ended := wait_over(service, without)).state == "SUCCEEDED", ended.error
         rendered = service.get_scene(without.scene_id)
         assert service.photos.all(rendered.id).photos == ()  # pictures that were rendered are no photos
         assert (rendered.gaussians, rendered.quality["source"], len(rendered.cameras)) == (len(splat), "splat", 3)
@@ -140,7 +117,7 @@ def test_photos_of_another_world_end_as_a_failure_that_says_what_to_do(settings:
         (tmp_path / view.posed.name).rename(folder / view.posed.name)
     write_ply(moved, folder / "own.ply")
     with open_service(settings) as service:
-        ended = _end(service, post_folder(service, folder, SceneOptions()))
+        ended = wait_over(service, post_folder(service, folder, SceneOptions()))
     assert ended.state == "FAILED" and ended.error is not None
     assert (ended.error.stage, ended.error.kind) == ("training", "INVALID_ARGUMENT")
     assert ended.error.details["field"] == "poses" and "dataparser_transforms" in ended.error.details["hint"]

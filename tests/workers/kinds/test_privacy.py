@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import time
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +18,13 @@ from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.photos.withholding import BLANK
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, NotFoundError
+from fastsplat_contract.errors import ModelUnavailableError, NotFoundError
 from fastsplat_contract.jobs.operations import SceneOptions
 from tests import color_detector, color_segmenter
 from tests.capture.views.test_withholding import _SIZE, _VIEWS, _WALKING, _figure, _upload
-from tests.workers.deployment import post_folder
+from tests.workers.deployment import post_folder, real_worker
 from tests.workers.watched_sockets import seen, watching
 
-_ROOT = Path(__file__).parent.parent.parent.parent
 _PERCEPTION = PerceptionSettings(
     closed_set_detector=color_detector.ADAPTER, segmenter=color_segmenter.ADAPTER, closer_look=False
 )
@@ -50,19 +50,15 @@ def _sent_files(settings: Settings) -> list[Path]:
     return _stored(settings.data_dir / "uploads")
 
 
-def _work(settings: Settings, watched: Path) -> subprocess.Popen[bytes]:
+def _work(settings: Settings, watched: Path) -> AbstractContextManager[object]:
     training = {"iterations": 60, "time_budget_s": None, "max_side": 120, "max_gaussians": 4000}
-    environment = {
-        **os.environ,
-        "FASTSPLAT_DATA_DIR": str(settings.data_dir),
-        "FASTSPLAT_MODELS": str(settings.models),
-        "FASTSPLAT_TRAINING": json.dumps(training),
-        "FASTSPLAT_PERCEPTION": _PERCEPTION.model_dump_json(exclude_defaults=True, exclude={"closer_look"}),
-        "FASTSPLAT_DISCOVERY": '{"objects": "off"}',
-        "FASTSPLAT_JOBS": '{"niceness": 0}',
-    }
-    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-    return subprocess.Popen(command, env=watching(watched, environment), cwd=_ROOT, start_new_session=True)
+    return real_worker(
+        settings,
+        watched,
+        TRAINING=json.dumps(training),
+        PERCEPTION=_PERCEPTION.model_dump_json(exclude_defaults=True, exclude={"closer_look"}),
+        DISCOVERY='{"objects": "off"}',
+    )
 
 
 def _stored(root: Path, suffix: str = "") -> list[Path]:
@@ -74,43 +70,38 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
     test_data: Path, tmp_path: Path, settings: Settings
 ) -> None:
     watched = tmp_path / "watched"
-    worker = _work(settings, watched)
-    try:
-        with open_service(settings) as service:
-            operation = post_folder(service, _photos(test_data, tmp_path / "table"), SceneOptions(privacy="people"))
-            assert _sent_files(settings)
-            deadline, early = time.monotonic() + 500, False
-            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
-                assert time.monotonic() < deadline, now
-                if any(stage.stage == "training" for stage in now.stages):
-                    early = early or not _sent_files(settings)
-                time.sleep(0.2)
-            assert now.state == "SUCCEEDED", now.error
-            assert early and not _sent_files(settings)
+    with _work(settings, watched), open_service(settings) as service:
+        operation = post_folder(service, _photos(test_data, tmp_path / "table"), SceneOptions(privacy="people"))
+        assert _sent_files(settings)
+        deadline, early = time.monotonic() + 500, False
+        while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+            assert time.monotonic() < deadline, now
+            if any(stage.stage == "training" for stage in now.stages):
+                early = early or not _sent_files(settings)
+            time.sleep(0.2)
+        assert now.state == "SUCCEEDED", now.error
+        assert early and not _sent_files(settings)
 
-            withheld = service.get_scene(operation.scene_id).quality["withheld"]
-            assert withheld["privacy"] == "people" and withheld["photos"] == len(_WALKING) and withheld["share"] > 0.02
-            verdicts = service.list_photo_verdicts(operation.scene_id).photos
-            shares = [verdict.withheld for verdict in verdicts]
-            assert [share > 0 for share in shares] == [view in _WALKING for view in range(_VIEWS)]
-            for view in _WALKING:  # what is withheld is more than the figure, but not much more
-                assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
-            assert service.get_scene(operation.scene_id).dictionary == ()
+        withheld = service.get_scene(operation.scene_id).quality["withheld"]
+        assert withheld["privacy"] == "people" and withheld["photos"] == len(_WALKING) and withheld["share"] > 0.02
+        verdicts = service.list_photo_verdicts(operation.scene_id).photos
+        shares = [verdict.withheld for verdict in verdicts]
+        assert [share > 0 for share in shares] == [view in _WALKING for view in range(_VIEWS)]
+        for view in _WALKING:  # what is withheld is more than the figure, but not much more
+            assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
+        assert service.get_scene(operation.scene_id).dictionary == ()
 
-            pictures = _stored(settings.data_dir / "scenes", ".jpg")
-            assert len(pictures) == _VIEWS
-            for path in [*_stored(settings.data_dir, ".jpg"), *_stored(settings.data_dir, ".png")]:
-                try:
-                    pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
-                except FileNotFoundError:  # of the job's own folder, which its worker removes meanwhile
-                    continue
-                assert not ((pixels[..., 0] > 200) & (pixels[..., 1] < 80) & (pixels[..., 2] > 200)).any()
-            stored = np.asarray(Image.open(sorted(pictures)[_WALKING[0]])).astype(int)
-            assert np.abs(stored[_figure(_WALKING[0])] - BLANK).mean() < 8
-        assert not seen(watched)  # no host was looked up, connected to, or sent anything
-    finally:
-        worker.terminate()
-        worker.wait(60)
+        pictures = _stored(settings.data_dir / "scenes", ".jpg")
+        assert len(pictures) == _VIEWS
+        for path in [*_stored(settings.data_dir, ".jpg"), *_stored(settings.data_dir, ".png")]:
+            try:
+                pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
+            except FileNotFoundError:  # of the job's own folder, which its worker removes meanwhile
+                continue
+            assert not ((pixels[..., 0] > 200) & (pixels[..., 1] < 80) & (pixels[..., 2] > 200)).any()
+        stored = np.asarray(Image.open(sorted(pictures)[_WALKING[0]])).astype(int)
+        assert np.abs(stored[_figure(_WALKING[0])] - BLANK).mean() < 8
+    assert not seen(watched)  # no host was looked up, connected to, or sent anything
 
 
 def test_a_connection_of_a_process_and_of_its_children_is_seen(tmp_path: Path) -> None:
@@ -131,9 +122,6 @@ def test_a_promise_that_cannot_be_kept_is_refused(test_data: Path, tmp_path: Pat
             post_folder(service, folder, SceneOptions(privacy="people"))
         assert "passer-by" in caught.value.message and caught.value.field == "privacy" and caught.value.hint
         assert not _sent_files(settings)
-        with pytest.raises(InvalidInputError) as contradiction:
-            post_folder(service, folder, SceneOptions(privacy="people", movers="keep"))
-        assert contradiction.value.field == "movers"
 
 
 def test_a_promised_upload_does_not_outlive_its_job(test_data: Path, tmp_path: Path, settings: Settings) -> None:

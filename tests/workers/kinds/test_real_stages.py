@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,10 +21,10 @@ from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.small_tabletop import small_tabletop
 from tests.trained_scenes import trained_tabletop
-from tests.workers.deployment import post_folder
+from tests.waiting import wait_for
+from tests.workers.deployment import post_folder, real_worker, wait_over
 
 _VIEWS = 8
-_ROOT = Path(__file__).parent.parent.parent.parent
 
 
 @pytest.fixture(scope="module")
@@ -41,19 +37,9 @@ def settings(tmp_path_factory: pytest.TempPathFactory, models_dir: Path) -> Sett
 @pytest.fixture(scope="module")
 def service(settings: Settings) -> Iterator[SceneService]:
     """A service with a worker, which lives as long as the tests of this file."""
-    environment = {
-        **os.environ,
-        "FASTSPLAT_DATA_DIR": str(settings.data_dir),
-        "FASTSPLAT_MODELS": str(settings.models),
-        "FASTSPLAT_TRAINING": settings.training.model_dump_json(include={"iterations", "time_budget_s", "max_side"}),
-        "FASTSPLAT_JOBS": '{"niceness": 0}',
-    }
-    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-    with open_service(settings) as opened:
-        worker = subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)
+    training = settings.training.model_dump_json(include={"iterations", "time_budget_s", "max_side"})
+    with open_service(settings) as opened, real_worker(settings, TRAINING=training):
         yield opened
-        worker.terminate()
-        assert worker.wait(timeout=60) == 0
 
 
 def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, models_dir, tmp_path):
@@ -102,10 +88,10 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
 def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(test_data, service, tmp_path):
     upload = small_tabletop(test_data, tmp_path / "tabletop", _VIEWS)
     operation = post_folder(service, upload, SceneOptions(max_gaussians=6000), "table")
-    deadline = time.monotonic() + 200
-    while (now := service.get_operation(operation.id)).preview is None or now.preview.step < 100:
-        assert time.monotonic() < deadline and not now.done, now
-        time.sleep(0.2)
+    wait_for(
+        lambda: (picture := service.get_operation(operation.id).preview) is not None and picture.step >= 100, 200.0
+    )
+    now = service.get_operation(operation.id)
     picture = cv2.imdecode(np.frombuffer(service.jobs.preview(operation.id).picture, np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (now.preview.height, now.preview.width, 3) == (90, 120, 3)
     placed = service.jobs.placed_cameras(operation.id)
@@ -114,10 +100,7 @@ def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(tes
     assert now.seconds_left is not None and now.seconds_left > 60  # a million steps are not done soon
 
     service.jobs.finish(operation.id)
-    while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
-        assert time.monotonic() < deadline, now
-        time.sleep(0.2)
-    assert now.state == "SUCCEEDED", now.error
+    assert (over := wait_over(service, operation)).state == "SUCCEEDED", over.error
     quality = service.get_scene(operation.scene_id).quality
     assert quality["stopped_early"] and 250 <= quality["iterations"] < 1_000_000
     assert 0 < quality["stopped_at_share"] < 1 and quality["preview_seconds"] < quality["train_seconds"]
@@ -147,15 +130,10 @@ def test_photos_of_two_places_end_as_a_failure_that_says_what_to_do(service, set
         (tmp_path / path.name).write_bytes(path.read_bytes())
     operation = post_folder(service, tmp_path, SceneOptions(), "two places")
     record = service._store.scenes.operation(operation.id)
-    deadline = time.monotonic() + 100
-    while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
-        assert time.monotonic() < deadline, now
-        time.sleep(0.2)
+    now = wait_over(service, operation)
     assert now.state == "FAILED" and now.error is not None
     assert (now.error.kind, now.error.stage) == ("FAILED_PRECONDITION", "capture")
     assert now.error.reason == "RECONSTRUCTION_FAILED" and now.error.details["hint"]
     assert service.get_scene(operation.scene_id).state == "FAILED"
     folders = (service._store.blobs.job(record.run_id), settings.data_dir / "scenes" / operation.scene_id)
-    while left := [path for folder in folders for path in folder.rglob("*") if path.is_file()]:
-        assert time.monotonic() < deadline, left
-        time.sleep(0.2)
+    wait_for(lambda: not [path for folder in folders for path in folder.rglob("*") if path.is_file()])
