@@ -46,7 +46,6 @@ def scrape(tmp_path_factory: pytest.TempPathFactory) -> str:
         for name in ("a", "b"):
             service._store.scenes.create(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
         claim = service._store.jobs.claim("oa")
-        assert claim is not None
         service._store.jobs.report(
             claim, [{"stage": "TRAIN", "fraction": 1.0, "message": "", "seconds": 12.5, "metrics": {}}]
         )

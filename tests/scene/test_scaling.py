@@ -79,7 +79,6 @@ def test_a_scaled_scene_is_the_same_in_other_units() -> None:
         assert (posed.world_from_camera[:3, :3] == before.world_from_camera[:3, :3]).all()
         assert posed.camera == before.camera  # so that every picture is the same
     again = scaled(after, combined([_LENGTH, ScaledLength(1.0, 0.001, 0.3, 0.0)]))
-    assert again.scaling is not None
     np.testing.assert_allclose(again.gaussians.means, again.scaling.meters_per_unit * scene.gaussians.means, rtol=1e-5)
 
 

@@ -85,7 +85,6 @@ def test_writing_is_deterministic(tmp_path: Path) -> None:
 def test_arrays_are_mapped_and_read_only(tmp_path: Path) -> None:
     write_scene(make_scene(evidence=True), tmp_path / "v1")
     scene = read_scene(tmp_path / "v1")
-    assert scene.evidence is not None
     for array in (scene.gaussians.means, scene.evidence.starts, scene.evidence.labels, scene.evidence.counts):
         base = array
         while isinstance(base.base, np.ndarray):
@@ -271,7 +270,6 @@ def test_codes_of_objects_are_kept(tmp_path: Path) -> None:
     head = SemanticHead(np.full((3, code), 0.5, np.float32), np.arange(3, dtype=np.float32))
     write_scene(replace(scene, objects=replace(objects, head=head)), tmp_path / "coded")
     read = read_scene(tmp_path / "coded").objects
-    assert read is not None and read.head is not None
     np.testing.assert_array_equal(read.head.weight, head.weight)
     np.testing.assert_array_equal(read.head.bias, head.bias)
 

@@ -35,7 +35,6 @@ def _scene(store: Store, number: int = 1) -> str:
     scene_id = f"scene{number}"
     store.scenes.create(NewJob(scene_id, f"op{number}", "name", "", "d", f"up{number}", {"labels": []}))
     claim = store.jobs.claim(f"op{number}")
-    assert claim is not None
     store.jobs.succeed(claim, _SUMMARY)
     return scene_id
 
@@ -90,7 +89,6 @@ _LINEAGES = {  # versions in force after some of them
 
 def _end_job(store: Store, scene_id: str, name: str) -> None:
     claim = store.jobs.claim(f"job of {scene_id}")
-    assert claim is not None
     store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 

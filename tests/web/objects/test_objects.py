@@ -27,7 +27,6 @@ _BESIDE = 150  # pixels from there to what lies on its right
 def _middle(canvas: Locator) -> dict[str, float]:
     """Where the picture shows the ball, from `_VIEW`."""
     box = canvas.bounding_box()
-    assert box is not None
     return {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
 
 

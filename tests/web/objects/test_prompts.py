@@ -27,7 +27,6 @@ def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser:
     with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
-        assert box is not None
         ball = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
         visit.tab("Objects").locator(".object-list").get_by_role("checkbox").first.check()  # without a flight
         page.get_by_role("button", name="Split: click a part").click()

@@ -115,7 +115,6 @@ def test_no_gesture_leaves_what_was_seen_and_objects_are_flown_to_whole(sample: 
         expect(canvas).not_to_have_attribute("data-view", strayed[0])
         early = canvas.get_attribute("data-view") or ""
         box = canvas.bounding_box()
-        assert box is not None
         views = [early, *canvas.evaluate(_PERFORMED, gestures)]
         rows = visit.tab("Objects").locator(".object-list li")
         for row, obj in enumerate(listed):
@@ -145,7 +144,6 @@ def test_where_the_server_draws_no_gesture_leaves_what_was_seen(sample: Place, b
         canvas = visit.scene_shown()
         expect(canvas).to_have_attribute("data-drawn", "server")
         box = canvas.bounding_box()
-        assert box is not None
         views = canvas.evaluate(_PERFORMED, gestures)
     covered = _Covered(sample)
     shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
@@ -168,6 +166,5 @@ def test_an_idle_view_turns_within_what_was_seen_until_the_first_touch(sample: P
         visit.at_rest()
         assert canvas.get_attribute("data-view") == views[-1]
         box = canvas.bounding_box()
-        assert box is not None
     covered = _Covered(sample)
     assert min(covered.of(_camera(view, box, up)) for view in views) >= 0.6

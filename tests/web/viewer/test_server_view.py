@@ -125,7 +125,6 @@ def test_objects_are_pointed_at_and_clicked(place: Place, browser: Browser) -> N
         _shows(page, "plain$")
         visit.scene_shown()
         box = canvas.bounding_box()
-        assert box is not None
         middle = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
         canvas.hover(position=middle)
         expect(canvas).not_to_have_attribute("data-hovered", "0")
