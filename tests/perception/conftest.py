@@ -134,6 +134,14 @@ def sam2_folder(tmp_path: Path) -> Path:
     return tmp_path / "sam2"
 
 
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A small label table that passes its trial: a cup is like a mug and unlike a bridge."""
+    embeds = np.array([[1, 0.1], [1, 0.2], [0, 1]], np.float32)
+    np.savez(tmp_path / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=embeds)
+    return tmp_path / "table.npz"
+
+
 def make_capture(images: list[Path], labels: GivenLabels | None = None) -> Capture:
     """Views without meaningful poses: perception looks at images one by one."""
     views = []
