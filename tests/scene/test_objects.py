@@ -33,7 +33,7 @@ from fastsplat_contract.codec.unseen_characters import unseen_in
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError, SceneFileError
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.object_reads import ObjectRead
-from tests.scene.conftest import change_body, make_scene
+from tests.scene.conftest import change_body, make_scene, read_back
 from tests.scene.test_observations import OBSERVATION
 
 IDS = (2, 5, 9)
@@ -79,16 +79,14 @@ def scene() -> Scene:
 
 
 def test_objects_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
-    write_scene(scene, tmp_path / "v1")
-    read = read_scene(tmp_path / "v1").objects
+    read = read_back(scene, tmp_path / "v1").objects
     assert read.table == scene.objects.table and read.groups == scene.objects.groups
     for name in ("starts", "labels", "counts"):
         assert (getattr(read.membership, name) == getattr(scene.objects.membership, name)).all()
 
 
 def test_a_scene_without_objects_has_no_file_of_them(tmp_path: Path) -> None:
-    write_scene(make_scene(), tmp_path / "v1")
-    assert read_scene(tmp_path / "v1").objects is None
+    assert read_back(make_scene(), tmp_path / "v1").objects is None
     assert not (tmp_path / "v1" / "objects.safetensors").exists()
 
 
