@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
+from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients, scalar_of
 from torch import Tensor
 
 from fastsplat.service.jobs.create_scene import build_views
@@ -84,8 +84,7 @@ def test_parity_with_cpu() -> None:
         out = rasterize(
             Splats(**parts), view.viewmat, view.camera, background=view.background.to(device), backend=backend
         )
-        scalar = (out.image * view.grad_image.to(device)).sum() + (out.depth * view.grad_depth.to(device)).sum()
-        (scalar + (out.alpha * view.grad_alpha.to(device)).sum()).backward()
+        scalar_of(view, out).backward()
         values = [out.image.detach().cpu(), out.depth.detach().cpu()]
         results.append(values + [part.grad.cpu() for part in parts.values() if part.grad is not None])
     for ours, theirs in zip(*results, strict=True):
