@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import onnx
-import onnx.parser
+from tests.networks import write_network
 
 ADAPTER = "picodet:magenta"  # as the settings name it
 
@@ -51,8 +50,4 @@ magenta (float[1,3,416,416] image, float[1,2] scale_factor) => (float[1,6] rows)
 
 def write_color_detector(models: Path) -> None:
     """Put the model into the folder `magenta` of a model directory."""
-    model = onnx.parser.parse_model(f'<ir_version: 8, opset_import: ["" : 17]>\n{_NETWORK}')
-    onnx.checker.check_model(model)
-    path = models / "magenta" / "network.onnx"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    onnx.save(model, path)
+    write_network(models / "magenta" / "network.onnx", _NETWORK)

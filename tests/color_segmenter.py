@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import onnx
-import onnx.parser
+from tests.networks import write_network
 
 ADAPTER = "sam1:colors"  # as the settings name it
 
@@ -61,8 +60,4 @@ colors (float[1,256,64,64] image_embeddings, float[1,N,2] point_coords, float[1,
 def write_color_segmenter(models: Path) -> None:
     """Put the model into the folder `colors` of a model directory."""
     for name, text in (("encoder", _ENCODER), ("decoder", _DECODER)):
-        model = onnx.parser.parse_model(f'<ir_version: 8, opset_import: ["" : 17]>\n{text}')
-        onnx.checker.check_model(model)
-        path = models / "colors" / f"{name}.onnx"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        onnx.save(model, path)
+        write_network(models / "colors" / f"{name}.onnx", text)

@@ -114,7 +114,6 @@ def pulled(pytestconfig: pytest.Config) -> Callable[[str], Path]:
         from fastsplat.service.perception.model_pull.pull import pull
         from fastsplat_contract.errors import ModelUnavailableError
 
-        assert pytestconfig.cache is not None
         folder = pytestconfig.cache.mkdir("models")
         with (folder / "lock").open("w") as one_at_a_time:
             fcntl.flock(one_at_a_time, fcntl.LOCK_EX)

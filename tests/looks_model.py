@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import onnx
-import onnx.parser
 from tokenizers import Tokenizer
 from tokenizers.models import WordLevel
 from tokenizers.normalizers import Lowercase
 from tokenizers.pre_tokenizers import Whitespace
+
+from tests.networks import write_network
 
 MODEL = "clip:looks"  # as the settings name it
 COLORS = {"red": (1.0, -1.0, -1.0), "green": (-1.0, 1.0, -1.0), "blue": (-1.0, -1.0, 1.0)}
@@ -34,12 +34,9 @@ text (int64[B,T] input_ids) => (float[B,3] text_embeds)
 def write_looks_model(models: Path) -> None:
     """Put the model into the folder `looks` of a model directory."""
     folder = models / "looks"
-    folder.mkdir(parents=True, exist_ok=True)
     table = ", ".join(str(number) for row in (_GRAY, *COLORS.values()) for number in row)
     for name, network in (("image.onnx", _IMAGE), ("text.onnx", _TEXT % table)):
-        model = onnx.parser.parse_model(f'<ir_version: 8, opset_import: ["" : 17]>\n{network}')
-        onnx.checker.check_model(model)
-        onnx.save(model, folder / name)
+        write_network(folder / name, network)
     words = Tokenizer(WordLevel({"[UNK]": 0, **{word: n for n, word in enumerate(COLORS, start=1)}}, unk_token="[UNK]"))
     words.normalizer = Lowercase()
     words.pre_tokenizer = Whitespace()

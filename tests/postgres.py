@@ -83,7 +83,6 @@ class PostgresServer:
 
     def crash(self) -> None:
         """End at once, as after a power cut: open transactions are lost, clients are cut off."""
-        assert self._process is not None
         self._process.send_signal(signal.SIGQUIT)
         self._process.wait(_PATIENCE_S)
 
@@ -106,5 +105,4 @@ class PostgresServer:
 def _site_packages() -> Path:
     # Found rather than imported: the package's own Python does more than we want.
     spec = importlib.util.find_spec(_PACKAGE)
-    assert spec is not None and spec.origin is not None
     return Path(spec.origin).parent.parent

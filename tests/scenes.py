@@ -101,7 +101,6 @@ def finish_job(
 ) -> None:
     """Reports `stages`, then ends a queued job with `scene` (a `draft`: it goes on); `row` is added to each label's."""
     claim = store.jobs.claim(operation_id)
-    assert claim is not None
     scene = scene if draft is None else replace(scene, facts=replace(scene.facts, draft=draft))
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
     write_version(scene, folder)

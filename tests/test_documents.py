@@ -85,9 +85,7 @@ def test_commands_of_the_product_that_a_document_names_exist_with_these_options(
     for line in named:
         command, _, rest = _command(_words(line), line)
         options = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
-        unknown = [
-            word for word in rest if word.startswith("--") and word.partition("=")[0] not in {*options, "--help"}
-        ]
+        unknown = {word.partition("=")[0] for word in rest if word.startswith("--")} - options - {"--help"}
         assert not unknown, f"fastsplat {line}"
 
 

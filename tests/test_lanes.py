@@ -33,35 +33,26 @@ def test_it(number, database, array):
 """
 
 
+_FILES = (
+    "web/objects/test_ask.py web/viewer/test_look.py web/test_journey.py scene/test_ply.py scene/test_spz.py".split()
+)
+_INI = "[pytest]\ntestpaths = tests\naddopts = --import-mode=importlib\nmarkers = rest: by tests/lanes.py\n"
+
+
 def _run(folder: Path, *words: str) -> tuple[str, int, list[list[str]]]:
     """What a pytest over small files says, its exit status, and of each test: its file, its database, its process."""
     log = folder / "log.txt"
     log.unlink(missing_ok=True)
-    for name in (
-        "web/objects/test_ask.py",
-        "web/viewer/test_look.py",
-        "web/test_journey.py",
-        "scene/test_ply.py",
-        "scene/test_spz.py",
-    ):
+    for name in _FILES:
         file = folder / "tests" / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(_WHERE.format(log=str(log), name=name))
     (folder / "conftest.py").write_text(_CONFTEST)
-    (folder / "pytest.ini").write_text(
-        "[pytest]\ntestpaths = tests\naddopts = --import-mode=importlib\nmarkers = rest: by tests/lanes.py\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "-p", "xdist", *words],
-        cwd=folder,
-        env={
-            **os.environ,
-            "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "client"))),
-            "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-        },
-        capture_output=True,
-        text=True,
-    )
+    (folder / "pytest.ini").write_text(_INI)
+    paths = os.pathsep.join((str(ROOT), str(ROOT / "client")))
+    environment = {**os.environ, "PYTHONPATH": paths, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "xdist", *words]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert log.is_file(), done.stdout + done.stderr
     return done.stdout, done.returncode, [line.split() for line in log.read_text().splitlines()]
 
@@ -78,14 +69,9 @@ def test_each_test_is_in_one_lane_and_postgresql_in_the_rest(tmp_path: Path) -> 
     _, _, now = _run(tmp_path, "-m", "not rest")
     _, _, later = _run(tmp_path, "-m", "rest")
     _, _, everything = _run(tmp_path)
-    assert {(name, database) for name, database, _ in now} == {
-        (name, "sqlite") for name in ("web/test_journey.py", "scene/test_ply.py", "scene/test_spz.py")
-    }
+    assert {(name, database) for name, database, _ in now} == {(name, "sqlite") for name in _FILES[2:]}
     assert sorted(row[:2] for row in now + later) == sorted(row[:2] for row in everything) and len(everything) == 60
-    assert {name for name, _, _ in everything[:24]} == {
-        "web/objects/test_ask.py",
-        "web/viewer/test_look.py",
-    }  # long ones begin
+    assert {name for name, _, _ in everything[:24]} == set(_FILES[:2])  # long ones begin
 
 
 def test_a_group_and_a_file_without_one_stay_in_one_process(tmp_path: Path) -> None:

@@ -100,7 +100,6 @@ def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(written: Pat
     assert truth.labels == dataset.instances == tuple(obj.label for obj in room.objects)
     assert len(dataset.train) + len(dataset.test) == _VIEWS and truth.names == tuple(v.name for v in dataset.test)
     for place, view in enumerate(dataset.test):
-        assert view.posed is not None and view.instances is not None
         assert np.allclose(view.posed.world_from_camera, room.poses[int(Path(view.name).stem)], atol=1e-9)
         alone = truth.silhouettes[place]
         seen = view.instances > 0

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from benchmarks.__main__ import BENCHMARKS
 from benchmarks.calibration import calibrate
@@ -28,12 +25,7 @@ from tests.benchmarks.evaluation import made_data
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Twelve views, of which two are for testing; label maps by id."""
-    root = made_data.nerfstudio(tmp_path / "made", 12, (1, 4))
-    for path in (root / "masks").iterdir():
-        with Image.open(path) as image:
-            pixels = np.asarray(image)
-        made_data.save(pixels, path)
-    return root
+    return made_data.nerfstudio(tmp_path / "made", 12, (1, 4))
 
 
 def test_test_views_are_held_out_when_they_are_measured_and_gone_when_settings_are_chosen(folder: Path) -> None:
@@ -52,9 +44,7 @@ def test_test_views_are_held_out_when_they_are_measured_and_gone_when_settings_a
 
 
 def test_without_a_split_of_its_own_every_fifth_view_tests(folder: Path) -> None:
-    document = json.loads((folder / "transforms.json").read_text())
-    document.pop("split")
-    (folder / "transforms.json").write_text(json.dumps(document))
+    made_data.change_json(folder / "transforms.json", lambda document: document.pop("split"))
     assert load_posed_folder(folder)[0].test_names == ("002.png", "007.png")
 
 

@@ -61,7 +61,6 @@ def _true_depth(root: Path, view: View) -> NDArray[np.float32]:
     document = json.loads((root / "transforms.json").read_text())
     frame = next(frame for frame in document["frames"] if Path(frame["file_path"]).name == view.posed.name)
     raw = cv2.imread(str(root / frame["depth_path"]), cv2.IMREAD_UNCHANGED)
-    assert raw is not None
     return raw.astype(np.float32) * 1e-4
 
 
@@ -92,7 +91,6 @@ def _measure(result: TrainedSplats, root: Path, capture: Capture, labelling: Lab
         labels += mask_counts(logits.argmax(axis=2), truth.astype(np.int64), classes)
         true_depth = cv2.resize(_true_depth(root, view), size, interpolation=cv2.INTER_NEAREST)
         error = depth_error((out.depth / out.alpha.clamp_min(1e-6)).numpy(), true_depth)
-        assert error is not None
         depth.append(error)
         spread.append(float(depth_spread(out.alpha, out.depth, out.image[..., -1])))
         surfaces.append(TrueSurface(posed, _true_depth(root, view), labelling.label_maps[row]))

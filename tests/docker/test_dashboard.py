@@ -46,13 +46,10 @@ def scrape(tmp_path_factory: pytest.TempPathFactory) -> str:
         for name in ("a", "b"):
             service._store.scenes.create(NewJob(f"s{name}", f"o{name}", "", "", "", f"u{name}", {}))
         claim = service._store.jobs.claim("oa")
-        assert claim is not None
-        service._store.jobs.report(
-            claim, [{"stage": "TRAIN", "fraction": 1.0, "message": "", "seconds": 12.5, "metrics": {}}]
-        )
-        service._store.jobs.fail(
-            claim, {"kind": "INTERNAL", "reason": "X", "message": "", "stage": "TRAIN", "details": {}}
-        )
+        done = {"stage": "TRAIN", "fraction": 1.0, "message": "", "seconds": 12.5, "metrics": {}}
+        service._store.jobs.report(claim, [done])
+        error = {"kind": "INTERNAL", "reason": "X", "message": "", "stage": "TRAIN", "details": {}}
+        service._store.jobs.fail(claim, error)
         statuses = {faces.rest.get("/v1/scenes").status_code for _ in range(5)}
         assert statuses == {200, 429}
         httpx.get(address, timeout=60)  # finds which jobs have ended; the next scrape has their stages
@@ -83,17 +80,10 @@ def _complaints(promtool: str, folder: Path, series: list[dict[str, str]], targe
     """promtool's complaints unless all give numbers and their label. (`group`: 1 for any result; `>= 0` drops NaN.)"""
     cases = []
     for expression, label in targets:
-        query = (
-            f'label_replace(({expression}) >= 0, "told", "yes", "{label}", ".+")' if label else f"({expression}) >= 0"
-        )
-        labels = '{told="yes"}' if label else "{}"
-        cases.append(
-            {
-                "expr": f"group by (told) ({query})",
-                "eval_time": f"{_MINUTES}m",
-                "exp_samples": [{"labels": labels, "value": 1}],
-            }
-        )
+        query, sample = f"({expression}) >= 0", {"labels": "{}", "value": 1}
+        if label:
+            query, sample["labels"] = f'label_replace({query}, "told", "yes", "{label}", ".+")', '{told="yes"}'
+        cases.append({"expr": f"group by (told) ({query})", "eval_time": f"{_MINUTES}m", "exp_samples": [sample]})
     file = folder / "dashboard.yaml"
     tests = [{"interval": "1m", "input_series": series, "promql_expr_test": cases}]
     file.write_text(yaml.safe_dump({"evaluation_interval": "1m", "tests": tests}, width=1000))

@@ -48,7 +48,6 @@ def blocks_of(page: Path) -> list[Block]:
         elif token.type == "code_block":
             raise ValueError(f"{name}: put a fence with a language around {token.content[:60]!r}")
         elif token.type == "fence":
-            assert token.map is not None
             language = token.info.partition(" ")[0]
             if language not in (*EXECUTED, *DISPLAY_ONLY):
                 known = ", ".join((*EXECUTED, *DISPLAY_ONLY))

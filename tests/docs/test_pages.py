@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -47,6 +47,15 @@ def test_each_way_to_the_photos_of_the_quickstart_leads_to_the_folder_that_its_b
         assert list((folder / checked).glob("*.jpg")), way
 
 
+@pytest.fixture
+def reader(tmp_path: Path, small_environment: dict[str, str], programs: Path) -> Iterator[PageReader]:
+    """Of a page whose port 8000 is 4711."""
+    (tmp_path / "page").mkdir()
+    reader = PageReader(tmp_path / "page", small_environment, {8000: 4711}, programs)
+    yield reader
+    reader.close()
+
+
 @pytest.mark.parametrize(
     ("language", "code"),
     [
@@ -60,36 +69,19 @@ def test_each_way_to_the_photos_of_the_quickstart_leads_to_the_folder_that_its_b
         ("python", "import os; os._exit(0)"),
     ],
 )
-def test_a_block_that_fails_fails_its_page(
-    language: str, code: str, tmp_path: Path, small_environment: dict[str, str], programs: Path
-) -> None:
-    reader = PageReader(_folder(tmp_path), small_environment, {}, programs)
-    try:
-        with pytest.raises(AssertionError, match=r"page\.md:7"):
-            reader.run(Block("page.md", 7, language, code, ""))
-    finally:
-        reader.close()
+def test_a_block_that_fails_fails_its_page(language: str, code: str, reader: PageReader) -> None:
+    with pytest.raises(AssertionError, match=r"page\.md:7"):
+        reader.run(Block("page.md", 7, language, code, ""))
 
 
-def test_sessions_keep_what_was_defined_in_them(
-    tmp_path: Path, small_environment: dict[str, str], programs: Path
-) -> None:
-    reader = PageReader(_folder(tmp_path), small_environment, {8000: 4711}, programs)
+def test_sessions_keep_what_was_defined_in_them(reader: PageReader, tmp_path: Path) -> None:
     blocks = [
         ("sh", "say() { echo \"$WORD\"; }\nWORD='two words'\nmkdir inner && cd inner"),
         ("sh", "say > said.txt\necho localhost:8000 localhost:9 >> said.txt"),
         ("python", "import os\nword = os.environ['WORD']"),
         ("python", "from pathlib import Path\nPath('python.txt').write_text(word)"),
     ]
-    try:
-        for language, code in blocks:
-            reader.run(Block("page.md", 1, language, code, ""))
-    finally:
-        reader.close()
+    for language, code in blocks:
+        reader.run(Block("page.md", 1, language, code, ""))
     assert (tmp_path / "page" / "inner" / "said.txt").read_text() == "two words\nlocalhost:4711 localhost:9\n"
     assert (tmp_path / "page" / "python.txt").read_text() == "two words"
-
-
-def _folder(tmp_path: Path) -> Path:
-    (tmp_path / "page").mkdir()
-    return tmp_path / "page"

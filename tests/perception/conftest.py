@@ -6,8 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import onnx
-import onnx.parser
 import pytest
 from tokenizers import Tokenizer
 from tokenizers.models import WordLevel
@@ -17,17 +15,9 @@ from tokenizers.processors import TemplateProcessing
 
 from fastsplat.service.capture.captures import Capture, CaptureReport, GivenLabels, View
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from tests.networks import write_network
 
 WORDS = ["[PAD]", "[CLS]", "[SEP]", ".", "red", "cup", "chair", "lamp"]
-
-
-def write_network(path: Path, text: str) -> Path:
-    """Compile ONNX's text form; checked by its own checker."""
-    model = onnx.parser.parse_model(f'<ir_version: 8, opset_import: ["" : 17]>\n{text}')
-    onnx.checker.check_model(model)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    onnx.save(model, path)
-    return path
 
 
 @pytest.fixture
@@ -142,6 +132,14 @@ def sam2_folder(tmp_path: Path) -> Path:
         """,
     )
     return tmp_path / "sam2"
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A small label table that passes its trial: a cup is like a mug and unlike a bridge."""
+    embeds = np.array([[1, 0.1], [1, 0.2], [0, 1]], np.float32)
+    np.savez(tmp_path / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=embeds)
+    return tmp_path / "table.npz"
 
 
 def make_capture(images: list[Path], labels: GivenLabels | None = None) -> Capture:

@@ -20,7 +20,7 @@ from fastsplat.service.perception.appearance import (
 from fastsplat.service.perception.onnx_session import open_session
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
-from tests.perception.conftest import write_network
+from tests.networks import write_network
 
 _SAMPLE = Path(__file__).parents[2] / "demo" / "sample"
 _OBJECTS = ("banana", "bottle", "bowl", "clock", "cup", "plate", "potted plant", "teddy bear", "vase")
@@ -28,9 +28,7 @@ _OBJECTS = ("banana", "bottle", "bowl", "clock", "cup", "plate", "potted plant",
 
 @pytest.fixture(scope="module")
 def encoder(models_dir: Path) -> AppearanceEncoder:
-    opened = open_appearance_encoder(PerceptionSettings(), models_dir)
-    assert opened is not None
-    return opened
+    return open_appearance_encoder(PerceptionSettings(), models_dir)
 
 
 def _seen(encoder: AppearanceEncoder, views: tuple[int, ...]) -> np.ndarray:

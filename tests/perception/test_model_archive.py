@@ -27,13 +27,11 @@ Members = dict[str, bytes]
 
 
 @pytest.fixture
-def models(tmp_path: Path) -> Path:
-    """A model directory with one label table, "words", that passes its trial."""
-    folder = tmp_path / "here" / "words"
-    folder.mkdir(parents=True)
-    embeds = np.array([[1, 0.1], [1, 0.2], [0, 1]], np.float32)
-    np.savez(folder / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=embeds)
-    return folder.parent
+def models(table: Path, tmp_path: Path) -> Path:
+    """A model directory with one label table, "words"."""
+    (tmp_path / "here" / "words").mkdir(parents=True)
+    table.rename(tmp_path / "here" / "words" / "table.npz")
+    return tmp_path / "here"
 
 
 @pytest.fixture
@@ -72,55 +70,27 @@ def test_what_comes_out_is_what_went_in(models: Path, manifest: Path, archive: P
     assert steps[-1].what == "already there"
 
 
-def _escapes(members: Members) -> None:
-    members["../evil.npz"] = members["words/table.npz"]
+_TABLE = "words/table.npz"
+_SPOILED: dict[str, tuple[type[FastSplatError], Callable[[bytes], Members]]] = {
+    "escapes": (UnsafeArchiveError, lambda table: {_TABLE: table, "../evil.npz": table}),
+    "brings another file": (UnsafeArchiveError, lambda table: {_TABLE: table, "words/hook.py": b"import os"}),
+    "is too large": (UnsafeArchiveError, lambda table: {_TABLE: table + b"\0"}),
+    "has other bytes": (ChecksumMismatchError, lambda table: {_TABLE: table[:-1] + bytes([table[-1] ^ 1])}),
+    "lacks a file": (InvalidInputError, lambda table: {"words/": b""}),
+    "has an unknown model": (UnsafeArchiveError, lambda table: {_TABLE: table, "nonsense/table.npz": b"no table"}),
+}
 
 
-def _brings_another_file(members: Members) -> None:
-    members["words/hook.py"] = b"import os"
-
-
-def _is_too_large(members: Members) -> None:
-    members["words/table.npz"] += b"\0"
-
-
-def _has_other_bytes(members: Members) -> None:
-    changed = bytearray(members["words/table.npz"])
-    changed[100] ^= 1
-    members["words/table.npz"] = bytes(changed)
-
-
-def _lacks_a_file(members: Members) -> None:
-    members["words/"] = members.pop("words/table.npz")[:0]
-
-
-def _has_an_unknown_model(members: Members) -> None:
-    members["nonsense/table.npz"] = b"no table"
-
-
-@pytest.mark.parametrize(
-    ("spoil", "error"),
-    [
-        (_escapes, UnsafeArchiveError),
-        (_brings_another_file, UnsafeArchiveError),
-        (_is_too_large, UnsafeArchiveError),
-        (_has_other_bytes, ChecksumMismatchError),
-        (_lacks_a_file, InvalidInputError),
-        (_has_an_unknown_model, UnsafeArchiveError),
-    ],
-)
+@pytest.mark.parametrize("spoiled", _SPOILED)
 def test_a_hostile_archive_is_refused_and_leaves_nothing(
-    manifest: Path, archive: Path, tmp_path: Path, spoil: Callable[[Members], None], error: type[FastSplatError]
+    models: Path, manifest: Path, tmp_path: Path, spoiled: str
 ) -> None:
-    with zipfile.ZipFile(archive) as opened:
-        members = {name: opened.read(name) for name in opened.namelist()}
-    spoil(members)
-    spoiled, there = tmp_path / "spoiled.zip", tmp_path / "there"
-    with zipfile.ZipFile(spoiled, "w") as out:
-        for name, content in members.items():
+    (error, members), there = _SPOILED[spoiled], tmp_path / "there"
+    with zipfile.ZipFile(tmp_path / "spoiled.zip", "w") as out:
+        for name, content in members((models / _TABLE).read_bytes()).items():
             out.writestr(name, content)
     with pytest.raises(error) as caught:
-        unpack(spoiled, there, report=lambda step: None, manifest=manifest)
+        unpack(tmp_path / "spoiled.zip", there, report=lambda step: None, manifest=manifest)
     assert type(caught.value) is error and caught.value.field == "archive"
     assert not there.exists() or list(there.iterdir()) == []
     assert not (tmp_path / "evil.npz").exists()

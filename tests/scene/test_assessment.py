@@ -45,7 +45,6 @@ def _looking_in(angle: float, *, outward: bool = False) -> PosedCamera:
 
 def test_a_well_made_scene_is_good_and_has_nothing_to_mend() -> None:
     assessment = assess(_WELL, SceneFacts(), _around(180))
-    assert assessment is not None
     assert (assessment.grade, assessment.findings) == ("good", ())
 
 
@@ -60,7 +59,6 @@ def test_a_well_made_scene_is_good_and_has_nothing_to_mend() -> None:
 )
 def test_what_makes_a_scene_useless_makes_it_poor_with_the_reason_first(worse: Mapping[str, Any], reason: str) -> None:
     assessment = assess({**_WELL, **worse}, SceneFacts(), _around(180))
-    assert assessment is not None
     assert (assessment.grade, assessment.findings[0].reason) == ("poor", reason)
     assert all(finding.message and finding.advice for finding in assessment.findings)
 
@@ -80,7 +78,6 @@ def test_what_makes_a_scene_useless_makes_it_poor_with_the_reason_first(worse: M
 def test_the_grade_is_the_worst_findings_and_more_never_makes_it_worse(measured: Mapping[str, Any], name: str) -> None:
     before = assess({**_WELL, **measured}, SceneFacts(), _around(180))
     after = assess({**_WELL, **measured, name: _WELL[name]}, SceneFacts(), _around(180))
-    assert before is not None and after is not None
     assert _RANK[after.grade] >= _RANK[before.grade]
     grades = [_RANK[finding.grade] for finding in before.findings]
     assert grades == sorted(grades) and _RANK[before.grade] == min(grades, default=2)
@@ -109,7 +106,6 @@ def test_cameras_that_look_outward_or_stand_still_have_no_spread() -> None:
 
 def test_photos_from_one_side_are_said_to_be() -> None:
     assessment = assess(_WELL, SceneFacts(), _around(5))
-    assert assessment is not None
     assert [finding.reason for finding in assessment.findings] == ["ONE_SIDE_ONLY"]
 
 

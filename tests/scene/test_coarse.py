@@ -46,7 +46,6 @@ def test_a_small_scene_has_no_coarse_one() -> None:
 def test_a_coarse_scene_has_about_as_many_gaussians_as_asked_and_looks_nearly_the_same(opacity: float) -> None:
     scene = _floor(opacity)
     coarse = coarse_scene(scene, _MOST)
-    assert coarse is not None
     assert abs(len(coarse.gaussians) - _MOST) <= 0.02 * _MOST and coarse.gaussians.sh.shape[1] == 1
     again = coarse_scene(scene, _MOST)
     assert again is not None and np.array_equal(again.gaussians.means, coarse.gaussians.means)
@@ -64,7 +63,6 @@ def test_what_covers_most_stays_as_it_is() -> None:
     large = np.arange(0, _GAUSSIANS, 400)
     log_scales[large] = np.log(0.5)
     coarse = coarse_scene(replace(scene, gaussians=replace(scene.gaussians, log_scales=log_scales)), _MOST)
-    assert coarse is not None
     large_mask = np.isclose(coarse.gaussians.log_scales, np.log(0.5)).all(axis=1)
     assert np.array_equal(coarse.gaussians.means[large_mask], scene.gaussians.means[large])
     assert np.array_equal(coarse.gaussians.logit_opacities[large_mask], scene.gaussians.logit_opacities[large])
@@ -73,9 +71,7 @@ def test_what_covers_most_stays_as_it_is() -> None:
 def test_objects_are_where_they_are_in_full() -> None:
     plain = _floor()
     scene = replace(plain, objects=labeled_objects(plain, label_gaussians(plain)))
-    assert scene.objects is not None
     coarse = coarse_scene(scene, _MOST)
-    assert coarse is not None
     drawn = CoarseView(coarse, QuerySettings()).objects.map(_VIEW)
     full = Renderer(scene, QuerySettings()).object_map(_VIEW, scene.objects)
     assert set(np.unique(full)) >= {1, 2} and (drawn == full).mean() > 0.97

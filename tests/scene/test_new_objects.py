@@ -33,9 +33,7 @@ def _scene(seed: int) -> Scene:
 @given(st.integers(0, 10_000), st.sets(st.integers(0, _COUNT - 1), min_size=1))
 def test_the_new_object_has_just_these_gaussians_and_nothing_else_changes(seed: int, rows: set[int]) -> None:
     scene = _scene(seed)
-    assert scene.objects is not None
     grown, new_id = with_new_object(scene, np.array(sorted(rows)))
-    assert grown.objects is not None
     assert new_id == 9 and grown.objects.next_id == 10 and grown.objects.table == (*scene.objects.table, Object(9))
     before, after = object_rows(scene.objects), object_rows(grown.objects)
     taken = np.isin(np.arange(_COUNT), sorted(rows))
@@ -54,7 +52,6 @@ def test_the_new_object_has_just_these_gaussians_and_nothing_else_changes(seed: 
 
 def test_there_is_an_end_to_ids() -> None:
     scene = _scene(0)
-    assert scene.objects is not None
     full = replace(scene, objects=replace(scene.objects, next_id=MAX_OBJECT_ID))
     last, new_id = with_new_object(full, np.array([0]))
     assert new_id == MAX_OBJECT_ID

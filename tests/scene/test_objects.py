@@ -33,7 +33,7 @@ from fastsplat_contract.codec.unseen_characters import unseen_in
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError, SceneFileError
 from fastsplat_contract.jobs.operations import SceneOptions
 from fastsplat_contract.messages.object_reads import ObjectRead
-from tests.scene.conftest import change_body, make_scene
+from tests.scene.conftest import change_body, make_scene, read_back
 from tests.scene.test_observations import OBSERVATION
 
 IDS = (2, 5, 9)
@@ -79,23 +79,19 @@ def scene() -> Scene:
 
 
 def test_objects_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
-    write_scene(scene, tmp_path / "v1")
-    read = read_scene(tmp_path / "v1").objects
-    assert scene.objects is not None and read is not None
+    read = read_back(scene, tmp_path / "v1").objects
     assert read.table == scene.objects.table and read.groups == scene.objects.groups
     for name in ("starts", "labels", "counts"):
         assert (getattr(read.membership, name) == getattr(scene.objects.membership, name)).all()
 
 
 def test_a_scene_without_objects_has_no_file_of_them(tmp_path: Path) -> None:
-    write_scene(make_scene(), tmp_path / "v1")
-    assert read_scene(tmp_path / "v1").objects is None
+    assert read_back(make_scene(), tmp_path / "v1").objects is None
     assert not (tmp_path / "v1" / "objects.safetensors").exists()
 
 
 def test_neither_surfaces_nor_objects_without_gaussians_count(scene: Scene) -> None:
     objects = scene.objects
-    assert objects is not None
     of_surface = {obj.id: bool(obj.surface) for obj in objects.table}
     assert of_surface == {2: False, 5: True, 9: False} and object_count(objects) == 2
     without_9 = objects_of_rows(objects, np.flatnonzero(object_rows(objects) != 9))
@@ -104,7 +100,6 @@ def test_neither_surfaces_nor_objects_without_gaussians_count(scene: Scene) -> N
 
 def test_groups_follow_their_objects(scene: Scene) -> None:
     def groups(after: Scene) -> list[tuple[int, tuple[int, ...]]]:
-        assert after.objects is not None
         return [(group.id, group.members) for group in after.objects.groups]
 
     assert groups(merge_objects(scene, (5, 2))) == [(11, (5, 9))]  # both groups have these members now
@@ -128,7 +123,6 @@ def test_a_folder_of_the_version_before_is_read_and_no_name_in_it_changes(scene:
 
 
 def test_a_table_that_lacks_an_object_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:
-    assert scene.objects is not None
     torn = replace(scene, objects=replace(scene.objects, table=scene.objects.table[:2], groups=()))
     with pytest.raises(InvalidInputError, match="object 9"):
         write_scene(torn, tmp_path / "torn")
@@ -195,15 +189,12 @@ def test_names_of_every_script_pass(name: str) -> None:
 
 
 def test_merged_objects_have_all_gaussians_of_both_and_the_first_one_name(scene: Scene) -> None:
-    assert scene.objects is not None
     before = object_rows(scene.objects)
     merged = merge_objects(scene, [9, 2]).objects
-    assert merged is not None
     assert (object_rows(merged) == np.where(before == 2, 9, before)).all()
     assert [obj.id for obj in merged.table] == [5, 9] and object_of(merged, 9).name == "mug"
     assert merged.membership.counts.sum() == scene.objects.membership.counts.sum()
     other_way = merge_objects(scene, [2, 9]).objects
-    assert other_way is not None
     assert object_of(other_way, 2).reads == object_of(scene.objects, 9).reads != ()
     with pytest.raises(InvalidInputError):
         merge_objects(scene, [9, 9])
@@ -225,16 +216,13 @@ def test_a_line_has_no_character_that_is_not_seen() -> None:
 
 
 def test_a_discarded_object_leaves_its_gaussians_to_nobody(scene: Scene) -> None:
-    assert scene.objects is not None
     before = object_rows(scene.objects)
     without = discard_object(scene, 2).objects
-    assert without is not None
     assert (object_rows(without) == np.where(before == 2, 0, before)).all()
     assert [obj.id for obj in without.table] == [5, 9]
 
 
 def test_objects_follow_the_rows(scene: Scene) -> None:
-    assert scene.objects is not None
     rows = np.array([7, 3, 3, 50])
     taken = objects_of_rows(scene.objects, rows)
     assert taken is not None and taken.table == scene.objects.table

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity
-from fastsplat.service.scene.artefact.observations import in_frame, observations_from_json, observations_to_json
+from fastsplat.service.scene.artefact.observations import in_frame
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.photos.localization import SceneChange
 from fastsplat_contract.photos.observations import Observation
@@ -35,7 +35,3 @@ def test_lengths_grow_and_places_follow() -> None:
     np.testing.assert_allclose(change.before.size, (0.2, 0.4, 0.6))
     np.testing.assert_allclose(change.before.center.position, frame.points(np.array([[1.0, 2.0, 0.5]]))[0])
     np.testing.assert_allclose(change.before.center.matrix()[:3, :3], _QUARTER_TURN, atol=1e-12)
-
-
-def test_what_was_written_is_read() -> None:
-    assert observations_from_json(observations_to_json([OBSERVATION])) == (OBSERVATION,)

@@ -19,8 +19,8 @@ from fastsplat.service.scene.artefact.scaling import (
     scaling_to_json,
 )
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
-from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from tests.query.box_scenes import BoxShell, orbit, scene_of
+from tests.scene.conftest import read_back
 
 _LENGTH = ScaledLength(2.0, 0.01, 0.5, 0.001)
 
@@ -79,7 +79,6 @@ def test_a_scaled_scene_is_the_same_in_other_units() -> None:
         assert (posed.world_from_camera[:3, :3] == before.world_from_camera[:3, :3]).all()
         assert posed.camera == before.camera  # so that every picture is the same
     again = scaled(after, combined([_LENGTH, ScaledLength(1.0, 0.001, 0.3, 0.0)]))
-    assert again.scaling is not None
     np.testing.assert_allclose(again.gaussians.means, again.scaling.meters_per_unit * scene.gaussians.means, rtol=1e-5)
 
 
@@ -87,8 +86,7 @@ def test_a_scaling_is_read_back_as_it_was_written(tmp_path: Path) -> None:
     scaling = combined([_LENGTH, _LENGTH])
     assert scaling_from_json(scaling_to_json(scaling)) == scaling and scaling_from_json(None) is None
     scene = scaled(scene_of([BoxShell("box", (0.2, 0.1, 0.0))], orbit()), scaling)
-    write_scene(scene, tmp_path / "artefact")
-    assert read_scene(tmp_path / "artefact").scaling == scaling
+    assert read_back(scene, tmp_path / "artefact").scaling == scaling
 
 
 def test_the_source_of_a_captures_meters_is_the_surest() -> None:

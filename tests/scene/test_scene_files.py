@@ -22,16 +22,13 @@ from fastsplat_contract.errors import (
     SceneFileError,
     SceneSchemaError,
 )
-from tests.scene.conftest import change_body, make_scene
+from tests.scene.conftest import assert_same_gaussians, change_body, make_scene, read_back
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
 
 def assert_same(a: Scene, b: Scene) -> None:
-    for field in fields(Gaussians):
-        np.testing.assert_array_equal(
-            getattr(a.gaussians, field.name).view(np.uint32), getattr(b.gaussians, field.name).view(np.uint32)
-        )
+    assert_same_gaussians(a.gaussians, b.gaussians)
     np.testing.assert_array_equal(a.head.weight, b.head.weight)
     np.testing.assert_array_equal(a.head.bias, b.head.bias)
     np.testing.assert_array_equal(a.label_embeddings, b.label_embeddings)
@@ -51,28 +48,23 @@ def assert_same(a: Scene, b: Scene) -> None:
 @pytest.mark.parametrize("evidence", [False, True])
 @pytest.mark.parametrize(
     ("count", "labels", "sh", "code"),
-    [(50, ("mug", "茶壶", "🧸"), 16, 3), (0, (), 1, 0), (1, ("one",), 4, 8), (3, (), 9, 0), (0, ("a", "b"), 16, 3)],
-)
+    [
+        (50, ("mug", "茶壶", "🧸"), 16, 3), (0, (), 1, 0), (1, ("one",), 4, 8), (3, (), 9, 0), (0, ("a", "b"), 16, 3),
+        (5, tuple(f"object {i}x" for i in range(10_000)), 16, 3),
+    ],
+)  # fmt: skip
 def test_round_trip_is_exact(
     tmp_path: Path, count: int, labels: tuple[str, ...], sh: int, code: int, evidence: bool
 ) -> None:
     scene = make_scene(count, labels, sh, code, evidence)
-    write_scene(scene, tmp_path / "deep" / "v1")
-    assert_same(scene, read_scene(tmp_path / "deep" / "v1"))
-
-
-def test_many_labels_round_trip(tmp_path: Path) -> None:
-    scene = make_scene(5, tuple(f"object {i}x" for i in range(10_000)), evidence=True)
-    write_scene(scene, tmp_path / "v1")
-    assert_same(scene, read_scene(tmp_path / "v1"))
+    assert_same(scene, read_back(scene, tmp_path / "deep" / "v1"))
 
 
 def test_signed_zero_and_denormals_survive(tmp_path: Path) -> None:
     scene = make_scene(4)
     means = np.array([[-0.0, 1e-45, 3.4e38], [0, 0, 0], [1, 2, 3], [-1e-40, 5, 6]], dtype=np.float32)
     scene = replace(scene, gaussians=replace(scene.gaussians, means=means))
-    write_scene(scene, tmp_path / "v1")
-    assert_same(scene, read_scene(tmp_path / "v1"))
+    assert_same(scene, read_back(scene, tmp_path / "v1"))
 
 
 def test_writing_is_deterministic(tmp_path: Path) -> None:
@@ -83,9 +75,7 @@ def test_writing_is_deterministic(tmp_path: Path) -> None:
 
 
 def test_arrays_are_mapped_and_read_only(tmp_path: Path) -> None:
-    write_scene(make_scene(evidence=True), tmp_path / "v1")
-    scene = read_scene(tmp_path / "v1")
-    assert scene.evidence is not None
+    scene = read_back(make_scene(evidence=True), tmp_path / "v1")
     for array in (scene.gaussians.means, scene.evidence.starts, scene.evidence.labels, scene.evidence.counts):
         base = array
         while isinstance(base.base, np.ndarray):
@@ -134,8 +124,7 @@ def test_what_cannot_be_read_back_is_not_written(tmp_path: Path, bad: float) -> 
 def test_a_figure_that_is_not_finite_is_left_out_and_named(tmp_path: Path, bad: float) -> None:
     quality = {"psnr": bad, "ssim": np.float64(0.5), "warnings": ["dark"], "seconds": {"a": bad, "b": 1, "c": None}}
     scene = replace(make_scene(), quality=quality, training={"seed": 1, "rates": [bad, 2.0]})
-    write_scene(scene, tmp_path / "v1")
-    read = read_scene(tmp_path / "v1")
+    read = read_back(scene, tmp_path / "v1")
     left_out = ["quality.psnr", "quality.seconds.a", "training.rates.0"]
     assert read.facts.warnings == ("dark",) and read.facts.with_quality(read.quality) == {
         "ssim": 0.5, "warnings": ["dark"], "seconds": {"b": 1, "c": None}, "left_out": left_out
@@ -158,35 +147,35 @@ def test_missing_folder(tmp_path: Path) -> None:
         read_scene(tmp_path / "nothing")
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_truncation_is_found(tmp_path: Path, name: str) -> None:
-    write_scene(make_scene(6, evidence=True), tmp_path / "good")
-    whole = (tmp_path / "good" / name).read_bytes()
-    shutil.copytree(tmp_path / "good", tmp_path / "bad")
+@pytest.fixture(params=NAMES)
+def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """Each file of the scene `make_scene(6, evidence=True)`, to be damaged."""
+    write_scene(make_scene(6, evidence=True), tmp_path / "scene")
+    return tmp_path / "scene" / request.param
+
+
+def test_every_truncation_is_found(file: Path) -> None:
+    whole = file.read_bytes()
     for length in {*range(0, len(whole), max(1, len(whole) // 60)), len(whole) - 1, len(whole) - 4, 7, 8, 9}:
-        (tmp_path / "bad" / name).write_bytes(whole[:length])
+        file.write_bytes(whole[:length])
         with pytest.raises(SceneFileError):
-            read_scene(tmp_path / "bad")
-    (tmp_path / "bad" / name).write_bytes(whole + b"\x00" * 4)
+            read_scene(file.parent)
+    file.write_bytes(whole + b"\x00" * 4)
     with pytest.raises(SceneFileError):
-        read_scene(tmp_path / "bad")
-    (tmp_path / "bad" / name).unlink()
+        read_scene(file.parent)
+    file.unlink()
     with pytest.raises(SceneFileError):
-        read_scene(tmp_path / "bad")
+        read_scene(file.parent)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_a_flipped_bit_never_changes_a_scene(tmp_path: Path, name: str) -> None:
-    scene = make_scene(6, evidence=True)
-    write_scene(scene, tmp_path / "good")
-    whole = (tmp_path / "good" / name).read_bytes()
-    shutil.copytree(tmp_path / "good", tmp_path / "bad")
+def test_a_flipped_bit_never_changes_a_scene(file: Path) -> None:
+    scene, whole = make_scene(6, evidence=True), file.read_bytes()
     for position in np.random.default_rng(0).integers(0, len(whole), 80):
         broken = bytearray(whole)
         broken[position] ^= 1 << int(position % 8)
-        (tmp_path / "bad" / name).write_bytes(broken)
+        file.write_bytes(broken)
         try:
-            found = read_scene(tmp_path / "bad")
+            found = read_scene(file.parent)
         except SceneFileError:
             continue
         assert_same(scene, found)  # white space of a JSON file may differ, its content may not
@@ -269,11 +258,7 @@ def test_codes_of_objects_are_kept(tmp_path: Path) -> None:
     members = evidence_of(rows, 1 + rows % 2, np.full(count, UNIT), count)
     objects = Objects((Object(1), Object(2)), members)
     head = SemanticHead(np.full((3, code), 0.5, np.float32), np.arange(3, dtype=np.float32))
-    write_scene(replace(scene, objects=replace(objects, head=head)), tmp_path / "coded")
-    read = read_scene(tmp_path / "coded").objects
-    assert read is not None and read.head is not None
+    read = read_back(replace(scene, objects=replace(objects, head=head)), tmp_path / "coded").objects
     np.testing.assert_array_equal(read.head.weight, head.weight)
     np.testing.assert_array_equal(read.head.bias, head.bias)
-
-    write_scene(replace(scene, objects=objects), tmp_path / "counted")
-    assert (same := read_scene(tmp_path / "counted").objects) is not None and same.head is None
+    assert read_back(replace(scene, objects=objects), tmp_path / "counted").objects.head is None

@@ -63,7 +63,6 @@ def _every_record() -> Iterator[None]:
 def _make(store: Store, scene_id: str) -> None:
     store.scenes.create(NewJob(scene_id, f"op-{scene_id}", "desk", "", "d", f"up-{scene_id}", {}))
     claim = store.jobs.claim(f"op-{scene_id}")
-    assert claim is not None
     work = store.blobs.job(claim.operation.id)
     work.mkdir(parents=True)
     (work / "scene.ply").write_text(scene_id)

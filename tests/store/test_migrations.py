@@ -123,10 +123,8 @@ def test_processes_that_start_at_once_make_the_tables_once(tmp_path: Path, datab
     pipe = subprocess.PIPE
     processes = [subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) for _ in range(3)]
     for process in processes:
-        assert process.stdin is not None and process.stdout is not None
         assert process.stdout.readline() == "ready\n"
     for process in processes:
-        assert process.stdin is not None
         process.stdin.write("go\n")
         process.stdin.flush()
     assert [process.communicate()[0] for process in processes] == ["1\n"] * 3

@@ -20,7 +20,6 @@ def _claimed(store: Store) -> ClaimedJob:
     job = queued_job()
     store.scenes.create(job)
     claim = store.jobs.claim(job.operation_id)
-    assert claim is not None
     return ClaimedJob(store, claim, CallSettings())
 
 

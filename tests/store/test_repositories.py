@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.queue.claims import FencedError
+from fastsplat.service.store.queue.claims import Claim, FencedError
 from fastsplat.service.store.rows.database import resolve_url
 from fastsplat.service.store.rows.records import NewJob, SceneSummary
 from fastsplat.service.store.rows.schema import metadata
 from fastsplat.service.store.store import Store, open_store
-from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import DatabaseError, InvalidInputError, NotFoundError
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 
@@ -32,12 +32,11 @@ def job(number: int, request_id: str = "", digest: str = "d") -> NewJob:
     return NewJob(f"scene{number}", f"op{number}", "name", request_id, digest, f"up{number}", {"labels": []})
 
 
-def test_what_is_created_is_there_for_every_process_at_once(store, tmp_path):
+@pytest.fixture
+def claim(store: Store) -> Claim:
+    """Of the one job of the store, `job(1)`."""
     store.scenes.create(job(1))
-    second_store = open_store(tmp_path / "data")
-    assert second_store.scenes.operation("op1").state == "QUEUED"
-    assert second_store.scenes.scene("scene1").state == "TRAINING"
-    second_store.close()
+    return store.jobs.claim("op1")
 
 
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
@@ -55,22 +54,9 @@ def test_one_request_id_makes_one_operation_whoever_is_faster(store):
     assert len(store.scenes.list_scenes(100)) == 1
 
 
-def test_one_request_id_for_other_content_is_a_conflict(store):
-    store.scenes.create(job(1, "once", "first"))
-    with pytest.raises(ConflictError, match="once"):
-        store.scenes.create(job(2, "once", "second"))
-    assert len(store.scenes.list_scenes(100)) == 1
-
-
-def test_without_a_request_id_every_request_is_new(store):
-    assert [store.scenes.create(job(number))[1] for number in range(3)] == [True, True, True]
-
-
-def test_a_newer_claim_fences_every_write_of_the_older(store):
-    store.scenes.create(job(1))
-    old = store.jobs.claim("op1")
+def test_a_newer_claim_fences_every_write_of_the_older(store, claim):
     new = store.jobs.claim("op1")
-    assert old is not None and new is not None and new.attempt == old.attempt + 1
+    assert new.attempt == claim.attempt + 1
     writes = [
         lambda claim: store.jobs.report(claim, [{"stage": "capture"}]),
         lambda claim: store.jobs.check(claim),
@@ -81,26 +67,22 @@ def test_a_newer_claim_fences_every_write_of_the_older(store):
     before = store.scenes.operation("op1")
     for write in writes:
         with pytest.raises(FencedError):
-            write(old)
-    store.jobs.release(old)
+            write(claim)
+    store.jobs.release(claim)
     assert store.scenes.operation("op1") == before
     store.jobs.succeed(new, SUMMARY)
     scene = store.scenes.scene("scene1")
     assert (scene.state, scene.version, scene.gaussians) == ("READY", "v1", 7)
 
 
-def test_what_is_over_cannot_be_claimed_or_stopped(store):
-    store.scenes.create(job(1))
-    claim = store.jobs.claim("op1")
+def test_what_is_over_cannot_be_claimed_or_stopped(store, claim):
     store.jobs.succeed(claim, SUMMARY)
     assert store.jobs.claim("op1") is None
     assert store.scenes.cancel("op1").state == "SUCCEEDED"
     assert store.scenes.scene("scene1").state == "READY"
 
 
-def test_a_cancellation_that_came_first_wins_over_success(store):
-    store.scenes.create(job(1))
-    claim = store.jobs.claim("op1")
+def test_a_cancellation_that_came_first_wins_over_success(store, claim):
     assert store.scenes.cancel("op1").state == "RUNNING"
     assert store.jobs.check(claim)
     with pytest.raises(FencedError):
@@ -109,23 +91,21 @@ def test_a_cancellation_that_came_first_wins_over_success(store):
     assert store.scenes.scene("scene1").state == "CANCELLED"
 
 
-def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store):
-    store.scenes.create(job(1))
-    old = store.jobs.claim("op1")
-    store.jobs.report(old, [{"stage": "capture", "fraction": 1.0, "message": "", "seconds": 1.0, "metrics": {}}])
-    store.jobs.fail(old, {"reason": "WORKER_CRASHED"})
+def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store, claim):
+    store.jobs.report(claim, [{"stage": "capture", "fraction": 1.0, "message": "", "seconds": 1.0, "metrics": {}}])
+    store.jobs.fail(claim, {"reason": "WORKER_CRASHED"})
     assert store.scenes.scene("scene1").state == "FAILED"
 
     again = store.jobs.retry("op1", ended_since=0.0)
 
     assert (again.state, again.starts, again.stages, again.error, again.retries) == ("QUEUED", 0, [], None, 1)
-    assert again.run_id != old.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
+    assert again.run_id != claim.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
     assert [record.id for record in store.jobs.waiting()] == ["op1"]
-    claim = store.jobs.claim("op1")
+    new = store.jobs.claim("op1")
     for write in (store.jobs.cancelled, lambda claim: store.jobs.succeed(claim, SUMMARY)):
         with pytest.raises(FencedError):
-            write(old)
-    store.jobs.succeed(claim, SUMMARY)
+            write(claim)
+    store.jobs.succeed(new, SUMMARY)
     assert store.jobs.retry("op1", ended_since=0.0).state == "SUCCEEDED"
 
 
@@ -176,32 +156,24 @@ def test_success_of_a_deleted_scene_shows_nothing(store):
     assert store.scenes.create(job(2, "once", "other"))[1]  # the request id is free again
 
 
-def test_a_release_takes_the_start_back_but_not_the_fence(store):
-    store.scenes.create(job(1))
-    claim = store.jobs.claim("op1")
+def test_a_release_takes_the_start_back_but_not_the_fence(store, claim):
     store.jobs.release(claim)
     again = store.jobs.claim("op1")
     assert (again.operation.starts, again.attempt) == (1, 2)
 
 
-def _die(store, claim):
-    """Its worker says nothing any more."""
-
-
 @pytest.mark.parametrize(
     ("end", "after"),
     [
-        (_die, "worker_died"),
+        (lambda store, claim: None, "worker_died"),
         (lambda store, claim: store.jobs.release(claim), "worker_stopped"),
         (lambda store, claim: store.jobs.cancelled(claim), "cancelled"),
         (lambda store, claim: store.jobs.fail(claim, {"reason": "X"}), "failed"),
     ],
 )
-def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end, after):
-    store.scenes.create(job(1))
-    first = store.jobs.claim("op1")
-    assert first.operation.again_after is None
-    end(store, first)
+def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, claim, end, after):
+    assert claim.operation.again_after is None
+    end(store, claim)
     store.jobs.retry("op1", ended_since=0.0)
     again = store.jobs.claim("op1")
     assert again.operation.again_after == after
@@ -277,9 +249,7 @@ _CALLS = {
 
 
 @pytest.mark.parametrize("call", _CALLS)
-def test_a_database_that_does_not_answer_is_a_typed_error(store, call):
-    store.scenes.create(job(1))
-    claim = store.jobs.claim("op1")
+def test_a_database_that_does_not_answer_is_a_typed_error(store, claim, call):
     with store.engine.begin() as connection:
         metadata.drop_all(connection)
     with pytest.raises(DatabaseError) as caught:

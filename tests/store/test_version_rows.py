@@ -7,17 +7,18 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 
 from fastsplat.service.store.repositories.version_repository import NewVersion
-from fastsplat.service.store.rows.records import NewJob, SceneSummary
+from fastsplat.service.store.rows.records import NewJob
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, NotFoundError
+from tests.store.test_repositories import SUMMARY, job
 
-_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 _TRIALS = 6  # so many times writers race; without a lock, two of them are acknowledged nearly each time
 
 
@@ -33,10 +34,9 @@ def stores(tmp_path: Path, database_url: str) -> Iterator[tuple[Store, Store]]:
 def _scene(store: Store, number: int = 1) -> str:
     """Id of a READY scene."""
     scene_id = f"scene{number}"
-    store.scenes.create(NewJob(scene_id, f"op{number}", "name", "", "d", f"up{number}", {"labels": []}))
+    store.scenes.create(job(number))
     claim = store.jobs.claim(f"op{number}")
-    assert claim is not None
-    store.jobs.succeed(claim, _SUMMARY)
+    store.jobs.succeed(claim, replace(SUMMARY, version="trained"))
     return scene_id
 
 
@@ -90,7 +90,6 @@ _LINEAGES = {  # versions in force after some of them
 
 def _end_job(store: Store, scene_id: str, name: str) -> None:
     claim = store.jobs.claim(f"job of {scene_id}")
-    assert claim is not None
     store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 
@@ -121,10 +120,7 @@ def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tu
         stores[0].versions.publish(_new(scene_id, "old", "trained"))
         stores[0].versions.publish(_new(scene_id, "new", "old"))
         newest = _new(scene_id, "newest", "new", max_versions=2)
-        _at_once(
-            partial(stores[0].versions.publish, newest),
-            partial(stores[1].versions.restore, scene_id, "old"),
-        )
+        _at_once(partial(stores[0].versions.publish, newest), partial(stores[1].versions.restore, scene_id, "old"))
         scene = stores[0].scenes.scene(scene_id)
         assert scene.version in {row.version for row in stores[0].versions.of(scene)}
 

@@ -106,10 +106,20 @@ class Visit:
         expect(self.page.get_by_role("tab", name=re.compile(r"^Objects \d"))).to_be_visible()
         return canvas
 
+    def shows(self, what: str) -> None:
+        """Return once the 3D view shows the "plain" scene, or an "answer"."""
+        expect(self.page.locator("canvas")).to_have_attribute("data-shown", re.compile(f"{what}$"))
+
     def tab(self, name: str) -> Locator:
         """What is behind a tab of the scene's panel, which is opened."""
         self.page.get_by_role("tab", name=name).click()
         return self.page.get_by_role("tabpanel", name=name)
+
+    def name_object(self, name: str) -> None:
+        """Give the object that is selected a name, in its card."""
+        card = self.page.locator(".object-card")
+        card.get_by_label("Name", exact=True).fill(name)
+        card.get_by_role("button", name="Save the name").click()
 
     def at_rest(self) -> None:
         """Return when what was asked of the camera is done and noted in the address."""

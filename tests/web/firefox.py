@@ -144,7 +144,6 @@ def _started(*command: str, environment: Mapping[str, str] | None = None) -> Ite
 def _said(process: subprocess.Popen[str], pattern: str) -> str:
     """What a program tells on its error output."""
     lines = []
-    assert process.stderr is not None
     for line in process.stderr:
         lines.append(line)
         if found := re.search(pattern, line):

@@ -16,7 +16,10 @@ from PIL import Image
 from playwright.sync_api import Page
 
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
+from fastsplat_contract.messages.queries import QueryRequest
+from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import drawn_canvas
+from tests.web.places import Place
 from tests.web.table import looking
 
 GLOWS = 0.4
@@ -72,6 +75,18 @@ def view_camera(
     """The camera of a view [6], position and target, as the page's canvas of this size shows it."""
     focal = max(width, height) / 2 / np.tan(_FIELD_OF_VIEW / 2)
     return looking(view[:3], view[3:], Camera(width, height, focal, focal, width / 2, height / 2), up)
+
+
+def server_mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
+    """bool [H, W]: where the server finds what is called so, from a camera."""
+    request = QueryRequest(place.scene_id, (name,), cameras=(posed,), outputs=frozenset({"mask2d"}))
+    (answer,) = place.service.answers.query(request).answers
+    return answer.masks[0].array()
+
+
+def server_pixels(place: Place, posed: PosedCamera) -> NDArray[np.float64]:
+    """The server's picture from a camera, as [H, W, 3] of 0..255."""
+    return pixels_of(place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed)))
 
 
 def overlap(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:

@@ -44,17 +44,9 @@ def server(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setenv("FASTSPLAT_PERCEPTION", '{"max_views": 6, "proposal_views": 3}')
     port, grpc_port = free_ports(2)
     with running_service(
-        data_dir=tmp_path / "data",
-        models=models_dir,
-        log=tmp_path / "service.log",
-        http_port=port,
-        grpc_port=grpc_port,
+        data_dir=tmp_path / "data", models=models_dir, log=tmp_path / "service.log", http_port=port, grpc_port=grpc_port
     ) as key:
         yield Server(f"http://127.0.0.1:{port}", key)
-
-
-def _shows(page: Page, what: str) -> None:
-    expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(what), timeout=60_000)
 
 
 def _ask(page: Page, text: str) -> None:
@@ -144,17 +136,17 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     (summary,) = client.scenes()
     scene = client.scene(summary.id)
     assert scene.state == "READY" and scene.name == "A table (sample)"
-    _shows(page, "plain$")
+    visit.shows("plain")
     visit.check_accessible()
 
     _ask(page, "banana")
     expect(page.locator(".verdict.here")).to_be_visible()
-    _shows(page, "answer$")
+    visit.shows("answer")
     expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
     picture = canvas_pixels(page)
     address = page.url
     _ask(page, "")
-    _shows(page, "plain$")
+    visit.shows("plain")
     plain = canvas_pixels(page)
     height, width, _ = picture.shape
     posed = page_camera(page, width, height, scene_up(scene.cameras))
@@ -175,8 +167,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     canvas.click(position={"x": x, "y": y})
     card = page.get_by_role("region", name="1 object selected")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
-    card.get_by_label("Name", exact=True).fill("breakfast")
-    card.get_by_role("button", name="Save the name").click()
+    visit.name_object("breakfast")
     expect(page.get_by_text("Named “breakfast”.")).to_be_visible()
     visit.check_accessible()
     assert "breakfast" in _names(client, scene.id)
@@ -191,7 +182,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     _ask(page, "breakfast")
     expect(page.locator(".verdict.here")).to_be_visible()
     expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
-    _shows(page, "answer$")
+    visit.shows("answer")
     expect(page).to_have_url(re.compile("q=breakfast.*objects="))
     page.reload()
     expect(page.get_by_role("searchbox")).to_have_value("breakfast")

@@ -32,7 +32,7 @@ class _Look:
 
     place: str
     address: str
-    ready: Callable[[Visit], None]
+    ready: Callable[[Visit], object]
 
 
 def _heading(name: str) -> Callable[[Visit], None]:
@@ -45,10 +45,6 @@ def _text(text: str) -> Callable[[Visit], None]:
 
 def _listed(visit: Visit) -> None:
     expect(visit.page.get_by_role("link", name="a table").first).to_be_visible()
-
-
-def _scene_view(visit: Visit) -> None:
-    visit.scene_shown()
 
 
 def _refused(visit: Visit) -> None:
@@ -81,7 +77,7 @@ _PAGES = {
     "new": _Look("place", "#/new", _heading("New scene")),
     "no-scene": _Look("place", "#/scenes/nothing", _refused),
     "sign-in": _Look("guarded", "", _text("This server needs an access key.")),
-    "scene": _Look("place", _SCENE, _scene_view),
+    "scene": _Look("place", _SCENE, Visit.scene_shown),
     "answer": _Look("place", f"{_SCENE}&q=mug", _answered),
     "object": _Look("place", _SCENE, _object),
     "photos": _Look("place", _SCENE, _tab("Photos")),

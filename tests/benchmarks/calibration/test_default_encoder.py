@@ -52,7 +52,6 @@ def test_the_committed_calibration_is_what_its_script_measures(minilm: TextEncod
     settings = QuerySettings()
     for score, (measured, figures) in measure(minilm, settings.templates, settings.negatives).items():
         committed = calibration_for(minilm.name, minilm.sha256, score, settings.templates, settings.negatives)
-        assert committed is not None
         # int8 kernels of other processors round otherwise.
         assert committed.related == pytest.approx(measured.related, abs=0.02)
         assert committed.exact == pytest.approx(measured.exact, abs=0.02)
@@ -72,7 +71,6 @@ def test_label_sets_cover_what_they_say_on_scenes_they_never_saw(minilm: TextEnc
     settings = QuerySettings()
     cache = TextCache(minilm, settings.templates, 10_000)
     found = calibration_for(minilm.name, minilm.sha256, score, settings.templates, settings.negatives)
-    assert found is not None
     cases = [question for question in ask_scenes(score, cache, cache.embed(settings.negatives)) if not question.named]
     judges = [question for question in cases if question.part == 3]
     assert len(judges) >= 100

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -76,6 +77,13 @@ def picture(seed: int) -> NDArray[np.uint8]:
 def save(pixels: NDArray[np.generic], path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(pixels).save(path)
+
+
+def change_json(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Changes what a JSON file says."""
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
 
 
 def nerfstudio(folder: Path, count: int = 6, test: Sequence[int] = (1, 4), *, drop: Sequence[str] = ()) -> Path:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +18,6 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import (
     CorruptImageError,
-    FastSplatError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
@@ -54,13 +53,10 @@ def test_a_transforms_json_says_everything_itself(tmp_path: Path) -> None:
 
 def test_a_training_list_leaves_the_rest_out(tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "made")
-    document = json.loads((folder / "transforms.json").read_text())
-    document["split"]["train"] = ["000", "images/002.png"]
-    (folder / "transforms.json").write_text(json.dumps(document))
+    made_data.change_json(folder / "transforms.json", lambda d: d["split"].update(train=["000", "images/002.png"]))
     dataset = read_dataset(folder, SETTINGS)
     assert dataset.train == ("images/000.png", "images/002.png")
-    document["split"]["train"] = ["000", "001"]
-    (folder / "transforms.json").write_text(json.dumps(document))
+    made_data.change_json(folder / "transforms.json", lambda d: d["split"].update(train=["000", "001"]))
     with pytest.raises(InvalidInputError, match=r"001.* training and in the test"):
         read_dataset(folder, SETTINGS)
 
@@ -194,99 +190,69 @@ def test_3d_ovs_frames_beyond_the_images_are_missing(tmp_path: Path) -> None:
     assert [(view.name, view.posed is None) for view in dataset.test] == [("4", True), ("b.png", False)]
 
 
-def _edit(change: Callable[[dict], None]) -> Callable[[Path], Path]:
+def _edit(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], Path]:
     def broken(root: Path) -> Path:
         folder = made_data.lerf_ovs(root, [1, 2, 3], [2])
-        file = root / "label/teatime/frame_00002.json"
-        document = json.loads(file.read_text())
-        change(document)
-        file.write_text(json.dumps(document))
+        made_data.change_json(root / "label/teatime/frame_00002.json", change)
         return folder
 
     return broken
 
 
-def _changed(change: Callable[[Path], None], make: Callable[[Path], Path]) -> Callable[[Path], Path]:
+def _three(change: Callable[[Path], object]) -> Callable[[Path], Path]:
     def broken(root: Path) -> Path:
-        folder = make(root / "set")
-        change(folder)
+        folder = made_data.three_d_ovs(root / "set", 4, ["01"])
+        change(folder / "segmentations")
         return folder
 
     return broken
 
 
 def _with_document(**entries: object) -> Callable[[Path], Path]:
-    def change(folder: Path) -> None:
-        document = json.loads((folder / "transforms.json").read_text())
-        (folder / "transforms.json").write_text(json.dumps(document | entries))
+    def broken(root: Path) -> Path:
+        folder = made_data.nerfstudio(root / "set")
+        made_data.change_json(folder / "transforms.json", lambda document: document.update(entries))
+        return folder
 
-    return _changed(change, made_data.nerfstudio)
-
-
-_MASK = "segmentations/01/red mug.png"
+    return broken
 
 
-def _three(root: Path) -> Path:
-    return made_data.three_d_ovs(root, 4, ["01"])
-
-
-BROKEN: dict[str, tuple[type[FastSplatError], str, Callable[[Path], Path]]] = {
-    "no folder": (NotFoundError, "nowhere", lambda root: root / "nowhere"),
-    "nothing in it": (InvalidInputError, "no images", lambda root: root),
-    "no object": (InvalidInputError, "frame_00002", _edit(lambda d: d.clear())),
-    "huge frame": (LimitExceededError, "pixels", _edit(lambda d: d["info"].update(width=10**6, height=10**6))),
-    "no width": (InvalidInputError, "width", _edit(lambda d: d["info"].update(width="wide"))),
-    "other aspect": (InvalidInputError, "aspect", _edit(lambda d: d["info"].update(width=640, height=64))),
-    "no category": (InvalidInputError, "category", _edit(lambda d: d["objects"][0].update(category=""))),
-    "two points": (
-        InvalidInputError, "polygon", _edit(lambda d: d["objects"][0].update(segmentation=[[0, 0], [1, 1]])),
-    ),
-    "infinite": (
-        InvalidInputError, "polygon",
-        _edit(lambda d: d["objects"][0].update(segmentation=[[0, 0], [1, 1], [float("inf"), 2]])),
-    ),
-    "a circle": (InvalidInputError, "circle", _edit(lambda d: d["objects"][0].update(shape_type="circle"))),
-    "no objects at all": (InvalidInputError, "annotated", _edit(lambda d: d.update(objects=[]))),
-    "a class without mask": (
-        InvalidInputError, "red mug", _changed(lambda f: (f / _MASK).unlink(), _three),
-    ),
-    "another image's name": (
-        InvalidInputError, "another image", _edit(lambda d: d["info"].update(name="frame_00003.jpg")),
-    ),
-    "no name at all": (InvalidInputError, "another image", _edit(lambda d: d["info"].update(name=["frame_00002"]))),
-    "a class that is twice": (
-        InvalidInputError, "twice",
-        _changed(lambda f: (f / "segmentations/classes.txt").write_text("red mug\nred mug \n"), _three),
-    ),
-    "a class beyond the folder": (
-        InvalidInputError, "no mask",
-        _changed(lambda f: (f / "segmentations/classes.txt").write_text("../../images/00\n"), _three),
-    ),
-    "no classes": (
-        InvalidInputError, "classes.txt",
-        _changed(lambda f: (f / "segmentations/classes.txt").write_text("\n"), _three),
-    ),
-    "a broken mask": (
-        CorruptImageError, "red mug",
-        _changed(lambda f: (f / _MASK).write_bytes(b"\x89PNG\r\n"), _three),
-    ),
-    "a cropped mask": (
-        InvalidInputError, "aspect",
-        _changed(lambda f: made_data.save(np.full((48, 20), 255, np.uint8), f / _MASK), _three),
-    ),
-    "an odd depth unit": (InvalidInputError, "depth", _with_document(depth_unit="a thumb's breadth")),
-    "a negative depth unit": (InvalidInputError, "depth", _with_document(depth_unit=-1)),
-    "an unknown test view": (InvalidInputError, "099", _with_document(split={"test": ["099"]})),
-    "an unknown training view": (InvalidInputError, "099", _with_document(split={"train": ["099"], "test": ["001"]})),
-    "ids without names": (InvalidInputError, "ids without a name", _with_document(labels={"red mug": 1})),
-}  # fmt: skip
+_MASK = "01/red mug.png"
+BROKEN: dict[str, tuple[str, Callable[[Path], Path]]] = {
+    "no folder": ("nowhere", lambda root: root / "nowhere"),
+    "nothing in it": ("no images", lambda root: root),
+    "no object": ("frame_00002", _edit(lambda d: d.clear())),
+    "huge frame": ("pixels", _edit(lambda d: d["info"].update(width=10**6, height=10**6))),
+    "no width": ("width", _edit(lambda d: d["info"].update(width="wide"))),
+    "other aspect": ("aspect", _edit(lambda d: d["info"].update(width=640, height=64))),
+    "no category": ("category", _edit(lambda d: d["objects"][0].update(category=""))),
+    "two points": ("polygon", _edit(lambda d: d["objects"][0].update(segmentation=[[0, 0], [1, 1]]))),
+    "infinite": ("polygon", _edit(lambda d: d["objects"][0].update(segmentation=[[0, 0], [1, 1], [float("inf"), 2]]))),
+    "a circle": ("circle", _edit(lambda d: d["objects"][0].update(shape_type="circle"))),
+    "no objects at all": ("annotated", _edit(lambda d: d.update(objects=[]))),
+    "a class without mask": ("red mug", _three(lambda f: (f / _MASK).unlink())),
+    "another image's name": ("another image", _edit(lambda d: d["info"].update(name="frame_00003.jpg"))),
+    "no name at all": ("another image", _edit(lambda d: d["info"].update(name=["frame_00002"]))),
+    "a class that is twice": ("twice", _three(lambda f: (f / "classes.txt").write_text("red mug\nred mug \n"))),
+    "a class beyond the folder": ("no mask", _three(lambda f: (f / "classes.txt").write_text("../../images/00\n"))),
+    "no classes": ("classes.txt", _three(lambda f: (f / "classes.txt").write_text("\n"))),
+    "a broken mask": ("red mug", _three(lambda f: (f / _MASK).write_bytes(b"\x89PNG\r\n"))),
+    "a cropped mask": ("aspect", _three(lambda f: made_data.save(np.full((48, 20), 255, np.uint8), f / _MASK))),
+    "an odd depth unit": ("depth", _with_document(depth_unit="a thumb's breadth")),
+    "a negative depth unit": ("depth", _with_document(depth_unit=-1)),
+    "an unknown test view": ("099", _with_document(split={"test": ["099"]})),
+    "an unknown training view": ("099", _with_document(split={"train": ["099"], "test": ["001"]})),
+    "ids without names": ("ids without a name", _with_document(labels={"red mug": 1})),
+}
+_KINDS = {"no folder": NotFoundError, "huge frame": LimitExceededError, "a broken mask": CorruptImageError}
+"""Of errors that are not just an invalid input."""
 
 
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_broken_data_set_is_refused_with_a_reason(tmp_path: Path, case: str) -> None:
-    kind, said, make = BROKEN[case]
+    said, make = BROKEN[case]
     folder = make(tmp_path)
-    with pytest.raises(kind) as caught:
+    with pytest.raises(_KINDS.get(case, InvalidInputError)) as caught:
         read_dataset(folder, SETTINGS)
     error = caught.value
     assert said in f"{error.message} {error.field} {error.limit}" and error.hint
@@ -302,22 +268,23 @@ def test_a_split_that_shares_a_view_or_has_none_is_no_data_set(tmp_path: Path) -
 
 def test_objects_of_one_label_are_told_apart_where_the_folder_does(tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "d")
-    assert read_dataset(folder, CaptureSettings()).test[0].instances is None
-    document = json.loads((folder / "transforms.json").read_text())
-    document["instances"] = ["red mug", "red mug", "blue bed"]
+    assert read_dataset(folder, SETTINGS).test[0].instances is None
     ids = np.random.default_rng(0).integers(0, 4, (48, 64)).astype(np.uint8)
-    for frame in document["frames"]:
-        frame["instance_path"] = "instances/all.png"
     made_data.save(ids, folder / "instances/all.png")
-    (folder / "transforms.json").write_text(json.dumps(document))
-    dataset = read_dataset(folder, CaptureSettings())
+
+    def tell_apart(instances: object) -> None:
+        made_data.change_json(
+            folder / "transforms.json",
+            lambda d: d.update(
+                instances=instances, frames=[{**frame, "instance_path": "instances/all.png"} for frame in d["frames"]]
+            ),
+        )
+
+    tell_apart(["red mug", "red mug", "blue bed"])
+    dataset = read_dataset(folder, SETTINGS)
     assert dataset.instances == ("red mug", "red mug", "blue bed")
     assert all((view.instances == ids).all() for view in dataset.test)
-    document["instances"] = ["red mug"]
-    (folder / "transforms.json").write_text(json.dumps(document))
-    with pytest.raises(InvalidInputError, match="the object 3 of 1"):
-        read_dataset(folder, CaptureSettings())
-    document["instances"] = "red mug"
-    (folder / "transforms.json").write_text(json.dumps(document))
-    with pytest.raises(InvalidInputError, match="no list"):
-        read_dataset(folder, CaptureSettings())
+    for instances, said in ((["red mug"], "the object 3 of 1"), ("red mug", "no list")):
+        tell_apart(instances)
+        with pytest.raises(InvalidInputError, match=said):
+            read_dataset(folder, SETTINGS)

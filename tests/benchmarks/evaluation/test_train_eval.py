@@ -64,9 +64,8 @@ def test_masks_without_labels_for_training_are_asked_for(settings: Settings, tmp
 
 def test_detected_labels_leave_the_data_sets_own_maps_alone(settings: Settings, tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "made", 4, (1,))
-    document = json.loads((folder / "transforms.json").read_text())
-    document["labels"] = {"cup": 1, "spoon": 2, "bed": 3}  # names that the default detector knows
-    (folder / "transforms.json").write_text(json.dumps(document))
+    labels = {"cup": 1, "spoon": 2, "bed": 3}  # names that the default detector knows
+    made_data.change_json(folder / "transforms.json", lambda document: document.update(labels=labels))
     scene = _trained(folder, tmp_path, settings, "detected")
     report = evaluate_scene(made_data.index(scene), read_dataset(folder, CaptureSettings()))
     assert report.figures["miou"] == 0  # balls are no cups

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -89,9 +88,7 @@ def test_views_that_cannot_be_split_are_refused() -> None:
 def test_a_data_set_read_for_validation_never_touches_its_test_views(tmp_path: Path, listed: bool) -> None:
     folder = made_data.nerfstudio(tmp_path / "made", 12, (1, 4, 9))
     if not listed:  # only which views are for testing is said
-        document = json.loads((folder / "transforms.json").read_text())
-        document["split"].pop("train")
-        (folder / "transforms.json").write_text(json.dumps(document))
+        made_data.change_json(folder / "transforms.json", lambda document: document["split"].pop("train"))
     whole = read_dataset(folder, SETTINGS)
     for number in (1, 4, 9):
         for part in ("masks", "depth"):
@@ -115,9 +112,7 @@ def test_annotated_sets_validate_on_pictures_of_frames_without_annotation(tmp_pa
 
 def test_a_training_list_is_what_is_split(tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "made", 12, (1, 4))
-    document = json.loads((folder / "transforms.json").read_text())
-    document["split"]["train"] = [f"{number:03d}" for number in (0, 2, 3, 5, 6)]
-    (folder / "transforms.json").write_text(json.dumps(document))
+    train = [f"{number:03d}" for number in (0, 2, 3, 5, 6)]
+    made_data.change_json(folder / "transforms.json", lambda document: document["split"].update(train=train))
     dataset = read_dataset(folder, SETTINGS, split="validation")
-    listed = {f"images/{number:03d}.png" for number in (0, 2, 3, 5, 6)}
-    assert {view.name for view in dataset.test} | set(dataset.train) == listed
+    assert {view.name for view in dataset.test} | set(dataset.train) == {f"images/{name}.png" for name in train}

@@ -118,7 +118,6 @@ def test_codes_are_read_in_place_from_an_image_of_more_channels(isa: str) -> Non
     loss.backward()
     alone = codes.clone().requires_grad_()
     semantic_loss(alone, weight, bias, labels, weights).backward()
-    assert image.grad is not None and alone.grad is not None
     assert torch.equal(image.grad[..., 3:], alone.grad) and float(image.grad[..., :3].abs().max()) == 0.0
 
 

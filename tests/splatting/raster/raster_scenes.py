@@ -75,6 +75,12 @@ def render(view: View, backend: Backend, dtype: torch.dtype = torch.float32) -> 
     )
 
 
+def scalar_of(view: View, rendering: Rendering) -> Tensor:
+    """A rendering times the weights of a view."""
+    pairs = (rendering.image, view.grad_image), (rendering.alpha, view.grad_alpha), (rendering.depth, view.grad_depth)
+    return sum((part * weights.to(part)).sum() for part, weights in pairs)
+
+
 def render_with_gradients(view: View, backend: Backend, dtype: torch.dtype) -> tuple[Rendering, dict[str, Tensor]]:
     """The rendering, and d(scalar)/d(input) for every input and the background."""
     parts = {name: getattr(view.splats, name).detach().to(dtype, copy=True).requires_grad_() for name in NAMES}
@@ -82,12 +88,7 @@ def render_with_gradients(view: View, backend: Backend, dtype: torch.dtype) -> t
     rendering = rasterize(
         Splats(**parts), view.viewmat, view.camera, background=background, settings=view.settings, backend=backend
     )
-    scalar = (
-        (rendering.image * view.grad_image.to(dtype)).sum()
-        + (rendering.alpha * view.grad_alpha.to(dtype)).sum()
-        + (rendering.depth * view.grad_depth.to(dtype)).sum()
-    )
-    scalar.backward()
+    scalar_of(view, rendering).backward()
     parts["background"] = background
     rendering = replace(
         rendering, image=rendering.image.detach(), alpha=rendering.alpha.detach(), depth=rendering.depth.detach()

@@ -6,7 +6,7 @@ from functools import cache
 
 import pytest
 import torch
-from raster_scenes import NAMES, by_reference, crowded, relative, render, render_with_gradients
+from raster_scenes import NAMES, by_reference, crowded, relative, render, render_with_gradients, scalar_of
 
 from fastsplat.service.splatting.raster.image_formation import Backend, RasterSettings, Splats
 from fastsplat.service.splatting.raster.kernels import running_with
@@ -34,8 +34,7 @@ def _camera_gradient(seed: int, backend: Backend, dtype: torch.dtype, isa: str) 
     viewmat = view.viewmat.clone().requires_grad_()
     parts = [getattr(view.splats, name).to(dtype) for name in NAMES]
     out = rasterize(Splats(*parts), viewmat, view.camera, backend=backend)
-    scalar = (out.image * view.grad_image.to(dtype)).sum() + (out.alpha * view.grad_alpha.to(dtype)).sum()
-    (scalar + (out.depth * view.grad_depth.to(dtype)).sum()).backward()
+    scalar_of(view, out).backward()
     assert viewmat.grad is not None and viewmat.grad.dtype == torch.float64
     return viewmat.grad
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 import torch
@@ -29,16 +30,11 @@ def backend(request: pytest.FixtureRequest) -> Iterator[Backend]:
         yield "cpu"
 
 
-def lone(**changes: object) -> View:
-    """One Gaussian two units ahead, 16×16 pixels, unless told otherwise."""
-    values: dict[str, object] = {
-        "means": [[0.0, 0.0, 2.0]],
-        "quats": [[1.0, 0.0, 0.0, 0.0]],
-        "scales": [[0.3, 0.3, 0.3]],
-        "opacities": [0.8],
-        "features": [[1.0, 0.5, 0.25]],
-    }
-    values.update(changes)
+def lone(**changes: list[Any]) -> View:
+    """One Gaussian two units ahead, or as many as there are means, 16×16 pixels, unless told otherwise."""
+    usual = [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.3, 0.3, 0.3], 0.8, [1.0, 0.5, 0.25]
+    count = len(changes.get("means", [0]))
+    values = {name: [value] * count for name, value in zip(NAMES, usual, strict=True)} | changes
     parts = {name: torch.tensor(values[name], dtype=torch.float32) for name in NAMES}
     unit_image = torch.ones(16, 16)
     camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0)
@@ -192,10 +188,8 @@ def test_sizes_off_the_tile_grid(backend: Backend, width: int, height: int) -> N
 
 
 def test_equal_depths_are_drawn_in_order_of_rows(backend: Backend) -> None:
-    view = lone(
-        means=[[0.0, 0.0, 2.0]] * 3, quats=[[1.0, 0, 0, 0]] * 3, scales=[[9.0] * 3] * 3, opacities=[0.5] * 3,
-        features=[[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]],
-    )  # fmt: skip
+    colors = [[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]]
+    view = lone(means=[[0.0, 0.0, 2.0]] * 3, scales=[[9.0] * 3] * 3, opacities=[0.5] * 3, features=colors)
     image = render(view, backend).image
     assert image[8, 8].tolist() == pytest.approx([0.5, 0.25, 0.125], abs=1e-3)
 
@@ -203,10 +197,7 @@ def test_equal_depths_are_drawn_in_order_of_rows(backend: Backend) -> None:
 def test_saturated_pixels_stop_and_hidden_rows_get_no_gradient(backend: Backend) -> None:
     count = 40
     means = [[0.0, 0.0, 1.0 + 0.1 * i] for i in range(count)]
-    view = lone(
-        means=means, quats=[[1.0, 0, 0, 0]] * count, scales=[[50.0] * 3] * count, opacities=[0.9] * count,
-        features=[[1.0, 1.0, 1.0]] * count,
-    )  # fmt: skip
+    view = lone(means=means, scales=[[50.0] * 3] * count, opacities=[0.9] * count)
     rendering, gradients = render_with_gradients(view, backend, torch.float32)
     # 0.1^3 is above the limit of 1e-4, the fourth would take it to the limit: three are drawn.
     assert_all(rendering.alpha, 0.999)
@@ -215,10 +206,8 @@ def test_saturated_pixels_stop_and_hidden_rows_get_no_gradient(backend: Backend)
 
 
 def test_median_depth_is_where_half_is_passed(backend: Backend) -> None:
-    view = lone(
-        means=[[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, 4.0]], quats=[[1.0, 0, 0, 0]] * 3,
-        scales=[[90.0] * 3] * 3, opacities=[0.3, 0.4, 0.9], features=[[1.0] * 3] * 3,
-    )  # fmt: skip
+    means = [[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.0, 0.0, 4.0]]
+    view = lone(means=means, scales=[[90.0] * 3] * 3, opacities=[0.3, 0.4, 0.9])
     assert_all(render(view, backend).median_depth, 3.0)
     faint = view.with_splats(opacities=torch.tensor([0.1, 0.1, 0.1]))
     assert float(render(faint, backend).median_depth.max()) == 0.0

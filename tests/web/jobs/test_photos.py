@@ -20,7 +20,6 @@ def test_verdicts_are_there_during_the_job_and_stay_with_the_scene(place: Place,
     store, job = place.service._store, queued_job("with photos")
     store.scenes.create(job)
     claim = store.jobs.claim(job.operation_id)
-    assert claim is not None
     running = {"stage": "capture", "fraction": 0.5, "message": "", "seconds": 1.0, "metrics": {}}
     store.jobs.report(claim, [running])
     with visiting(browser, place.url, f"#/scenes/{job.scene_id}", viewport={"width": 390, "height": 844}) as visit:

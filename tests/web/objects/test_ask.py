@@ -12,16 +12,12 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
 from tests.api.proxy import proxied
-from tests.web.browser import Visit, visiting
+from tests.web.browser import visiting
 from tests.web.glow import page_view
 from tests.web.places import Place
 
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"  # of the tests' own: position and target
 _OTHER_SIDE = "-0.9_2.6_1.9_0_0_0.2"
-
-
-def _wait_for(visit: Visit, what: str) -> None:
-    expect(visit.page.locator("canvas")).to_have_attribute("data-shown", re.compile(what))
 
 
 def test_a_text_is_answered_as_typing_stops(place: Place, webgl_browser: Browser) -> None:
@@ -37,7 +33,7 @@ def test_a_text_is_answered_as_typing_stops(place: Place, webgl_browser: Browser
         clock.run_for(400)
         clock.resume()
         expect(visit.page.locator(".verdict.here")).to_be_visible()
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         expect(visit.page.get_by_role("button", name="Look at mug 1")).to_be_visible()
         expect(visit.page.get_by_role("button", name="Ask for story book")).to_be_visible()
         expect(visit.page).to_have_url(re.compile(r"q=mug.*view="))
@@ -47,7 +43,7 @@ def test_a_text_is_answered_as_typing_stops(place: Place, webgl_browser: Browser
 
         visit.page.get_by_role("searchbox").fill("submarine")
         expect(visit.page.get_by_text(re.compile("^Not here"))).to_be_visible()
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.check_accessible()
 
 
@@ -60,14 +56,14 @@ def test_left_is_as_the_page_shows_it(place: Place, browser: Browser) -> None:
             sentence = visit.page.locator(".verdict")
             expect(sentence).to_contain_text("left of the ball.")
             said.append(sentence.inner_text())
-            _wait_for(visit, "answer$")
+            visit.shows("answer")
             visit.check_accessible()
     assert len(said) == len(set(said)) == 2
 
 
 def test_the_camera_moves_by_keyboard_and_comes_home(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.page.locator("canvas").focus()
         visit.page.keyboard.press("Home")
         expect(visit.page).to_have_url(re.compile("view="))
@@ -114,7 +110,7 @@ def test_the_camera_moves_by_mouse(place: Place, webgl_browser: Browser) -> None
 def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", **phone) as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         start, session = page_view(visit.page), visit.page.context.new_cdp_session(visit.page)
 
         def touch(kind: str, *places: tuple[int, int]) -> None:
@@ -148,6 +144,6 @@ def test_the_page_works_behind_a_proxy(place: Place, webgl_browser: Browser) -> 
         visiting(webgl_browser, url, f"#/scenes/{place.scene_id}?q=mug") as visit,
     ):
         expect(visit.page.locator(".verdict.here")).to_be_visible()
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         assert len(visit.requests) > 8
         assert all(address.startswith((f"{url}/", "blob:")) for address in visit.requests)

@@ -39,7 +39,6 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
                 visit.check_accessible()
                 (job,) = [job for job in place.service.list_operations().operations if job.kind == "ask_captioner"]
                 claim = place.service._store.jobs.claim(job.id)
-                assert claim is not None
                 result = CaptionerResult(3, 4, 1, "", place.service.get_scene(scene_id).version)
                 place.service._store.jobs.succeed_with_version(claim, None, to_plain(result))
                 expect(note).to_contain_text("3 names suggested for 4 objects. 1 name was refused.")

@@ -58,7 +58,6 @@ def test_objects_that_are_drawn_over_go(place: Place, scene_id: str, webgl_brows
         page.get_by_label("Brush over objects").check()
         view = page.url
         box = canvas.bounding_box()
-        assert box is not None
         page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         page.mouse.down()
         page.mouse.move(box["x"] + box["width"] / 2 + 3, box["y"] + box["height"] / 2, steps=3)

@@ -27,7 +27,6 @@ _BESIDE = 150  # pixels from there to what lies on its right
 def _middle(canvas: Locator) -> dict[str, float]:
     """Where the picture shows the ball, from `_VIEW`."""
     box = canvas.bounding_box()
-    assert box is not None
     return {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
 
 
@@ -43,11 +42,9 @@ def test_an_object_is_clicked_named_asked_for_and_the_name_undone(
         expect(card).to_contain_text(re.compile(r"\d\.\d\d × \d\.\d\d × \d\.\d\d m"))
         visit.check_accessible()
         visit.expected.append("400")
-        card.get_by_label("Name", exact=True).fill("v" * 201)
-        card.get_by_role("button", name="Save the name").click()
+        visit.name_object("v" * 201)
         expect(page.get_by_role("alert")).to_contain_text("200 characters")
-        card.get_by_label("Name", exact=True).fill("violin")
-        card.get_by_role("button", name="Save the name").click()
+        visit.name_object("violin")
         expect(page.get_by_text("Named “violin”.")).to_be_visible()
         visit.tab("Ask")
         page.get_by_role("searchbox").fill("violin")
@@ -101,8 +98,7 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
             expect(page.get_by_text(said, exact=True)).to_be_visible()
             expect(card.get_by_role("heading", name=heading)).to_be_visible()
             visit.check_accessible()
-        card.get_by_label("Name", exact=True).fill("violin")
-        card.get_by_role("button", name="Save the name").click()
+        visit.name_object("violin")
         expect(card.get_by_role("heading", name="violin")).to_be_visible()
         expect(page.get_by_role("tab", name="Objects 2", exact=True)).to_be_visible()
         expect(visit.tab("Objects").get_by_text("2 objects and 1 surface. All objects have names.")).to_be_visible()
@@ -135,8 +131,7 @@ def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
         card.get_by_role("button", name="Save what it is").click()
         expect(card.get_by_text("Also called moon, fiddle, violin toy, violin instrument.")).to_be_visible()
         expect(card.get_by_label("violin is a …")).to_have_count(0)
-        card.get_by_label("Name", exact=True).fill("carrot")
-        card.get_by_role("button", name="Save the name").click()
+        visit.name_object("carrot")
         card.get_by_role("button", name="Do not say").click()
         expect(card.get_by_label("carrot is a …")).to_have_count(0)
         page.unroute("**/*:edit")
@@ -279,8 +274,7 @@ def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, bro
         visit.expected.append("ERR_FAILED")
         place.service.versions.edit(scene_id, [Edit("name", object_ids=(1,), name="volcano")])
         visit.tab("Objects").locator(".object-list").get_by_role("button", name="mug").click()
-        visit.page.locator(".object-card").get_by_label("Name", exact=True).fill("moon")
-        visit.page.get_by_role("button", name="Save the name").click()
+        visit.name_object("moon")
         expect(visit.page.get_by_role("alert").first).to_contain_text("volcano")
 
 

@@ -20,14 +20,12 @@ def _owner(place: Place, scene_id: str) -> np.ndarray:
     return place.service._context.scenes.open(scene_id, "")[0].objects.owner
 
 
-def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser) -> None:
-    scene_id = place.new_scene("own")
+def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser: Browser, scene_id: str) -> None:
     truth = _owner(place, scene_id)
     merged = place.service.versions.edit(scene_id, [Edit("merge", object_ids=(1, 2))])
     with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
-        assert box is not None
         ball = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
         visit.tab("Objects").locator(".object-list").get_by_role("checkbox").first.check()  # without a flight
         page.get_by_role("button", name="Split: click a part").click()
@@ -52,8 +50,7 @@ def test_an_object_is_split_by_a_click_refined_and_undone(place: Place, browser:
     assert place.service.versions.resolve(scene_id) == merged.version
 
 
-def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser) -> None:
-    scene_id = place.new_scene("own")
+def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser, scene_id: str) -> None:
     place.service.versions.edit(scene_id, [Edit("discard", object_ids=(2,))])
     with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         visit.scene_shown()
@@ -72,8 +69,7 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
     assert (_owner(place, scene_id) == 4).sum() > 200
 
 
-def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser) -> None:
-    scene_id = place.new_scene("alike")
+def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser, scene_id: str) -> None:
     upright = Quaternion(0.0, 0.0, 0.0, 1.0)
     place.service.versions.edit(scene_id, [Edit("unname", object_ids=(1, 2, 3))])
     for height in (0.8, 1.6):
@@ -82,8 +78,7 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
     with visiting(browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         visit.tab("Objects").locator(".object-list").get_by_role("button", name="Object 1").click()
-        page.locator(".object-card").get_by_label("Name", exact=True).fill("violin")
-        page.get_by_role("button", name="Save the name").click()
+        visit.name_object("violin")
         panel = page.locator(".look-alikes")
         expect(panel).to_contain_text("is it “violin”, too?")
         expect(canvas).to_have_attribute("data-hovered", re.compile("[45]"))

@@ -14,9 +14,9 @@ from playwright.sync_api import Browser, expect
 from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.messages.queries import QueryRequest
 from tests.api.made_scene import LABELS
-from tests.web.browser import Visit
-from tests.web.glow import canvas_pixels, glowing, overlap, page_camera
-from tests.web.objects.test_ask import _VIEW, _wait_for
+from tests.web.browser import Visit, visiting
+from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, server_mask
+from tests.web.objects.test_ask import _VIEW
 from tests.web.places import MARKUP, Place
 from tests.web.table import add_table
 
@@ -24,18 +24,11 @@ from tests.web.table import add_table
 @contextmanager
 def _opened(browser: Browser, file: Path, fragment: str = "", **options: Any) -> Iterator[Visit]:
     """The file in a browser of its own that is offline; it may ask for nothing but itself."""
-    context = browser.new_context(**{"viewport": {"width": 1000, "height": 700}, "reduced_motion": "reduce", **options})
-    context.set_offline(True)
-    try:
-        visit = Visit(context.new_page())
-        visit.watch()
-        visit.page.goto(f"{file.as_uri()}{fragment}")
+    alone = {"offline": True, "device_scale_factor": 1, **options}
+    with visiting(browser, file.parent.as_uri(), f"{file.name}{fragment}", **alone) as visit:
         yield visit
-        visit.check(file.parent.as_uri())
         urls = {url.partition("#")[0] for url in visit.requests if not url.startswith(("blob:", "data:"))}
         assert urls == {file.as_uri()}
-    finally:
-        context.close()
 
 
 def _written(place: Place, folder: Path, scene_id: str = "") -> Path:
@@ -47,17 +40,13 @@ def _written(place: Place, folder: Path, scene_id: str = "") -> Path:
 def test_what_glows_in_the_file_is_the_servers_mask(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
     file = _written(place, tmp_path)
     with _opened(webgl_browser, file, f"#?view={_VIEW}") as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         plain = canvas_pixels(visit.page)
     with _opened(webgl_browser, file, f"#?view={_VIEW}&q=mugs") as visit:
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         glow_mask = glowing(plain, canvas_pixels(visit.page))
         height, width = glow_mask.shape
-        posed = page_camera(visit.page, width, height)
-        (answer,) = place.service.answers.query(
-            QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
-        ).answers
-        mask = answer.masks[0].array()
+        mask = server_mask(place, page_camera(visit.page, width, height), "mug")
         assert mask.sum() > 2_000 and overlap(mask, glow_mask) >= 0.9
 
 
@@ -65,7 +54,7 @@ def test_the_file_answers_its_own_names_as_the_server_does(
     place: Place, webgl_browser: Browser, tmp_path: Path
 ) -> None:
     with _opened(webgl_browser, _written(place, tmp_path)) as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.check_accessible()
         before = canvas_pixels(visit.page)
         for question, label in (("Where are the mugs?", "mug"), ("story book", "story book")):
@@ -76,7 +65,7 @@ def test_the_file_answers_its_own_names_as_the_server_does(
             assert answer.outcome == "here"
             expect(visit.page.get_by_text(answer.sentence)).to_be_visible()
             expect(visit.page.get_by_role("button", name=f"Look at {label} 1")).to_be_visible()
-            _wait_for(visit, "answer$")
+            visit.shows("answer")
             now = canvas_pixels(visit.page)
             assert (now != before).mean() > 0.1  # it has flown there, and something else glows
             before = now
@@ -86,9 +75,9 @@ def test_the_file_answers_its_own_names_as_the_server_does(
         visit.page.keyboard.press("Enter")
         expect(visit.page.get_by_text("Not answerable offline")).to_be_visible()
         expect(visit.page.get_by_text("Not here")).not_to_be_visible()
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.page.get_by_role("button", name="ball", exact=True).click()
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
 
 
 def test_markup_in_names_stays_text(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
@@ -96,11 +85,11 @@ def test_markup_in_names_stays_text(place: Place, webgl_browser: Browser, tmp_pa
     scene_id = add_table(place.service, place.settings, hostile, (MARKUP, *LABELS[1:]))
     file = _written(place, tmp_path, scene_id)
     with _opened(webgl_browser, file) as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         expect(visit.page.get_by_role("heading", level=1)).to_have_text(hostile)
         visit.page.get_by_role("button", name=MARKUP).click()
         expect(visit.page.locator(".verdict.here")).to_be_visible()
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         assert visit.page.title() == hostile and visit.page.locator("img, b").count() == 0
     text = file.read_text()
     data = text.partition('<script type="application/json" id="scene">')[2].partition("</script>")[0]
@@ -116,7 +105,7 @@ def test_the_file_is_small_and_asks_nobody(place: Place, webgl_browser: Browser,
     assert re.search(r"^playcanvas \S+ \(MIT\)$", text, re.MULTILINE)
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
     with _opened(webgl_browser, file, "#?q=ball", **phone) as visit:
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         assert visit.fits()
         visit.check_accessible()
         visit.page.locator("canvas").focus()

@@ -96,7 +96,6 @@ def test_a_scene_that_is_not_good_says_so_with_the_reason_and_the_advice(place: 
         note = visit.page.get_by_role("region", name="How good this scene is")
         expect(note).to_contain_text("A poor scene")
         assessment = place.service.get_scene(place.scene_id).assessment
-        assert assessment is not None
         assert [finding.reason for finding in assessment.findings] == ["FEW_PHOTOS"]
         for finding in assessment.findings:
             expect(note).to_contain_text(f"{finding.message} {finding.advice}")

@@ -14,7 +14,7 @@ from fastsplat_contract.messages.exports import ExportRequest
 from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import view_camera
-from tests.web.objects.test_ask import _VIEW, _wait_for
+from tests.web.objects.test_ask import _VIEW
 from tests.web.places import Place
 
 
@@ -29,24 +29,20 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
     scene_id = place.new_scene("../a <b>table</b>")
     file = place.service.exports.file
     with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
-        _wait_for(visit, "answer$")
+        visit.shows("answer")
         visit.tab("Share")
-        assert _saved(visit, "PLY, exact") == ("a _b_table_b.ply", file(ExportRequest(scene_id, "ply")))
-        assert _saved(visit, "SPZ, compressed") == ("a _b_table_b.spz", file(ExportRequest(scene_id, "spz")))
-        assert _saved(visit, "SOG, smallest") == ("a _b_table_b.sog", file(ExportRequest(scene_id, "sog")))
-        assert _saved(visit, "For Foxglove, MCAP") == ("a _b_table_b.mcap", file(ExportRequest(scene_id, "mcap")))
-        name, content = _saved(visit, "SPZ, version 4")
-        assert name == "a _b_table_b.v4.spz" and content == file(ExportRequest(scene_id, "spz4"))
+        for button, format, ending in (
+            ("PLY, exact", "ply", "ply"), ("SPZ, compressed", "spz", "spz"), ("SPZ, version 4", "spz4", "v4.spz"),
+            ("SOG, smallest", "sog", "sog"), ("For Foxglove, MCAP", "mcap", "mcap"), ("One HTML file", "html", "html"),
+        ):  # fmt: skip
+            assert _saved(visit, button) == (f"a _b_table_b.{ending}", file(ExportRequest(scene_id, format)))
         for format, label in (("spz", "SPZ, compressed"), ("html", "One HTML file")):
             row = visit.page.get_by_role("listitem").filter(has_text=label)
             expect(row).to_contain_text("about")
             ((number, unit),) = re.findall(r"about ([\d.]+) (\w+)", row.inner_text())
             size = float(number) * {"B": 1, "kB": 1e3, "MB": 1e6}[unit]
             assert abs(size / len(file(ExportRequest(scene_id, format))) - 1) < 0.1
-        name, content = _saved(visit, "One HTML file")
-        assert name == "a _b_table_b.html" and content == file(ExportRequest(scene_id, "html"))
-        name, content = _saved(visit, "Its Gaussians as PLY")
-        assert name == "mug.ply" and content == file(ExportRequest(scene_id, object_ids=(1,)))
+        assert _saved(visit, "Its Gaussians as PLY") == ("mug.ply", file(ExportRequest(scene_id, object_ids=(1,))))
 
         camera = view_camera(np.array([float(number) for number in _VIEW.split("_")]), 1280, 720)
         for button, request in (
@@ -63,14 +59,14 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
         visit.tab("Objects").get_by_role("button", name="ball", exact=True).click()
         visit.tab("Share")
         (ball,) = [obj for obj in place.service.answers.list_objects(scene_id).objects if obj.name == "ball"]
-        name, content = _saved(visit, "Only ball as PLY")
-        assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", object_ids=(ball.id,)))
+        of_ball = ExportRequest(scene_id, "ply", object_ids=(ball.id,))
+        assert _saved(visit, "Only ball as PLY") == ("ball.ply", file(of_ball))
         visit.check_accessible()
 
 
 def test_where_no_link_can_be_made_the_page_says_so_and_offers_a_file(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.tab("Share")
         expect(visit.page.get_by_text("This server asks nobody for a key, so a link")).to_be_visible()
         expect(visit.page.get_by_role("button", name="Make a link")).to_have_count(0)
@@ -85,7 +81,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
     other_id = guarded.new_scene("for nobody else")
     with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
         visit.sign_in(guarded.new_key("admin"))
-        _wait_for(visit, "plain$")
+        visit.shows("plain")
         visit.tab("Share")
         visit.page.get_by_label("For whom").fill("Ada <b>")
         visit.page.get_by_role("button", name="Make a link").click()
@@ -98,7 +94,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
 
         address = link.removeprefix(f"{guarded.url}/")
         with visiting(browser, guarded.url, address) as visitor:
-            _wait_for(visitor, "plain$")
+            visitor.shows("plain")
             expect(visitor.page.get_by_role("heading", level=1)).to_have_text("for Ada")
             for absent in ("New scene", "Scenes"):
                 expect(visitor.page.get_by_role("link", name=absent)).to_have_count(0)

@@ -6,24 +6,14 @@ import re
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
-from fastsplat_contract.geometry.camera import PosedCamera
-from fastsplat_contract.messages.queries import QueryRequest
-from fastsplat_contract.photos.pictures import PictureRequest
 from tests.web.browser import visiting
-from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, pixels_of
+from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, server_mask, server_pixels
 from tests.web.places import Place
 
 _VIEWS = ("0.9_-2.6_1.9_0_0_0.2", "-1.7_-2.3_1.1_0_0_0.2", "0.2_-1.9_2.6_0_0_0.2")
 _NAMES = ("mug", "ball", "story book")
-
-
-def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
-    request = QueryRequest(place.scene_id, (name,), cameras=(posed,), outputs=frozenset({"mask2d"}))
-    (answer,) = place.service.answers.query(request).answers
-    return answer.masks[0].array()
 
 
 @pytest.mark.parametrize(("view", "selected_name"), list(zip(_VIEWS, _NAMES, strict=True)))
@@ -37,15 +27,14 @@ def test_the_pixels_that_glow_are_the_servers_mask(
         plain = canvas_pixels(page)
         height, width, _ = plain.shape
         posed = page_camera(page, width, height)
-        truth = place.service.answers.picture(PictureRequest(place.scene_id, "rgb", camera=posed))
-        assert np.abs(plain - pixels_of(truth) / 255).mean() < 0.01  # it is the same scene from the same place
+        assert np.abs(plain - server_pixels(place, posed) / 255).mean() < 0.01  # the same scene from the same place
         for name in _NAMES:
-            mask = _mask(place, posed, name)
+            mask = server_mask(place, posed, name)
             page.goto(f"{address}&q={name}")
             expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
             found = overlap(mask, glowing(plain, canvas_pixels(page)))
             assert mask.sum() > 2_000 and found >= 0.95, (name, found)
         page.goto(f"{address}&objects={ids[selected_name]}")
         expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
-        selected = overlap(_mask(place, posed, selected_name), glowing(plain, canvas_pixels(page), SELECTED))
+        selected = overlap(server_mask(place, posed, selected_name), glowing(plain, canvas_pixels(page), SELECTED))
         assert selected >= 0.95, selected

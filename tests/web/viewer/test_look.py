@@ -54,7 +54,6 @@ def _photo_below_bar(visit: Visit) -> tuple[dict[str, float], float]:
         "(image) => { const { x, y, width, height } = image.getBoundingClientRect(); return { x, y, width, height }; }"
     )
     bar = visit.page.locator(".compare-bar").bounding_box()
-    assert bar is not None
     return box, max(box["y"], bar["y"] + bar["height"] + 2)
 
 
@@ -116,12 +115,10 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         expect(visit.page.locator(".frusta [data-camera]")).to_have_count(3)
         expect(visit.page).to_have_url(re.compile("look=cameras"))
         box = canvas.bounding_box()
-        assert box is not None
         seen_from = view_camera(np.array([0, -8, 5, 0, 0, 0.2]), round(box["width"]), round(box["height"]))
         for posed in place.service.get_scene(place.scene_id).cameras:
             x, y, _ = projected(seen_from, posed.world_from_camera[:3, 3])
             dot = visit.page.locator(f'.frusta [data-camera="{posed.name}"] circle.hit').bounding_box()
-            assert dot is not None
             assert abs(dot["x"] + dot["width"] / 2 - box["x"] - x) < 1
             assert abs(dot["y"] + dot["height"] / 2 - box["y"] - y) < 1
         visit.check_accessible()
@@ -138,7 +135,6 @@ def test_colors_say_objects_labels_depth_and_normals(place: Place, webgl_browser
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
         box = canvas.bounding_box()
-        assert box is not None
         true_colors = _balls(visit, box)
         legend = visit.page.get_by_role("region", name="What the colors mean")
         for mode in ("Depth", "Normals", "Labels", "Objects"):

@@ -30,17 +30,21 @@ def _ruler(visit: Visit) -> Locator:
     return note
 
 
+def _measured(visit: Visit, canvas: Locator) -> Locator:
+    """The note, after a length on the table was clicked."""
+    note, box = _ruler(visit), canvas.bounding_box()
+    canvas.click(position={"x": box["width"] / 2, "y": box["height"] / 2 + 60})
+    expect(note).to_contain_text("Click the second place.")
+    canvas.click(position={"x": box["width"] / 2 + 100, "y": box["height"] / 2 + 60})
+    return note
+
+
 def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
     place: Place, webgl_browser: Browser, scene_id: str
 ) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{scene_id}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
-        box = canvas.bounding_box()
-        assert box is not None
-        note = _ruler(visit)
-        canvas.click(position={"x": box["width"] / 2, "y": box["height"] / 2 + 60})
-        expect(note).to_contain_text("Click the second place.")
-        canvas.click(position={"x": box["width"] / 2 + 100, "y": box["height"] / 2 + 60})
+        note = _measured(visit, canvas)
         expect(note).to_contain_text(re.compile(r"are \d\.\d{3} scene units ± \d\.\d{3} apart"))
         assert " m " not in note.inner_text()
         visit.check_accessible()
@@ -56,10 +60,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         expect(page).not_to_have_url(re.compile(_VIEW))
         position = [float(number) for number in parse_qs(page.url.partition("?")[2])["view"][0].split("_")]
         assert position[1] == pytest.approx(-3.2 * scene.scaling.meters_per_unit, rel=1e-3)  # the picture stays
-        note = _ruler(visit)
-        canvas.click(position={"x": box["width"] / 2, "y": box["height"] / 2 + 60})
-        expect(note).to_contain_text("Click the second place.")
-        canvas.click(position={"x": box["width"] / 2 + 100, "y": box["height"] / 2 + 60})
+        note = _measured(visit, canvas)
         expect(note).to_contain_text(re.compile(r"are 0\.2[45]\d m ± \d\.\d{3} m apart"))
         page.get_by_role("button", name="Put the ruler away").click()
         page.get_by_role("button", name="Undo").click()
