@@ -23,7 +23,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import share_photos, write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.jobs.create_scene import assemble_scene, build_views, label_views, train_scene
 from fastsplat.service.jobs.drafts import DraftVersion, carry_edits, first_draft, training_draft

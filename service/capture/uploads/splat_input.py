@@ -23,7 +23,7 @@ from fastsplat.service.capture.uploads.splat_files.splat_reading import (
 )
 from fastsplat.service.capture.uploads.upload_kind import UploadContents
 from fastsplat.service.common.array_files import write_arrays
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 
 _SPLAT = "splat.safetensors"
