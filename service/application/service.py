@@ -302,7 +302,7 @@ class SceneService:
         """Registration result of each photo of a scene in any state, paged as `list_scenes`."""
         size = check_page_size(page_size, self._context.settings.store)
         quality = self._store.scenes.scene(scene_id).quality
-        return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
+        return photo_page(self._store.scenes.photos_of(scene_id), quality, size, page_token, scene_id)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages, without dictionary, cameras and quality.
