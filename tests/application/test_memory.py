@@ -31,7 +31,7 @@ import numpy as np
 from fastsplat.service.application.answering.mask_encodings import view_mask
 from fastsplat.service.application.base.memory import masks_bytes, picture_bytes
 from fastsplat.service.application.answering.pictures import picture
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.language.words.query_text import check_query
@@ -205,7 +205,7 @@ import gc, json, sys, tempfile
 from pathlib import Path
 import numpy as np
 from fastsplat.service.application.base.memory import edit_bytes
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.geometry.poses import pose_of

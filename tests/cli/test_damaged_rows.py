@@ -17,7 +17,7 @@ from fastsplat.service.application.editing.version_rows import version_of
 from fastsplat.service.application.jobs.stored import operation_of, scene_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.care.checkup import check_database
 from fastsplat.service.store.care.row_checkup import check_rows

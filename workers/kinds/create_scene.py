@@ -31,7 +31,7 @@ from fastsplat.service.jobs.new_versions import content_of
 from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.cost_model import Speed, scene_size
 from fastsplat.service.planning.job_time import (
     PACED,

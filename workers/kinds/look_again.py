@@ -16,7 +16,7 @@ from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.jobs.new_versions import content_of
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene

@@ -153,7 +153,7 @@ class OpenScenes:
         return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
 
     def _encoder(self, name: str) -> TextEncoder:
-        from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+        from fastsplat.service.perception.text.text_encoders import open_text_encoder
 
         with self._encoder_lock:
             if name not in self._encoders:

@@ -29,7 +29,7 @@ from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Image, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.segmenters.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError
 
 _SYNONYM_COSINE = 0.85
