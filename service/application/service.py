@@ -39,9 +39,8 @@ from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
-from fastsplat.service.application.jobs.ask_captioner_orders import OwnCaptioner
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
-from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.naming_orders import OwnCaptioner, look_again_job
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of

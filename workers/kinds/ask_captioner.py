@@ -56,4 +56,4 @@ def _suggest(job: Job, folder: Path, progress: Progress) -> None:
     write_renamed(job, suggest_names(index.objects, names), folder, {"edits": edits, "result": result})
 
 
-STAGES: Mapping[str, Stage] = {"asking": _ask, "suggesting": _suggest}
+ASK_CAPTIONER: Mapping[str, Stage] = {"asking": _ask, "suggesting": _suggest}

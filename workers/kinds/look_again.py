@@ -54,7 +54,7 @@ def _name(job: Job, folder: Path, progress: Progress) -> None:
     write_renamed(job, scene, folder, {"result": to_plain(result)})
 
 
-STAGES: Mapping[str, Stage] = {"looking": _look, "naming": _name}
+LOOK_AGAIN: Mapping[str, Stage] = {"looking": _look, "naming": _name}
 
 
 def write_renamed(job: Job, scene: Scene, folder: Path, more: Mapping[str, Any]) -> None:

@@ -15,10 +15,10 @@ from fastsplat.service.capture.captures import Capture, GivenLabels, View
 from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector, spread
+from fastsplat.service.perception.label_maps.capture_masks import look_at_view
 from fastsplat.service.perception.label_maps.detection_voting import detection_weights, region_votes, resolve_detections
 from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, ShowEarly, covering_order
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
-from fastsplat.service.perception.label_maps.view_answers import look_at_view
 from fastsplat.service.perception.label_maps.vocabulary import (
     build_labelling,
     labelling_from_maps,
