@@ -41,7 +41,6 @@ from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
 from fastsplat.service.application.jobs.naming_orders import OwnCaptioner, look_again_job
-from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
@@ -263,8 +262,8 @@ class SceneService:
         return self.jobs.operation(record)
 
     def retry_operation(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
-        """Queues a failed or cancelled job again, without excluded photos; raises as `retries.retry`."""
-        return self.jobs.operation(retry(operation_id, exclude, self._context))
+        """Queues a failed or cancelled job again, without excluded photos; raises as `RunningJobs.retry`."""
+        return self.jobs.retry(operation_id, exclude)
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
-from fastsplat.service.query.objects.kept_maps import KEPT_MAP_BYTES
+from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
