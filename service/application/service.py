@@ -42,7 +42,7 @@ from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
 from fastsplat.service.application.jobs.naming_orders import OwnCaptioner, look_again_job
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
+from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summary_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
@@ -55,6 +55,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat.service.store.blobs.reserve import check_free_space
 from fastsplat.service.store.rows.codec import options_to_json
+from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.jobs.look_again import LookAgainIn
@@ -314,7 +315,7 @@ class SceneService:
         """
         size = check_page_size(page_size, self._context.settings.store)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
-        return SceneList(summaries_of(records[:size]), _next(records, size))
+        return SceneList(tuple(each_readable(records[:size], summary_of)), _next(records, size))
 
     def delete_scene(self, scene_id: str) -> None:
         """Deletes a scene, stops its job and frees its request id; raises `NotFoundError`."""

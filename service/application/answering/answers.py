@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels
-from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, view_mask
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask
 from fastsplat.service.application.answering.open_scenes import asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.answering.project_context import ProjectContext
@@ -231,9 +231,9 @@ def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: Q
     if "mask2d" not in request.outputs:
         return ()
     masks = []
-    for camera in cameras:
+    for view, number, posed in cameras:
         check_cancelled()
-        masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
+        masks.append(encoded_mask(index.mask(answer, posed), view, number, request.mask2d_encoding))
     return tuple(masks)
 
 
