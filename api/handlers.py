@@ -204,7 +204,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_DETECTIONS,
-            lambda service, req: service.detections.all(req.scene_id, req.version, req.page_size, req.page_token),
+            lambda service, req: service.answers.detections(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             example=change_examples.DETECTIONS,
         ),

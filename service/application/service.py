@@ -19,7 +19,6 @@ from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.contact_sheets import ContactSheets
-from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
@@ -107,7 +106,6 @@ class SceneService:
         self.known_names = context.known_names
         self.answers = Answers(context)
         """Queries, pictures and files of finished scenes."""
-        self.detections = Detections(context)
         self.versions = Versions(context, self._prompted)
         self.photos = Photos(context)
         """Photos of finished scenes, and best views of objects."""

@@ -22,6 +22,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
+from fastsplat_contract.messages.detections import DetectionList
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
 from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest
@@ -98,6 +99,17 @@ class Answers:
         listed = index.objects.listed_with_parts if parts else index.objects.listed
         page, token = page_of(listed, size, page_token, f"objects {scene_id} {read_version}{' parts' if parts else ''}")
         return ObjectList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
+
+    def detections(self, scene_id: str, version: str, page_size: int, page_token: str) -> DetectionList:
+        """Every object of a scene as a detection, by id, without parts, paged as `SceneService.list_scenes`."""
+        from fastsplat.service.query.measures.object_detections import detections_of  # scipy loads with the first call
+
+        check_texts(version, "version")
+        size = check_page_size(page_size, self._context.settings.store)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        page, token = page_of(index.objects.listed, size, page_token, f"detections {scene_id} {read_version}")
+        named = self._context.known_names.suggest(scene_id, index.ranked, page)
+        return detections_of(index, named, read_version, token)
 
     def pick(self, request: PickRequest) -> PickedObject:
         """Picks the object, part and group at a pixel, box or point.
