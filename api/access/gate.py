@@ -29,7 +29,10 @@ class _Account:
 
 
 class RateLimiter:
-    """Rate limits of all keys of one process."""
+    """Rate limits of one process: a token bucket per key, and limits of concurrent calls.
+
+    Excess calls are refused at once. A limit over all keys bounds the thread pool's queue. Event loop only.
+    """
 
     def __init__(self, settings: LimitSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._settings = settings

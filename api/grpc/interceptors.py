@@ -71,7 +71,7 @@ class _Unreadable:
 
 
 class DecodingInterceptor(aio.ServerInterceptor):
-    """Interceptor that refuses undecodable messages, in streams too, with INVALID_INPUT."""
+    """Refuses undecodable messages, in streams too, with INVALID_INPUT; gRPC says UNKNOWN or INTERNAL."""
 
     async def intercept_service(
         self,

@@ -1,4 +1,4 @@
-"""One supervisor over the API and the workers of one machine, a worker process a device."""
+"""One supervisor over the API and a machine's workers, a process a device."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Stages of jobs that name objects of a finished scene: by a second look, by the server's captioner.
+"""Stages of jobs that name objects of finished scenes: second look, and server's captioner.
 
-The captioner is asked about the version at the job's start; its suggestions go into the current one.
+They look at the version at the job's start, and name objects in the current one.
 """
 
 from __future__ import annotations

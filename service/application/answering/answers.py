@@ -101,7 +101,7 @@ class Answers:
         return ObjectList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
     def detections(self, scene_id: str, version: str, page_size: int, page_token: str) -> DetectionList:
-        """Every object of a scene as a detection, by id, without parts, paged as `SceneService.list_scenes`."""
+        """Every whole object as a detection, by id, paged as `SceneService.list_scenes`."""
         from fastsplat.service.query.measures.object_detections import detections_of  # scipy loads with the first call
 
         check_texts(version, "version")

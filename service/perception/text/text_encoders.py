@@ -1,4 +1,4 @@
-"""Text encoders: networks that run one text at a time, several in parallel; tables of labels."""
+"""Text encoders: networks, one text a run, several runs in parallel; tables of labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Labels of Gaussians, and instances of a scene without stored objects: connected Gaussians of each label."""
+"""Labels of Gaussians, and instances of scenes without stored objects: connected Gaussians of a label."""
 
 from __future__ import annotations
 

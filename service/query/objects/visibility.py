@@ -1,4 +1,4 @@
-"""Best views of objects by visible projected area, without rendering; further views of a prompted object."""
+"""Best views of objects by visible projected area; further views of a prompted object."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evidence of use: words shared by questions and definitions of labels, and the nearest of labels' texts."""
+"""Evidence of use: words of questions in definitions of labels, and labels' nearest texts."""
 
 from __future__ import annotations
 

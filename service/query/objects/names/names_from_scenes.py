@@ -1,4 +1,4 @@
-"""Suggests names that people gave in other scenes: to similar objects, or to one with the same tag."""
+"""Suggests names that people gave in other scenes, to similar objects or by tags."""
 
 from __future__ import annotations
 
