@@ -156,7 +156,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "cancel": lambda: service.cancel_operation(operation),
         "retry": lambda: service.retry_operation(operation),
         "objects": lambda: service.answers.list_objects(scene),
-        "detections": lambda: service.detections.all(scene),
+        "detections": lambda: service.answers.detections(scene),
         "photos": lambda: service.photos.all(scene),
         "photo": lambda: service.photos.path(scene, "front.png"),
         "photo verdicts": lambda: service.list_photo_verdicts(scene),

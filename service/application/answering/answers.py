@@ -100,7 +100,7 @@ class Answers:
         page, token = page_of(listed, size, page_token, f"objects {scene_id} {read_version}{' parts' if parts else ''}")
         return ObjectList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
-    def detections(self, scene_id: str, version: str, page_size: int, page_token: str) -> DetectionList:
+    def detections(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
         """Every whole object as a detection, by id, paged as `SceneService.list_scenes`."""
         from fastsplat.service.query.measures.object_detections import detections_of  # scipy loads with the first call
 
