@@ -39,6 +39,14 @@ class JobKind:
     asks_captioner: bool = False  # pass captioner settings to trainers, given consent
 
 
+def _upload(job: ClaimedJob) -> Sources:
+    return Sources(job.upload())
+
+
+def _current_version(job: ClaimedJob) -> Sources:
+    return Sources(*job.current_version())
+
+
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     scene_id, project = job.scene_id, job.claim.operation.project
     job.publish_scene(stage, order_job("ask_captioner", scene_id, "", {}, project) if job.may_ask_captioner() else None)
@@ -78,19 +86,19 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
-        sources=lambda job: Sources(job.upload()),
+        sources=_upload,
         run="fastsplat.workers.kinds.create_scene:STAGES",
         publish=_publish_scene,
     ),
     "look_again": JobKind(
         stages=("looking", "naming"),
-        sources=lambda job: Sources(*job.current_version()),
+        sources=_current_version,
         run="fastsplat.workers.kinds.naming:LOOK_AGAIN",
         publish=_publish_version,
     ),
     "ask_captioner": JobKind(
         stages=("asking", "suggesting"),
-        sources=lambda job: Sources(*job.current_version()),
+        sources=_current_version,
         run="fastsplat.workers.kinds.naming:ASK_CAPTIONER",
         publish=_publish_suggestions,
         asks_captioner=True,
