@@ -13,7 +13,6 @@ from fastsplat.api.access.caller import caller_id, caller_role
 from fastsplat.api.examples import (
     admin_examples,
     change_examples,
-    job_watching_examples,
     localize_examples,
     scene_examples,
 )
@@ -171,7 +170,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.GET_PREVIEW,
             lambda service, req: service.jobs.preview(req.operation_id),
-            example=job_watching_examples.PREVIEW,
+            example=scene_examples.PREVIEW,
         ),
         Handler(
             calls.GET_JOB_LOG,
@@ -181,7 +180,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.GET_PLACED_CAMERAS,
             lambda service, req: service.jobs.placed_cameras(req.operation_id),
-            example=job_watching_examples.PLACED,
+            example=scene_examples.PLACED,
         ),
         Handler(calls.RENDER_VIEW, lambda service, req: service.answers.picture(req), computes=True, renders=True),
         Handler(calls.EXPORT_SCENE, lambda service, req: service.exports.file(req), computes=True, renders=True),
@@ -205,7 +204,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_DETECTIONS,
-            lambda service, req: service.detections.all(req.scene_id, req.version, req.page_size, req.page_token),
+            lambda service, req: service.answers.detections(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             example=change_examples.DETECTIONS,
         ),
@@ -273,7 +272,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.ESTIMATE_JOB,
             lambda service, req: service.estimates.estimate(req),
             computes=True,
-            example=job_watching_examples.ESTIMATE,
+            example=scene_examples.ESTIMATE,
         ),
         Handler(
             calls.GET_SERVER_STATUS,

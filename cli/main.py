@@ -12,7 +12,7 @@ import typer
 from fastsplat.cli.demo.command import demo
 from fastsplat.cli.lazy_settings import load_settings
 from fastsplat.cli.operating.backup_commands import backup, restore
-from fastsplat.cli.operating.check import check
+from fastsplat.cli.operating.before_upload import check, tags
 from fastsplat.cli.operating.doctor import doctor
 from fastsplat.cli.operating.jobs import jobs_app
 from fastsplat.cli.operating.keys import keys_app
@@ -24,16 +24,13 @@ from fastsplat.cli.operating.projects import projects_app
 from fastsplat.cli.operating.serve_command import Devices, Workers
 from fastsplat.cli.operating.serve_command import serve as serve_command
 from fastsplat.cli.operating.status import status
-from fastsplat.cli.operating.tags import tags
 from fastsplat.cli.options import service_command
 from fastsplat.cli.scenes import (  # noqa: F401  each adds its commands to a group
-    clean_command,
     create_commands,
     edit_commands,
     export,
     localize,
     measure_commands,
-    version_commands,
 )
 from fastsplat.cli.scenes.ask_command import ask
 from fastsplat.cli.scenes.object_commands import objects_app
@@ -90,8 +87,7 @@ def api() -> None:
 def worker(devices: Devices = "", workers: Workers = 1) -> None:
     """Run workers alone, one by default; they take their jobs from the database."""
     if devices or workers != 1:
-        from fastsplat.cli.operating.devices import worker_roles
-        from fastsplat.cli.operating.serve import serve
+        from fastsplat.cli.operating.serve import serve, worker_roles
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))

@@ -79,7 +79,7 @@ def models_dir() -> Path:
 @pytest.fixture(scope="session")
 def minilm(models_dir: Path) -> TextEncoder:
     """The default text encoder."""
-    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+    from fastsplat.service.perception.text.text_encoders import open_text_encoder
     from tests.remembering import Remembering
 
     return Remembering(open_text_encoder("minilm_l6_int8", models_dir, threads=1))

@@ -1,1 +1,1 @@
-"""Access control shared by both protocols; `api.rest.access` and `api.grpc.access` adapt it."""
+"""Access control shared by both protocols; `api.rest.access` and `api.grpc.interceptors` adapt it."""

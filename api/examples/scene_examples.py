@@ -11,12 +11,12 @@ import numpy as np
 
 from fastsplat.api.examples.change_examples import SCALE, Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
-from fastsplat.api.examples.job_watching_examples import running_operation
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.object_prompts import ObjectPrompt
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.jobs.operations import OperationList
+from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo
+from fastsplat_contract.jobs.operations import JobEstimate, Operation, OperationList, StageProgress
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
 from fastsplat_contract.messages.contact_sheets import ContactSheet, NeighborObject, SheetObject
 from fastsplat_contract.messages.object_reads import ObjectRead
@@ -49,6 +49,39 @@ from fastsplat_contract.messages.scenes import (
 from fastsplat_contract.photos.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.photos.pictures import RenderIn, Tint
 from fastsplat_contract.photos.scene_photos import BestView, BestViewList, PhotoList, ScenePhoto
+
+_PLACED = PlacedInfo(1, 60, 60, complete=True)
+
+PREVIEW = Preview(PreviewInfo(4, 1_250, 16.5, 24_000, 24.8, "front.png", 320, 240), b"\xff\xd8\xff")
+ESTIMATE = JobEstimate(185.4, {"capture": 23.1, "perception": 33.9, "training": 121.5, "export": 6.9})
+PLACED = PlacedCameras(
+    _PLACED,
+    (PosedCamera(Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0), np.eye(4), "front.png"),),
+    bytes(12),
+    b"\xc8\x96\x64",
+)
+
+
+def running_operation(operation_id: str, scene_id: str, posted: datetime, updated: datetime) -> Operation:
+    """Builds a job in the middle of its second stage."""
+    return Operation(
+        id=operation_id,
+        scene_id=scene_id,
+        state="RUNNING",
+        done=False,
+        created_at=posted,
+        updated_at=updated,
+        stages=(
+            StageProgress("capture", 1.0, "60 of 60 images registered", 41.5, {"registered": 60.0}),
+            StageProgress("perception", 0.5, "30 of 60 images labelled", 22.0, {}),
+        ),
+        error=None,
+        attempt=1,
+        worker="working",
+        seconds_left=310.0,
+        placed=_PLACED,
+    )
+
 
 _POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 _DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)

@@ -12,7 +12,7 @@ from google.protobuf import empty_pb2, message_factory
 from google.protobuf.message import Message
 from grpc import aio
 
-from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat.api.grpc.interceptors import Context, guarded
 from fastsplat.api.grpc.subscriptions import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.handlers import HANDLERS, Handler

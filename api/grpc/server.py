@@ -10,8 +10,7 @@ from grpc_reflection.v1alpha import reflection
 
 from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate
-from fastsplat.api.grpc.access import AccessInterceptor
-from fastsplat.api.grpc.decoding import DecodingInterceptor
+from fastsplat.api.grpc.interceptors import AccessInterceptor, DecodingInterceptor
 from fastsplat.api.grpc.rpcs import add_rpcs
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.threads import Threads

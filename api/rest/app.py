@@ -26,10 +26,9 @@ from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
 from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes.assistant import Assistant
-from fastsplat.api.rest.routes.export_routes import export_routes
+from fastsplat.api.rest.routes.file_routes import export_routes, photo_routes
 from fastsplat.api.rest.routes.health import health_routes
 from fastsplat.api.rest.routes.localize_routes import localize_routes
-from fastsplat.api.rest.routes.photo_routes import photo_routes
 from fastsplat.api.rest.routes.query_routes import query_routes
 from fastsplat.api.rest.routes.scene_routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.routes.table_routes import table_routes

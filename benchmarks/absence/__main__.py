@@ -31,7 +31,7 @@ from benchmarks.provenance import begin, parser_of, write_results
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.lexicon.wordnet import Lexicon, open_lexicon
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex

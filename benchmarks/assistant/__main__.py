@@ -38,7 +38,7 @@ from benchmarks.relations.__main__ import share_right
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene
 from fastsplat.service.perception.lexicon.wordnet import find_lexicon
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings

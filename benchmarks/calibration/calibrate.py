@@ -35,7 +35,7 @@ from benchmarks.provenance import parser_of
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon.wordnet import open_lexicon
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.language.meaning.calibration import FILE, Score, calibration_key
 from fastsplat.service.query.language.meaning.embeddings import TextCache
 from fastsplat.service.query.language.meaning.meaning import FILE as MEANING_FILE

@@ -31,7 +31,7 @@ from benchmarks.evaluation.scene_evaluation import evaluate_scene, scene_size
 from benchmarks.evaluation.train_eval import TrainingLabels, train_on_split
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, provenance, put_row
 from benchmarks.splits import add_split, results_file
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings

@@ -16,7 +16,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.jobs.create_scene import build_scene
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.presets import PresetName, override_training
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings

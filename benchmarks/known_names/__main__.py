@@ -31,7 +31,7 @@ from benchmarks.rooms.truth import read_truth
 from fastsplat.service.instances.naming.object_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.query.objects.names.look_alikes import Sizes, sizes_in_meters
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject, described, names_by_looks
+from fastsplat.service.query.objects.names.names_from_scenes import KnownObject, described, names_by_looks
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.settings import Settings
 

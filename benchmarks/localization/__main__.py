@@ -38,7 +38,7 @@ from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import Photo as LandmarkPhoto
 from fastsplat.service.localization.landmarks import find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat_contract.geometry.camera import PosedCamera

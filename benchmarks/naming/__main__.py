@@ -40,7 +40,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.jobs.nameless_objects import said_by, sheets_of
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene, SemanticHead

@@ -38,7 +38,7 @@ from fastsplat.service.instances.scene_objects import find_scene_objects
 from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat.service.perception.label_maps.capture_masks import propose_capture_masks
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene, SemanticHead
 from fastsplat.service.settings import Settings

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene, SemanticHead

@@ -17,7 +17,7 @@ from benchmarks.provenance import peak_megabytes
 from benchmarks.trade.bench_captures import BenchData, load_data, models, training_labels
 from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.scene.artefact.scene_files import write_scene

@@ -45,11 +45,6 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
     sheet.save(target, quality=88)
 
 
-def caption_of(answer: Answer) -> str:
-    """A question and its answer, in one line."""
-    return f"“{answer.text}” {answer.sentence}"
-
-
 _MAX_MATCHES = 4
 _SHOWN_KINDS: tuple[PictureKind, ...] = ("overlay", "relevancy")
 
@@ -116,7 +111,7 @@ def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view:
             (folder / f"{stem}-{kind}.png").write_bytes(
                 client.picture(scene.id, kind, view, text=text, version=answer.version)
             )
-        panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
+        panels.append((f"“{text}” {answer.sentence}", folder / f"{stem}-overlay.png"))
         (masked,) = client.query(scene.id, text, outputs=["mask3d"], mask3d_encoding="ply", version=answer.version)
         (folder / f"{stem}-mask.ply").write_bytes(masked.mask3d or b"")
     write_sheet(panels, folder / "summary.jpg")

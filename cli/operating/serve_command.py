@@ -27,8 +27,7 @@ def serve(
 ) -> None:
     """Run the API and one worker a device on this machine until SIGTERM or SIGINT."""
     from fastsplat.api.access.exposure import check_exposure
-    from fastsplat.cli.operating.devices import worker_roles
-    from fastsplat.cli.operating.serve import Role
+    from fastsplat.cli.operating.serve import Role, worker_roles
     from fastsplat.cli.operating.serve import serve as run
     from fastsplat.service.common.process import die_with_named_parent
 

@@ -1,4 +1,4 @@
-"""`fastsplat objects`: edits of a scene's objects, each of which makes a version."""
+"""`fastsplat objects` and `scenes clean`: edits, which make versions, and steps between versions."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ import typer
 
 from fastsplat.cli.options import SceneId, Watch, service_command
 from fastsplat.cli.scenes.object_commands import objects_app
+from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.session import Session
+from fastsplat.cli.short_ids import SHORT
+from fastsplat.cli.tables import Column, minute, table
 from fastsplat_contract.codec.json_codec import from_json
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
 from fastsplat_contract.geometry.object_prompts import ObjectPrompt
-from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.jobs.name_suggestions import SuggestIn
 from fastsplat_contract.jobs.operations import Operation
 from fastsplat_contract.messages.objects import ObjectList, Pixel, PixelBox
-from fastsplat_contract.messages.scenes import Edit, InsertSource
+from fastsplat_contract.messages.scenes import Edit, InsertSource, SceneVersion, VersionList
 
 _Ids = Annotated[list[int], typer.Argument(help="Ids of objects, from the list.", metavar="OBJECT...")]
 _LookedAt = Annotated[
@@ -249,3 +253,89 @@ def _pixel(text: str, option: str) -> Pixel:
             f"a pixel at {text[:40]!r}", field=option, hint=f"Write --{option} X,Y, as in --{option} 120.5,80."
         ) from error
     return Pixel(x, y)
+
+
+_Three = tuple[float, float, float]
+
+
+@service_command(scenes_app)
+def clean(
+    session: Session,
+    scene: SceneId,
+    center: Annotated[_Three | None, typer.Option(help="x y z of the middle of a box; with --size.")] = None,
+    size: Annotated[_Three | None, typer.Option(help="Edge lengths x y z of the box, scene units.")] = None,
+    outside: Annotated[bool, typer.Option(help="Remove what lies outside of the box, not what lies in it.")] = False,
+    opacity_below: Annotated[float | None, typer.Option(help="Only what is less opaque than this, 0 to 1.")] = None,
+    isolation_above: Annotated[
+        float | None, typer.Option(help="Only what is so many times farther from others than usual; 4 is a start.")
+    ] = None,
+    obj: Annotated[
+        list[int], typer.Option("--object", help="Only of this object, by its id; several are allowed.")
+    ] = [],
+    preview: Annotated[bool, typer.Option(help="Only say how much would go.")] = False,
+) -> None:
+    """Remove Gaussians in or outside a box, faint ones, or floating ones, as a version."""
+    box = None
+    if center is not None or size is not None:
+        middle = Pose(Vector3(*(center or (0.0, 0.0, 0.0))), Quaternion(0.0, 0.0, 0.0, 1.0))
+        box = Box(middle, Vector3(*(size or (0.0, 0.0, 0.0))))
+    chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
+    edits = [Edit("remove", object_ids=tuple(obj), filter=chosen)]
+    scene_id = session.scene(scene)
+    if preview:
+        edit_preview = session.client.preview_edit(scene_id, edits)
+        session.tell(edit_preview, f"{edit_preview.count:,} of {edit_preview.gaussians:,} Gaussians would go")
+        return
+    new_version = session.client.edit_scene(scene_id, edits)
+    session.tell(new_version, f"version {new_version.version} is current, with {new_version.gaussians:,} Gaussians")
+
+
+_Only = Annotated[str, typer.Option("--version", help="Only if this is the current version.")]
+
+
+@service_command(objects_app)
+def versions(session: Session, scene: SceneId) -> None:
+    """Show every version of a scene, oldest first; a star marks the current one."""
+    scene_versions = session.client.versions(session.scene(scene))
+    columns = (
+        Column(""), Column("version"), Column("made of"), Column("edits", "cut"), Column("by", "cut"), Column("made"),
+    )  # fmt: skip
+    rows = [
+        (
+            "*" if version.current else "",
+            version.version[:SHORT],
+            version.parent[:SHORT],
+            ", ".join(edit.action for edit in version.edits) or "trained",
+            version.author,
+            minute(version.created_at),
+        )
+        for version in scene_versions
+    ]
+    session.tell(VersionList(scene_versions), table(columns, rows))
+
+
+@service_command(objects_app)
+def undo(session: Session, scene: SceneId, only: _Only = "") -> None:
+    """Go back to the version before the current one."""
+    scene_id = session.scene(scene)
+    _tell(session, session.client.undo_edit(scene_id, session.version(scene_id, only)))
+
+
+@service_command(objects_app)
+def redo(session: Session, scene: SceneId, only: _Only = "") -> None:
+    """Go forward to the version that was undone."""
+    scene_id = session.scene(scene)
+    _tell(session, session.client.redo_edit(scene_id, session.version(scene_id, only)))
+
+
+@service_command(objects_app)
+def restore(
+    session: Session, scene: SceneId, version: Annotated[str, typer.Argument(help="A version of the list of versions.")]
+) -> None:
+    """Make any version current; all others stay."""
+    scene_id = session.scene(scene)
+    _tell(session, session.client.restore_version(scene_id, session.version(scene_id, version)))
+
+
+def _tell(session: Session, version: SceneVersion) -> None:
+    session.tell(version, f"version {version.version} is current")

@@ -11,7 +11,7 @@ from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scenes.scene_commands import scenes_app
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import size
-from fastsplat.service.common.atomic import atomic_file
+from fastsplat.service.common.files import atomic_file
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.messages.exports import FILE_NAMES, ExportFormat
 

@@ -19,7 +19,6 @@ from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.contact_sheets import ContactSheets
-from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
@@ -39,12 +38,10 @@ from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.scene_exports import Exports
-from fastsplat.service.application.jobs.ask_captioner_orders import OwnCaptioner
 from fastsplat.service.application.jobs.estimates import JobEstimates, QueueTimes
-from fastsplat.service.application.jobs.look_again_orders import look_again_job
-from fastsplat.service.application.jobs.retries import retry
+from fastsplat.service.application.jobs.naming_orders import OwnCaptioner, look_again_job
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
+from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summary_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
 from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
@@ -57,6 +54,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat.service.store.blobs.reserve import check_free_space
 from fastsplat.service.store.rows.codec import options_to_json
+from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.jobs.look_again import LookAgainIn
@@ -108,7 +106,6 @@ class SceneService:
         self.known_names = context.known_names
         self.answers = Answers(context)
         """Queries, pictures and files of finished scenes."""
-        self.detections = Detections(context)
         self.versions = Versions(context, self._prompted)
         self.photos = Photos(context)
         """Photos of finished scenes, and best views of objects."""
@@ -264,8 +261,8 @@ class SceneService:
         return self.jobs.operation(record)
 
     def retry_operation(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
-        """Queues a failed or cancelled job again, without excluded photos; raises as `retries.retry`."""
-        return self.jobs.operation(retry(operation_id, exclude, self._context))
+        """Queues a failed or cancelled job again, without excluded photos; raises as `RunningJobs.retry`."""
+        return self.jobs.retry(operation_id, exclude)
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None
@@ -302,7 +299,7 @@ class SceneService:
         """Registration result of each photo of a scene in any state, paged as `list_scenes`."""
         size = check_page_size(page_size, self._context.settings.store)
         quality = self._store.scenes.scene(scene_id).quality
-        return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
+        return photo_page(self._store.scenes.photos_of(scene_id), quality, size, page_token, scene_id)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages, without dictionary, cameras and quality.
@@ -316,7 +313,7 @@ class SceneService:
         """
         size = check_page_size(page_size, self._context.settings.store)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
-        return SceneList(summaries_of(records[:size]), _next(records, size))
+        return SceneList(tuple(each_readable(records[:size], summary_of)), _next(records, size))
 
     def delete_scene(self, scene_id: str) -> None:
         """Deletes a scene, stops its job and frees its request id; raises `NotFoundError`."""

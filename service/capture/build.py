@@ -37,8 +37,8 @@ from fastsplat.service.capture.world.gps_scale import with_gps
 from fastsplat.service.capture.world.gravity import vertical_of_capture
 from fastsplat.service.capture.world.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.world.scale_tags import in_meters
-from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.file_names import list_names
+from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.results import MaskLogits, Prompts, Segmenter
-from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
-from fastsplat.service.perception.segmenters.mask_selection import box_agreement, stability
+from fastsplat.service.perception.segmenters.mask_postprocessing import box_agreement, stability, upsampled
 
 Mask = NDArray[np.bool_]
 F32 = NDArray[np.float32]

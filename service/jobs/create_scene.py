@@ -33,7 +33,7 @@ from fastsplat.service.perception.label_maps.movers import open_withholding
 from fastsplat.service.perception.readers.ppocr import find_reader
 from fastsplat.service.perception.results import Labelling
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import plan_perception
 from fastsplat.service.query.language.meaning.embeddings import embed_labels

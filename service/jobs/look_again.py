@@ -14,14 +14,16 @@ import numpy as np
 from fastsplat.service.capture.captures import Capture, CaptureReport
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.instances.naming.closer_look import (
+from fastsplat.service.instances.naming.second_look import (
+    add_names,
     best_positions,
+    choose_views,
     closer_look,
     mean_votes,
     objects_in_map,
+    shares_seen,
     votes_for,
 )
-from fastsplat.service.instances.naming.second_look import add_names, choose_views, shares_seen
 from fastsplat.service.instances.scene_objects import NAME_OVERLAP, votes_of_views
 from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
 from fastsplat.service.perception.label_maps.capture_detection import spread

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.query.objects.gaussian_labels import label_gaussians
-from fastsplat.service.query.objects.labeled_objects import objects_of
+from fastsplat.service.query.objects.labeled_objects import label_gaussians, objects_of
 from fastsplat.service.query.objects.names.look_alikes import Sizes, sizes_in_meters
-from fastsplat.service.query.objects.names.names_by_looks import described
+from fastsplat.service.query.objects.names.names_from_scenes import described
 from fastsplat.service.scene.artefact.alignment import alignment_to_json
 from fastsplat.service.scene.artefact.scaling import scaling_to_json
 from fastsplat.service.scene.artefact.scene import Objects, Scene, SceneFacts

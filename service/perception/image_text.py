@@ -17,7 +17,7 @@ from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Image
-from fastsplat.service.perception.text.text_tower import ClipTextEncoder
+from fastsplat.service.perception.text.text_encoders import ClipTextEncoder
 
 F32 = NDArray[np.float32]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import onnxruntime
 
-from fastsplat.service.common import file_hashes
+from fastsplat.service.common import files
 from fastsplat_contract.errors import ModelUnavailableError
 
 onnxruntime.disable_telemetry_events()  # photos and their times are private
@@ -88,7 +88,7 @@ def check_contract(
         )
 
 
-file_sha256 = cache(file_hashes.file_sha256)
+file_sha256 = cache(files.file_sha256)
 """Hex SHA-256 of a file that does not change during the process; cached."""
 
 

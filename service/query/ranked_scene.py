@@ -22,8 +22,12 @@ from fastsplat.service.query.language.words.english import is_foreign, names_not
 from fastsplat.service.query.language.words.judgement import Ranked
 from fastsplat.service.query.language.words.query_text import TextQuery
 from fastsplat.service.query.objects.absence import UnseenSpace
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject, NameFromScene, names_by_looks
-from fastsplat.service.query.objects.names.names_by_tags import names_by_tags
+from fastsplat.service.query.objects.names.names_from_scenes import (
+    KnownObject,
+    NameFromScene,
+    names_by_looks,
+    names_by_tags,
+)
 from fastsplat.service.query.objects.names.object_names import ObjectNames
 from fastsplat.service.query.objects.object_history import SceneHistory
 from fastsplat.service.query.phrases.object_looks import LooksModel, ObjectLooks

@@ -17,7 +17,7 @@ from fastsplat.service.query.language.meaning.prompt_context import SceneLabels
 from fastsplat.service.query.language.meaning.word_senses import label_meaning
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.words.query_text import check_query
-from fastsplat.service.query.objects.gaussian_labels import label_by_objects, label_gaussians
+from fastsplat.service.query.objects.labeled_objects import label_by_objects, label_gaussians
 from fastsplat.service.query.objects.names.look_alikes import sizes_in_meters
 from fastsplat.service.query.objects.names.object_names import names_of
 from fastsplat.service.query.objects.object_history import scene_history
@@ -132,8 +132,8 @@ class SceneIndex:
 
     @cached_property
     def isolation(self) -> NDArray[np.float32]:
-        """Isolation of each Gaussian, float32 [G], see `service.scene.gaussians.isolation`."""
-        from fastsplat.service.scene.gaussians.isolation import isolation  # scipy loads with the first filter
+        """Isolation of each Gaussian, float32 [G], see `service.scene.gaussians.connectivity`."""
+        from fastsplat.service.scene.gaussians.connectivity import isolation  # scipy loads with the first filter
 
         return isolation(self.scene.gaussians)
 

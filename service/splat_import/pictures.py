@@ -16,7 +16,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture, save_c
 from fastsplat.service.capture.formats.image_io import save_rgb
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.uploads.splat_input import load_splat, take_splat
-from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.splat_import.bulk import find_bulk

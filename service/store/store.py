@@ -14,12 +14,10 @@ from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.blobs import Blobs
 from fastsplat.service.store.blobs.object_store import open_blobs
 from fastsplat.service.store.blobs.reserve import Reserve
-from fastsplat.service.store.queue.job_metrics import JobMetrics
 from fastsplat.service.store.queue.job_repository import JobRepository
 from fastsplat.service.store.queue.worker_repository import WorkerRepository
 from fastsplat.service.store.repositories.key_repository import KeyRepository
 from fastsplat.service.store.repositories.name_repository import KnownNameRepository
-from fastsplat.service.store.repositories.photo_repository import PhotoRepository
 from fastsplat.service.store.repositories.project_repository import ProjectRepository
 from fastsplat.service.store.repositories.quota_usage import QuotaUsage
 from fastsplat.service.store.repositories.scene_repository import SceneRepository
@@ -40,12 +38,10 @@ class Store:
     versions: VersionRepository
     jobs: JobRepository
     workers: WorkerRepository
-    job_metrics: JobMetrics
     keys: KeyRepository
     projects: ProjectRepository
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
-    photos: PhotoRepository
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -102,12 +98,10 @@ def open_store(
         versions=VersionRepository(engine),
         jobs=JobRepository(engine),
         workers=WorkerRepository(engine),
-        job_metrics=JobMetrics(engine),
         keys=KeyRepository(engine),
         projects=ProjectRepository(engine),
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
-        photos=PhotoRepository(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

@@ -14,7 +14,7 @@ from PIL import Image
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.settings import Settings

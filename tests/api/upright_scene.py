@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import ENCODER, made_scene
 from tests.query.box_scenes import BoxShell, orbit, scene_of

@@ -12,7 +12,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import ValidatedUpload
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Scene
 from fastsplat.service.settings import Settings, StoreOptions

@@ -14,7 +14,7 @@ import pytest
 from fastsplat.service.application.answering import open_scenes
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.results import TextEncoder
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.language.meaning.embeddings import embed_labels
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.query.objects.kept_maps import KEPT_MAP_BYTES
+from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
 from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import (

@@ -16,7 +16,7 @@ from sqlalchemy import func, select
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.scene_files import read_scene
@@ -29,7 +29,7 @@ from fastsplat.workers.job.claimed_job import ClaimedJob
 from fastsplat.workers.job.protocol import Job
 from fastsplat.workers.job.results import finish_stage, start_stage
 from fastsplat.workers.kinds.job_kinds import KINDS
-from fastsplat.workers.kinds.look_again import write_renamed
+from fastsplat.workers.kinds.naming import write_renamed
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

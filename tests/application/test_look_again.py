@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.naming_orders import look_again_job
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.settings import Settings, StoreOptions

@@ -35,10 +35,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 import numpy as np
-from fastsplat.service.application.answering.mask_encodings import view_mask
+from fastsplat.service.application.answering.mask_encodings import encoded_mask
 from fastsplat.service.application.base.memory import masks_bytes, picture_bytes
 from fastsplat.service.application.answering.pictures import picture
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.language.words.query_text import check_query
@@ -73,7 +73,7 @@ def draw(kind, posed):
 
 def masks(posed, encoding):
     (answer,) = index.ask(["mug"])
-    assert view_mask(index, answer, "", 0, posed, encoding).area > 0.1 * posed.camera.width**2
+    assert encoded_mask(index.mask(answer, posed), "", 0, encoding).area > 0.1 * posed.camera.width**2
 
 rows = {}
 for mode in ("codes", "evidence"):
@@ -208,7 +208,7 @@ import gc, json, sys, tempfile
 from pathlib import Path
 import numpy as np
 from fastsplat.service.application.base.memory import edit_bytes
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat_contract.geometry.poses import pose_of

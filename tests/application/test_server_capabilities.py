@@ -9,7 +9,7 @@ import pytest
 from fastsplat.service.application.admin.server_capabilities import _digest, page_addresses, weighed_with_encoder
 from fastsplat.service.application.service import open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import QuotaSettings, Settings
 from tests.api.made_scene import ENCODER, write_words
 from tests.looks_model import MODEL, write_looks_model

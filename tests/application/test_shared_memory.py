@@ -18,8 +18,7 @@ from fastsplat.service.application.exporting.geometry_files import cameras_file,
 from fastsplat.service.application.exporting.scene_exports import SurfaceCache
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.label_table import LabelTable
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import LabelTable, open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_views import SurfaceView, surface_views

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.artefact_settings import ArtefactSettings

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.naming.__main__ import drawn_index, named_room
 from benchmarks.reads.drawing import FlatStudio
 from benchmarks.reads.labels import labelled_room
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 
 
 def test_a_room_is_named_whole_with_one_confirmation_an_object(tmp_path: Path, models_dir: Path) -> None:

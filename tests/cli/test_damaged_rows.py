@@ -17,7 +17,7 @@ from fastsplat.service.application.editing.version_rows import version_of
 from fastsplat.service.application.jobs.stored import operation_of, scene_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.care.checkup import check_database
 from fastsplat.service.store.care.row_checkup import check_rows
@@ -156,7 +156,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "cancel": lambda: service.cancel_operation(operation),
         "retry": lambda: service.retry_operation(operation),
         "objects": lambda: service.answers.list_objects(scene),
-        "detections": lambda: service.detections.all(scene),
+        "detections": lambda: service.answers.detections(scene),
         "photos": lambda: service.photos.all(scene),
         "photo": lambda: service.photos.path(scene, "front.png"),
         "photo verdicts": lambda: service.list_photo_verdicts(scene),

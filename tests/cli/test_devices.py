@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from fastsplat.cli.operating.devices import worker_roles
+from fastsplat.cli.operating.serve import worker_roles
 from fastsplat_contract.errors import InvalidInputError
 
 _CPUS = len(os.sched_getaffinity(0))

@@ -54,7 +54,7 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     paged_by_one = load_settings().model_copy(update={"store": StoreOptions(max_page_size=1)})
     monkeypatch.setattr("fastsplat.cli.connection.load_settings", lambda: paged_by_one)
     printed = json.loads(invoke("objects", "detections", scene_id, "--json").stdout)
-    truth = service.detections.all(scene_id)
+    truth = service.answers.detections(scene_id)
     assert len(truth.detections) == 2 and printed["next_page_token"] == ""
     assert [row["label"] for row in printed["detections"]] == [detection.label for detection in truth.detections]
 

@@ -12,7 +12,7 @@ import pytest
 from typer.testing import Result
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.settings import load_settings

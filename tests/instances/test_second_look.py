@@ -12,14 +12,17 @@ from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.instances.naming.closer_look import (
+from fastsplat.service.instances.naming.second_look import (
+    NamesAdded,
+    add_names,
     best_positions,
+    choose_views,
     closer_look,
     mean_votes,
     objects_in_map,
+    shares_seen,
     votes_for,
 )
-from fastsplat.service.instances.naming.second_look import NamesAdded, add_names, choose_views, shares_seen
 from fastsplat.service.perception.results import Detections
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.artefact.suggestions import Suggestion

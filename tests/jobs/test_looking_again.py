@@ -14,7 +14,7 @@ from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.instances.discovery_settings import LookAgainOptions
 from fastsplat.service.jobs.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.objects.objects import discard_object
 from fastsplat.service.settings import Settings

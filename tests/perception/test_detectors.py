@@ -21,7 +21,7 @@ from fastsplat.service.perception.models.model_manifest import ROLES, load_manif
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections
 from fastsplat.service.perception.segmenters.open_segmenter import SEGMENTERS
-from fastsplat.service.perception.text.open_text_encoder import TEXT_TOWERS
+from fastsplat.service.perception.text.text_encoders import TEXT_TOWERS
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from tests.perception.conftest import read_rgb
 

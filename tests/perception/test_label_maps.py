@@ -22,7 +22,7 @@ from fastsplat.service.perception.label_maps.vocabulary import (
 )
 from fastsplat.service.perception.results import Detections, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.segmenters.mask_postprocessing import clean_mask, paint, resolve_overlaps
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError
 
 _mask_stacks = hnp.arrays(np.bool_, st.tuples(st.integers(1, 4), st.just(6), st.just(7)))

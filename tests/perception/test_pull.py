@@ -28,7 +28,7 @@ from fastsplat.service.perception.models.model_manifest import (
     find_model,
     load_manifest,
 )
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
 _HEAD = '[[model]]\nname = "words"\nrole = "text_encoder"\nadapter = "label_table"\nabout = "A few words."'

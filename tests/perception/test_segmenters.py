@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.segmenters.mask_selection import select_mask
+from fastsplat.service.perception.segmenters.mask_postprocessing import select_mask
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat_contract.errors import ModelUnavailableError
 from tests.perception.conftest import read_rgb

@@ -16,8 +16,12 @@ import pytest
 
 from fastsplat.service.common.process import lower_priority
 from fastsplat.service.perception.models.model_files import only_network
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.text.text_tower import ClipTextEncoder, SentenceEncoder, embed_side_by_side
+from fastsplat.service.perception.text.text_encoders import (
+    ClipTextEncoder,
+    SentenceEncoder,
+    embed_side_by_side,
+    open_text_encoder,
+)
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 

@@ -10,8 +10,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
-from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import SplatLimits, SplatRows
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words

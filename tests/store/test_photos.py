@@ -31,14 +31,14 @@ def _write(job: ClaimedJob, photos: object) -> None:
 def test_a_worker_writes_them_once_its_capture_stage_has(store: Store) -> None:
     job = _claimed(store)
     job.note_photos()
-    assert store.photos.of_scene(job.scene_id) == []
+    assert store.scenes.photos_of(job.scene_id) == []
     _write(job, _PHOTOS)
     job.note_photos()
     job.note_photos()
-    assert store.photos.of_scene(job.scene_id) == _PHOTOS
+    assert store.scenes.photos_of(job.scene_id) == _PHOTOS
     _write(job, _PHOTOS[:1])
     job.note_photos()
-    assert store.photos.of_scene(job.scene_id) == _PHOTOS[:1]
+    assert store.scenes.photos_of(job.scene_id) == _PHOTOS[:1]
 
 
 def test_a_worker_that_lost_the_job_writes_nothing(store: Store) -> None:
@@ -47,7 +47,7 @@ def test_a_worker_that_lost_the_job_writes_nothing(store: Store) -> None:
     assert store.jobs.claim(job.id) is not None
     with pytest.raises(FencedError):
         job.note_photos()
-    assert store.photos.of_scene(job.scene_id) == []
+    assert store.scenes.photos_of(job.scene_id) == []
 
 
 def test_they_go_with_the_scene_and_do_not_come_back(store: Store) -> None:
@@ -55,6 +55,6 @@ def test_they_go_with_the_scene_and_do_not_come_back(store: Store) -> None:
     _write(job, _PHOTOS)
     job.note_photos()
     store.scenes.delete_scene(job.scene_id)
-    assert store.photos.of_scene(job.scene_id) == []
+    assert store.scenes.photos_of(job.scene_id) == []
     job.note_photos()  # its worker has not heard of it yet
-    assert store.photos.of_scene(job.scene_id) == []
+    assert store.scenes.photos_of(job.scene_id) == []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.scene.artefact.scene import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.geometry.camera import Camera, PosedCamera

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene import Object, Objects, Scene
 from fastsplat.service.scene.objects.label_evidence import evidence_of

@@ -224,18 +224,18 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _asking(job: Job, folder: Path, progress: Progress) -> None:
     """The real stage, then its orders."""
-    from fastsplat.workers.kinds.ask_captioner import STAGES
+    from fastsplat.workers.kinds.naming import ASK_CAPTIONER
 
-    STAGES["asking"](job, folder, progress)
+    ASK_CAPTIONER["asking"](job, folder, progress)
     _obey(job, "asking", progress)
 
 
 def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
     """Its orders, then the real stage."""
-    from fastsplat.workers.kinds.ask_captioner import STAGES
+    from fastsplat.workers.kinds.naming import ASK_CAPTIONER
 
     _obey(job, "suggesting", progress)
-    STAGES["suggesting"](job, folder, progress)
+    ASK_CAPTIONER["suggesting"](job, folder, progress)
 
 
 FAKES = {

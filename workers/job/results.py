@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-from fastsplat.service.common.atomic import publish_directory
+from fastsplat.service.common.files import publish_directory
 from fastsplat.service.store.blobs.blobs import remove
 from fastsplat.service.store.blobs.file_digests import DIGESTS, check_files, write_digests
 from fastsplat.workers.job.protocol import Job

@@ -23,7 +23,7 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import share_photos, write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.jobs.create_scene import assemble_scene, build_views, label_views, train_scene
 from fastsplat.service.jobs.drafts import DraftVersion, carry_edits, first_draft, training_draft
@@ -31,7 +31,7 @@ from fastsplat.service.jobs.new_versions import content_of
 from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.label_maps.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.results import Labelling
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.planning.cost_model import Speed, scene_size
 from fastsplat.service.planning.job_time import (
     PACED,

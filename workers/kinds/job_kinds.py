@@ -93,13 +93,13 @@ KINDS: Mapping[OperationKind, JobKind] = {
     "look_again": JobKind(
         stages=("looking", "naming"),
         sources=_current_version,
-        run="fastsplat.workers.kinds.look_again:STAGES",
+        run="fastsplat.workers.kinds.naming:LOOK_AGAIN",
         publish=_publish_version,
     ),
     "ask_captioner": JobKind(
         stages=("asking", "suggesting"),
         sources=_current_version,
-        run="fastsplat.workers.kinds.ask_captioner:STAGES",
+        run="fastsplat.workers.kinds.naming:ASK_CAPTIONER",
         publish=_publish_suggestions,
         asks_captioner=True,
     ),

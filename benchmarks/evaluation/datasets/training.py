@@ -16,8 +16,8 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Capture
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.image_io import open_map
-from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.file_names import common_folder
+from fastsplat.service.common.files import link_or_copy
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.jobs.create_scene import capture_folder
 from fastsplat_contract.errors import InvalidInputError

@@ -16,8 +16,8 @@ from pydantic import Field, ValidationError
 from pydantic_core import to_jsonable_python
 
 from fastsplat_client.assistant import naming, tool_results, tools
-from fastsplat_client.assistant.clean_up import clean_up as remove_from
 from fastsplat_client.assistant.look_from import look_from as picture_from
+from fastsplat_client.assistant.tools import clean_up as remove_from
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import FastSplatError, InvalidInputError
 from fastsplat_contract.messages.objects import AskedLevel

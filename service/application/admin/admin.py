@@ -29,7 +29,7 @@ class Admin:
         self._settings = settings
         self.keys = Keys(store.keys, store.projects)
         self.projects = Projects(store.projects)
-        self.metrics = ServiceMetrics(store.job_metrics, open_scenes)
+        self.metrics = ServiceMetrics(store.jobs, open_scenes)
 
     def check_ready(self) -> None:
         """Checks that a request could be answered now.

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Set
 from dataclasses import replace
 from pathlib import Path
 
-from fastsplat.service.common.atomic import sync_directory
+from fastsplat.service.common.files import sync_directory
 from fastsplat.service.store.repositories.key_repository import ROLES, KeyRecord, KeyRepository
 from fastsplat.service.store.repositories.project_repository import ProjectRepository
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT

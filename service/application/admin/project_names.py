@@ -12,7 +12,7 @@ from fastsplat.service.application.base.paging import read_page_token, write_pag
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.objects.names.merged_suggestions import OWN_SOURCE, agreed
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject, NameFromScene
+from fastsplat.service.query.objects.names.names_from_scenes import KnownObject, NameFromScene
 from fastsplat.service.query.objects.object_index import listed_suggestions
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.scene.artefact.reads import tags_of

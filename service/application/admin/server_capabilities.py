@@ -78,7 +78,7 @@ def _health(store: Store, settings: Settings) -> ServerHealth:
     """Health of workers, queue and disk; seconds include clock differences between machines."""
     now, timeout_s = time.time(), settings.jobs.stalled_worker_timeout_s
     registered = [worker for worker in store.workers.list_workers() if worker.heartbeat_at > 0]
-    jobs, since = store.job_metrics.jobs_by_state(), store.job_metrics.waits_since()
+    jobs, since = store.jobs.jobs_by_state(), store.jobs.waits_since()
     root = store.blobs.root
     disk = shutil.disk_usage(root)
     return ServerHealth(
@@ -183,7 +183,7 @@ def _digest(name: str, models: Path) -> str | None:
 
 @cache
 def _opened_digest(name: str, models: Path) -> str:
-    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+    from fastsplat.service.perception.text.text_encoders import open_text_encoder
 
     return open_text_encoder(name, models).sha256
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from fastsplat.service.store.queue.job_metrics import JobMetrics
+from fastsplat.service.store.queue.claims import JobQueue
 
 _OVERLAP_S = 120.0  # clocks of other machines may be behind
 
@@ -15,7 +15,7 @@ _OVERLAP_S = 120.0  # clocks of other machines may be behind
 class ServiceMetrics:
     """Job counts by state, and stage durations of jobs that ended since construction."""
 
-    def __init__(self, rows: JobMetrics, open_scenes: Callable[[], int]) -> None:
+    def __init__(self, rows: JobQueue, open_scenes: Callable[[], int]) -> None:
         self.open_scenes = open_scenes
         self._rows = rows
         self._lock = threading.Lock()

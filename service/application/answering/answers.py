@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels
-from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, view_mask
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask
 from fastsplat.service.application.answering.open_scenes import asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.answering.project_context import ProjectContext
@@ -22,6 +22,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import ViewMask, pack_mask3d
+from fastsplat_contract.messages.detections import DetectionList
 from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
 from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.queries import Answer, QueryOut, QueryRequest
@@ -98,6 +99,17 @@ class Answers:
         listed = index.objects.listed_with_parts if parts else index.objects.listed
         page, token = page_of(listed, size, page_token, f"objects {scene_id} {read_version}{' parts' if parts else ''}")
         return ObjectList(self._context.known_names.suggest(scene_id, index.ranked, page), token, read_version)
+
+    def detections(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
+        """Every whole object as a detection, by id, paged as `SceneService.list_scenes`."""
+        from fastsplat.service.query.measures.object_detections import detections_of  # scipy loads with the first call
+
+        check_texts(version, "version")
+        size = check_page_size(page_size, self._context.settings.store)
+        index, read_version = self._context.scenes.open(scene_id, version)
+        page, token = page_of(index.objects.listed, size, page_token, f"detections {scene_id} {read_version}")
+        named = self._context.known_names.suggest(scene_id, index.ranked, page)
+        return detections_of(index, named, read_version, token)
 
     def pick(self, request: PickRequest) -> PickedObject:
         """Picks the object, part and group at a pixel, box or point.
@@ -231,9 +243,9 @@ def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: Q
     if "mask2d" not in request.outputs:
         return ()
     masks = []
-    for camera in cameras:
+    for view, number, posed in cameras:
         check_cancelled()
-        masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
+        masks.append(encoded_mask(index.mask(answer, posed), view, number, request.mask2d_encoding))
     return tuple(masks)
 
 

@@ -9,19 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.pictures import png_bytes
-from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
 from fastsplat.service.scene.formats.ply import write_ply
-from fastsplat_contract.geometry.camera import PosedCamera
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, Segmentation, ViewMask, encode_rle, pack_mask3d
-from fastsplat_contract.messages.queries import Answer
-
-
-def view_mask(
-    index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
-) -> ViewMask:
-    """Mask of an answer in one camera."""
-    return encoded_mask(index.mask(answer, posed), view, camera_index, encoding)
 
 
 def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding: MaskEncoding) -> ViewMask:

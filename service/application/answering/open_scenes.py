@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.query.language.meaning.embeddings import TextCaches, text_caches
-from fastsplat.service.query.objects.kept_maps import KEPT_MAP_BYTES
+from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Scene
@@ -153,7 +153,7 @@ class OpenScenes:
         return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
 
     def _encoder(self, name: str) -> TextEncoder:
-        from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+        from fastsplat.service.perception.text.text_encoders import open_text_encoder
 
         with self._encoder_lock:
             if name not in self._encoders:

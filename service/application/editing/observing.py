@@ -85,7 +85,7 @@ class Observations:
                 version=current,
             )
             index, located = self._localizing.locate(localize_request)
-            observation, pictures = _observation(request, index, located, now, self._keeps_photos(index))
+            observation, pictures = _observation(request, located, now, self._keeps_photos(index))
             check_cancelled()
             try:
                 self._publish(request, observation, pictures, index, current, digest, author)
@@ -165,7 +165,7 @@ def _observations(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
 
 
 def _observation(
-    request: ObserveRequest, index: SceneIndex, located: LocalizedPictures, now: datetime, keep: bool
+    request: ObserveRequest, located: LocalizedPictures, now: datetime, keep: bool
 ) -> tuple[Observation, Sequence[NDArray[np.uint8]]]:
     """Builds the observation, in the version's frame, and the photos to keep."""
     answer, observation_id = located.answer, new_version_name()

@@ -99,7 +99,7 @@ class PromptedEdits:
             return None
         from fastsplat.service.instances.prompted_pieces import PromptedScene, find_piece
         from fastsplat.service.query.edits.prompted_objects import split_object
-        from fastsplat.service.query.objects.prompt_views import further_views
+        from fastsplat.service.query.objects.visibility import further_views
 
         object_id = split_object(index, edit) if edit.action == "split" else 0
         try:

@@ -102,7 +102,7 @@ class Versions:
 
     def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
         """Gaussians that edits would remove, by the code that removes them; raises as `edit`."""
-        from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
+        from fastsplat.service.query.edits.apply_edit import preview_of  # scipy loads with the first
 
         check_edits(edits)
         check_texts(version, "version")

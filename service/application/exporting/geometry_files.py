@@ -15,8 +15,7 @@ from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, 
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
 from fastsplat.service.scene.artefact.scene import Object
 from fastsplat.service.scene.formats.colmap_writing import colmap_model
-from fastsplat.service.scene.formats.glb import GlbScene, NamedRows
-from fastsplat.service.scene.formats.mesh_glb import mesh_glb
+from fastsplat.service.scene.formats.glb import GlbScene, NamedRows, mesh_glb
 from fastsplat.service.scene.formats.point_ply import point_ply, point_rows
 from fastsplat.service.scene.formats.zips import zipped
 from fastsplat_contract.errors import InvalidInputError

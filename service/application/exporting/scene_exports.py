@@ -7,6 +7,7 @@ import math
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -123,15 +124,12 @@ class Exports:
         size = 32 * len(index.scene.gaussians)
         return self._splats.get((request.scene_id, version), lambda: size, make)
 
-    def _spz4(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+    def _splats_file(
+        self, index: SceneIndex, version: str, request: ExportRequest, *, write: Callable[[Gaussians], bytes]
+    ) -> bytes:
         gaussians = _of_objects(index, request.object_ids)
         with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
-            return spz_bytes(gaussians, 4)
-
-    def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _of_objects(index, request.object_ids)
-        with self._context.memory.reserve(export_bytes(gaussians), "scene_id"):
-            return sog_bytes(gaussians)
+            return write(gaussians)
 
     def _ply(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         gaussians = index.scene.gaussians
@@ -145,23 +143,18 @@ class Exports:
         with self._context.memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
             return scene_page(index, name, spz)
 
-    def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
-            return points_file(
-                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
-            )
-
-    def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._context.memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
-            return cameras_file(
-                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
-            )
-
-    def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._context.memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
-            return mesh_file(
-                index, self._name(request), request.object_ids, request.cell, self._views_of(request, version)
-            )
+    def _surface_file(
+        self,
+        index: SceneIndex,
+        version: str,
+        request: ExportRequest,
+        *,
+        write: Callable[[SceneIndex, str, Sequence[int], float, ViewsOf], bytes],
+        mesh: bool = False,
+    ) -> bytes:
+        with self._context.memory.reserve(surface_bytes(index, mesh=mesh), "scene_id"):
+            views_of = self._views_of(request, version)
+            return write(index, self._name(request), request.object_ids, request.cell, views_of)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with needed(MCAP, 'the format "mcap"'):
@@ -235,12 +228,12 @@ class Exports:
 _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {
     "ply": Exports._ply,
     "spz": Exports._spz,
-    "spz4": Exports._spz4,
+    "spz4": partial(Exports._splats_file, write=partial(spz_bytes, version=4)),
     "html": Exports._html,
-    "points": Exports._points,
-    "mesh": Exports._mesh,
-    "cameras": Exports._cameras,
-    "sog": Exports._sog,
+    "points": partial(Exports._surface_file, write=points_file),
+    "mesh": partial(Exports._surface_file, write=mesh_file, mesh=True),
+    "cameras": partial(Exports._surface_file, write=cameras_file),
+    "sog": partial(Exports._splats_file, write=sog_bytes),
     "mcap": Exports._mcap,
     "map": Exports._map,
     "camera_list": lambda exports, index, version, request: camera_list(index.scene.cameras),

@@ -1,4 +1,4 @@
-"""Jobs for waiting callers: orders, worker state, previews, log, and early finish."""
+"""Jobs for waiting callers: orders, worker state, previews, log, early finish, and retries."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ from typing import Any
 from fastsplat.service.application.answering.project_context import ProjectContext
 from fastsplat.service.application.jobs.estimates import QueueTimes
 from fastsplat.service.application.jobs.stored import operation_of
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.uploads.photo_exclusion import photo_paths, without_photos
+from fastsplat.service.store.repositories.scene_repository import no_upload
 from fastsplat.service.store.rows.damaged_rows import each_readable
 from fastsplat.service.store.rows.records import NewJob, OperationRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.codec.json_codec import from_json
-from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.jobs.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
 from fastsplat_contract.jobs.operations import FINAL_STATES, Operation
 from fastsplat_contract.messages.projects import JobLog
@@ -56,6 +60,36 @@ class RunningJobs:
         without training.
         """
         return self.operation(self._context.store.reserve.lend(lambda: self._context.store.scenes.finish(operation_id)))
+
+    def retry(self, operation_id: str, exclude: Sequence[str]) -> Operation:
+        """Queues a failed or cancelled job again; other jobs stay unchanged.
+
+        `exclude` are photos to leave out, in addition to those of earlier retries.
+
+        Raises:
+            NotFoundError: no such job, or its scene or upload was deleted.
+            InvalidInputError: an unknown photo, or too few remain.
+            NotReadyError: new exclusions for a job that neither failed nor was cancelled.
+            QuotaError: too many active jobs in the project.
+        """
+        context = self._context
+        store = context.store
+        record = store.scenes.operation(operation_id)
+        if record.state in ("FAILED", "CANCELLED"):
+            if record.makes_scene and record.upload_id not in store.blobs.ids("uploads"):
+                raise no_upload(operation_id)
+            context.quotas.check_retry(context.project)
+        paths = _checked(record, exclude, store) if exclude else ()
+        if not set(paths) <= set(record.excluded) and record.state not in ("FAILED", "CANCELLED"):
+            raise NotReadyError(
+                f"operation {operation_id!r} is {record.state}",
+                field="exclude",
+                hint="Its scene is made with all its photos; delete it, and post the others as a new one."
+                if record.state in FINAL_STATES
+                else "Cancel it first, then retry it without them.",
+            )
+        ended_since = time.time() - context.settings.uploads.failed_retention_s
+        return self.operation(store.jobs.retry(operation_id, ended_since, paths))
 
     def preview(self, operation_id: str) -> Preview:
         """Latest preview of a scene in training; raises `NotFoundError` without one, or `ObjectStoreError`."""
@@ -107,3 +141,19 @@ class RunningJobs:
         if not self._context.store.workers.alive(timeout_s):
             return "none"
         return "silent" if record.state == "RUNNING" else "waiting"
+
+
+def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:
+    """Paths of the photos to exclude from a job's upload."""
+    if not record.makes_scene:
+        raise InvalidInputError(
+            f"a job of the kind {record.kind} reads no upload that photos could be left out of",
+            field="exclude",
+            hint="Retry it without.",
+        )
+    if record.upload_id not in store.blobs.ids("uploads"):
+        raise no_upload(record.id)
+    manifest, _ = read_manifest(store.blobs.fetch_upload(record.upload_id) / record.options["validated"])
+    paths = photo_paths(manifest, exclude)
+    without_photos(manifest, {*record.excluded, *paths})
+    return paths

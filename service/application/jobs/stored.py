@@ -19,7 +19,7 @@ from fastsplat.service.scene.artefact.scaling import capture_scale_source, captu
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts, split_quality
 from fastsplat.service.scene.artefact.upright import vertical_of
 from fastsplat.service.store.rows.codec import camera_from_json
-from fastsplat.service.store.rows.damaged_rows import decodes, each_readable
+from fastsplat.service.store.rows.damaged_rows import decodes
 from fastsplat.service.store.rows.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.codec.json_codec import from_plain
 from fastsplat_contract.geometry.poses import Pose, Vector3, quaternion_of
@@ -100,11 +100,6 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         object_count=record.objects if record.version else None,
         captured_at=split_quality(record.quality)[0].newest_photo_at,
     )
-
-
-def summaries_of(records: Sequence[SceneRecord]) -> tuple[SceneSummary, ...]:
-    """Converts many scene rows, skipping unreadable ones."""
-    return tuple(each_readable(records, summary_of))
 
 
 @decodes("scene")

@@ -26,8 +26,8 @@ from pathlib import Path
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.uploading.upload_piece import OFFSET, Algorithm, Piece, digits, mark_activity
 from fastsplat.service.application.uploading.uploads import disk_error
-from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
+from fastsplat.service.common.files import sync_directory
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.blobs import Blobs, remove
 from fastsplat.service.store.blobs.reserve import check_free_space

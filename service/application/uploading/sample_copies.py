@@ -51,7 +51,7 @@ def _add(context: ProjectContext, scene_id: str) -> str:
         (sample_id,) = unpacked.scenes.ready_scene_ids()
         sample = unpacked.scenes.scene(sample_id)
         job = unpacked.scenes.operation(sample.operation_id)
-        photos = unpacked.photos.of_scene(sample_id)
+        photos = unpacked.scenes.photos_of(sample_id)
         folder = unpacked.blobs.version(sample_id, sample.version)
         size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     made_by = uuid.uuid4().hex

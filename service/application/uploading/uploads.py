@@ -16,8 +16,8 @@ from typing import BinaryIO, Self
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Source
-from fastsplat.service.common.file_hashes import file_sha256
 from fastsplat.service.common.file_names import safe_parts
+from fastsplat.service.common.files import file_sha256
 from fastsplat.service.store.blobs.blobs import lock_of, remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
 from fastsplat_contract.jobs.operations import SceneOptions

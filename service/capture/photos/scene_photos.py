@@ -18,7 +18,7 @@ from PIL import Image
 
 from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.capture.captures import Capture
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.errors import SceneFileError
 

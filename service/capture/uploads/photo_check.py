@@ -16,7 +16,7 @@ from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.photo_quality import MIN_MATCHES, advice_of, judge_photos, measure_photo
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photos.photo_verdicts import NotPlaced, PhotoVerdict
 

@@ -14,8 +14,7 @@ from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, stated_similarity
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
-from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import SplatLimits, SplatRows
 from fastsplat.service.capture.uploads.splat_files.splat_reading import (
     describe_invisible,
     describe_numbers,
@@ -23,7 +22,7 @@ from fastsplat.service.capture.uploads.splat_files.splat_reading import (
 )
 from fastsplat.service.capture.uploads.upload_kind import UploadContents
 from fastsplat.service.common.array_files import write_arrays
-from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.files import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 
 _SPLAT = "splat.safetensors"

@@ -26,8 +26,8 @@ from fastsplat.service.capture.uploads.posed_validation import validate_posed
 from fastsplat.service.capture.uploads.splat_files.splat_reading import is_splat_file
 from fastsplat.service.capture.uploads.splat_input import admit_splat, check_splats
 from fastsplat.service.capture.uploads.upload_kind import UploadContents, detect_kind
-from fastsplat.service.common.atomic import atomic_directory, link_or_copy
 from fastsplat.service.common.file_names import common_folder, is_system_file
+from fastsplat.service.common.files import atomic_directory, link_or_copy
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 _MIN_IMAGES = 2

@@ -13,7 +13,7 @@ from fastsplat.service.perception.box_ops import clip_boxes, nms
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.results import Detections, Image, joined
-from fastsplat.service.perception.text.tokens import load_tokenizer
+from fastsplat.service.perception.text.text_encoders import load_tokenizer
 from fastsplat_contract.errors import InvalidInputError
 
 _MAX_TOKENS = 256

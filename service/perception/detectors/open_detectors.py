@@ -15,8 +15,7 @@ from fastsplat.service.perception.models.model_files import only_network, only_t
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, load_manifest, select_adapter
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import ClosedSetDetector, OpenSetDetector
-from fastsplat.service.perception.text.label_table import LabelTable
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import LabelTable, open_text_encoder
 from fastsplat_contract.errors import ModelUnavailableError
 
 

@@ -1,9 +1,13 @@
-"""Masks without names for the views of a capture that is not labelled by models."""
+"""Masks without names: of one view's prompts, and of captures that no models label."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.captures import View
@@ -11,10 +15,36 @@ from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.label_maps.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
-from fastsplat.service.perception.label_maps.view_answers import look_at_view
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.results import ClosedSetDetector, Segmenter, ViewMasks
+from fastsplat.service.perception.results import ClosedSetDetector, Detections, Image, MaskLogits, Segmenter, ViewMasks
+from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
+from fastsplat.service.perception.segmenters.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+
+
+@dataclass(frozen=True)
+class ViewAnswers:
+    """Answers to all prompts of a view."""
+
+    answer: MaskLogits  # the best to each of K boxes, see `answer_boxes`, the objects' first
+    size: tuple[int, int]  # height and width of the image
+    masks: ViewMasks
+
+    def masks_of_first(self, count: int) -> NDArray[np.bool_]:
+        """bool [count, H, W]: the answers to the first boxes."""
+        height, width = self.size
+        return upsampled(self.answer.logits[:count, 0], self.answer.scale, self.size, width, height)
+
+
+def look_at_view(
+    segmenter: Segmenter, image: Image, objects: Detections, candidates: Detections, settings: PerceptionSettings
+) -> ViewAnswers:
+    """Prompts a segmenter by objects and other candidates of a view, then elsewhere."""
+    embedding, size = segmenter.embed(image), (image.shape[0], image.shape[1])
+    boxes = boxes_to_prompt(objects, candidates, settings)
+    answer = answer_boxes(segmenter, embedding, boxes)
+    return ViewAnswers(answer, size, propose_masks(segmenter, embedding, answer, size, settings))
+
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""

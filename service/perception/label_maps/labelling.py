@@ -15,10 +15,10 @@ from fastsplat.service.capture.captures import Capture, GivenLabels, View
 from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.label_maps.capture_detection import CaptureDetector, spread
+from fastsplat.service.perception.label_maps.capture_masks import look_at_view
 from fastsplat.service.perception.label_maps.detection_voting import detection_weights, region_votes, resolve_detections
 from fastsplat.service.perception.label_maps.early_look import EARLY_VIEWS, ShowEarly, covering_order
 from fastsplat.service.perception.label_maps.side_by_side import in_order, side_by_side
-from fastsplat.service.perception.label_maps.view_answers import look_at_view
 from fastsplat.service.perception.label_maps.vocabulary import (
     build_labelling,
     labelling_from_maps,
@@ -29,7 +29,7 @@ from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Detections, Image, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.segmenters.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError
 
 _SYNONYM_COSINE = 0.85

@@ -17,7 +17,7 @@ from fastsplat.service.perception.readers.ppocr import open_reader
 from fastsplat.service.perception.results import Image
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.tagging import open_tagger
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat_contract.errors import ModelUnavailableError
 
 _CANVAS = 320

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
-from fastsplat.service.common.file_hashes import file_sha256
+from fastsplat.service.common.files import file_sha256
 from fastsplat.service.perception.models.model_manifest import HubSource, LocalSource, ModelFile, PackageSource, Source
 from fastsplat_contract.errors import ModelUnavailableError
 

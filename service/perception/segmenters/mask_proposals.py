@@ -24,8 +24,7 @@ from fastsplat.service.perception.results import (
     box_prompts,
     point_prompts,
 )
-from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
-from fastsplat.service.perception.segmenters.mask_selection import best_answers
+from fastsplat.service.perception.segmenters.mask_postprocessing import best_answers, upsampled
 
 _LEAST_RADIUS = 2.0
 """Least grid steps to the edge of a piece: smaller ones are gaps between masks.

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.perception.image_tensors import long_side_padded
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.results import Image, MaskLogits, Prompts, box_prompts
-from fastsplat.service.perception.segmenters.mask_postprocessing import upsampled
-from fastsplat.service.perception.segmenters.mask_selection import best_answers, select_mask
+from fastsplat.service.perception.segmenters.mask_postprocessing import best_answers, select_mask, upsampled
 from fastsplat_contract.errors import ModelUnavailableError
 
 _SIDE = 1024

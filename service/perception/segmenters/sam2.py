@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.onnx_session import check_contract, open_session
 from fastsplat.service.perception.results import Image, MaskLogits, Prompts, box_prompts
-from fastsplat.service.perception.segmenters.mask_selection import select_mask
+from fastsplat.service.perception.segmenters.mask_postprocessing import select_mask
 
 _SIDE = 1024
 _FEATURES = ("high_res_feats_0", "high_res_feats_1", "image_embed")

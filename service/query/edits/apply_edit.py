@@ -5,7 +5,7 @@ one often has the label of the other and would stay behind as a floater."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -18,8 +18,10 @@ from fastsplat.service.query.edits.object_edits import edit_objects
 from fastsplat.service.query.edits.prompted_objects import make_prompted_object
 from fastsplat.service.query.edits.suggested_names import suggest_names
 from fastsplat.service.scene.artefact.scene import Objects, Scene
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.geometry.camera import check_rigid
+from fastsplat_contract.masks import pack_bits
+from fastsplat_contract.messages.edit_previews import EditPreview
 from fastsplat_contract.messages.scenes import Edit
 
 if TYPE_CHECKING:
@@ -201,3 +203,30 @@ _KINDS: Mapping[str, _Kind] = {
     "align": _Kind(_align, ("alignment",)),
     "suggest": _Kind(_suggest, ("suggestions",)),
 }
+
+
+def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:
+    """Computes the Gaussians that edits would remove, each applied after those before it.
+
+    Errors as `edited_rows`, with the field inside `edits`; other actions raise InvalidInputError."""
+    left = np.arange(len(index.scene.gaussians))
+    gone = np.zeros(len(left), np.bool_)
+    counts = []
+    for number, edit in enumerate(edits):
+        try:
+            if edit.action != "remove":
+                raise InvalidInputError(
+                    f"{edit.action} has no preview", field="action", hint="Send edits whose action is remove."
+                )
+            rows = edited_rows(index, edit)
+            gone[left[rows]] = True
+            counts.append(len(rows))
+            if len(rows) == len(left):
+                counts += [0] * (len(edits) - number - 1)
+                break
+            if len(rows) and number + 1 < len(edits):
+                index = index.after(apply_edit(index, edit))
+                left = np.delete(left, rows)
+        except (InvalidInputError, NotFoundError) as error:
+            raise error.within(f"edits[{number}]") from error
+    return EditPreview(version, len(gone), int(gone.sum()), tuple(counts), pack_bits(gone))

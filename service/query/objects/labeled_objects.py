@@ -1,8 +1,9 @@
-"""Instances of a scene without stored objects: connected Gaussians of each label."""
+"""Labels of Gaussians, and instances of scenes without stored objects: connected Gaussians of a label."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -10,12 +11,46 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fastsplat.service.common.logistic import logistic
-from fastsplat.service.query.objects.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.objects.solid_gaussians import grouped_rows, solid_rows
-from fastsplat.service.scene.artefact.scene import CodeSemantics, NameSource, Object, Objects, Scene
+from fastsplat.service.scene.artefact.scene import (
+    F32,
+    CodeSemantics,
+    Evidence,
+    NameSource,
+    Object,
+    Objects,
+    ObjectSemantics,
+    Scene,
+)
 from fastsplat.service.scene.gaussians.connectivity import components
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.objects.label_evidence import UNIT, Posterior, evidence_of, posterior
+from fastsplat.service.scene.objects.object_codes import classes_of_codes
 from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID
+
+
+@dataclass(frozen=True)
+class GaussianLabels:
+    """Labels of G Gaussians."""
+
+    classes: NDArray[np.int32]  # int32 [G], dictionary id of each Gaussian, 0 = undetected or never seen
+    confidence: F32  # float32 [G], 0..1, the probability of that class; 0 = never seen by a labelled view
+
+
+def label_gaussians(scene: Scene) -> GaussianLabels:
+    """Labels Gaussians by codes (softmax of W·code + b), evidence (Dirichlet posterior) or objects."""
+    semantics = scene.semantics()
+    if isinstance(semantics, ObjectSemantics):
+        return label_by_objects(semantics, posterior(semantics.objects.membership, len(semantics.label_ids)))
+    if isinstance(semantics, Evidence):
+        belief = posterior(semantics, len(scene.dictionary) + 1)
+        return GaussianLabels(belief.classes, belief.confidence)
+    return GaussianLabels(*classes_of_codes(semantics.codes, semantics.head))
+
+
+def label_by_objects(semantics: ObjectSemantics, belief: Posterior) -> GaussianLabels:
+    """Labels each Gaussian with the name of its most probable object."""
+    return GaussianLabels(semantics.label_ids[belief.classes], belief.confidence)
+
 
 F64 = NDArray[np.float64]
 

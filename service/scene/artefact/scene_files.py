@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
 from fastsplat.service.common.array_files import write_arrays
-from fastsplat.service.common.atomic import atomic_directory
+from fastsplat.service.common.files import atomic_directory
 from fastsplat.service.scene.artefact.alignment import frame_name
 from fastsplat.service.scene.artefact.scene import F32, Evidence, Gaussians, Object, Objects, Parts, Scene, SemanticHead
 from fastsplat.service.scene.artefact.scene_manifest import (

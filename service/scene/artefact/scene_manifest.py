@@ -166,11 +166,6 @@ def _object_of_row(row: _ObjectRow) -> Object:
     return Object(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
 
 
-def _group_of_row(row: _GroupRow) -> ObjectGroup:
-    """Decodes a group from its `asdict` form."""
-    return ObjectGroup(row.id, row.members, row.consensus)
-
-
 @dataclass(frozen=True)
 class Manifest:
     """Contents of `scene.json`; fields named as in `Scene` have the same meaning."""
@@ -323,7 +318,9 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         parts=None if parts is None else tuple(_object_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
-        groups=() if checked.objects is None else tuple(_group_of_row(row) for row in checked.objects.groups),
+        groups=()
+        if checked.objects is None
+        else tuple(ObjectGroup(row.id, row.members, row.consensus) for row in checked.objects.groups),
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
         alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
         observations=observations,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.artefact.scene import Object, ObjectScene, Parts
+from fastsplat.service.scene.artefact.scene import Object, ObjectScene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, without_rows
 from fastsplat.service.scene.objects.objects import MAX_OBJECT_ID, next_object_id, object_rows
 from fastsplat_contract.errors import LimitExceededError
@@ -46,7 +46,11 @@ def with_new_object(scene: ObjectScene, rows: NDArray[np.integer]) -> tuple[Obje
         np.concatenate([membership.counts + replaced, np.full(len(unseen), _SURE_PX * UNIT, np.int64)]),
         len(membership),
     )
-    parts = None if objects.parts is None else _without_rows(objects.parts, taken)
+    parts = (
+        None
+        if objects.parts is None
+        else replace(objects.parts, membership=without_rows(objects.parts.membership, taken))
+    )
     table = (*objects.table, Object(new_id))
     groups = tuple(
         replace(group, members=(*group.members, new_id)) if np.isin(owner[rows], group.members).all() else group
@@ -54,7 +58,3 @@ def with_new_object(scene: ObjectScene, rows: NDArray[np.integer]) -> tuple[Obje
     )
     new_objects = replace(objects, table=table, membership=evidence, next_id=new_id + 1, parts=parts, groups=groups)
     return replace(scene, objects=new_objects), new_id
-
-
-def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:
-    return replace(parts, membership=without_rows(parts.membership, gone))

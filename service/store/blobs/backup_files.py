@@ -9,8 +9,7 @@ from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from fastsplat.service.common.atomic import atomic_file
-from fastsplat.service.common.file_hashes import file_sha256
+from fastsplat.service.common.files import atomic_file, file_sha256
 from fastsplat.service.store.blobs.blobs import remove
 
 MANIFEST = "backup.json"

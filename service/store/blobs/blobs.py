@@ -24,8 +24,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastsplat.service.common.atomic import atomic_file, publish_directory, sync_directory, sync_tree
 from fastsplat.service.common.call_scheduling import wait_elsewhere
+from fastsplat.service.common.files import atomic_file, publish_directory, sync_directory, sync_tree
 from fastsplat.service.store.blobs.activity_clock import ActivityClock
 from fastsplat.service.store.blobs.file_digests import check_files, write_digests
 from fastsplat_contract.errors import ResourceError

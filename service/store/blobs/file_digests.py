@@ -13,7 +13,7 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
 
-from fastsplat.service.common.file_hashes import file_sha256
+from fastsplat.service.common.files import file_sha256
 from fastsplat_contract.errors import SceneFileError
 
 DIGESTS = "files.sha256"

@@ -28,7 +28,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fastsplat.service.common.file_hashes import file_sha256
+from fastsplat.service.common.files import file_sha256
 from fastsplat.service.store.artefact_settings import ArtefactSettings
 from fastsplat.service.store.blobs.blobs import Blobs, remove, trash_name
 from fastsplat.service.store.blobs.file_digests import write_digests

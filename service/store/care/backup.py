@@ -27,8 +27,7 @@ from typing import Any
 
 from sqlalchemy import URL, Connection, create_engine, delete, insert, select, update
 
-from fastsplat.service.common.atomic import atomic_file, link_or_copy, sync_directory, sync_tree
-from fastsplat.service.common.file_hashes import file_sha256
+from fastsplat.service.common.files import atomic_file, file_sha256, link_or_copy, sync_directory, sync_tree
 from fastsplat.service.store.blobs.backup_files import (
     FORMAT,
     MANIFEST,

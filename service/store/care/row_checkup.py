@@ -11,8 +11,7 @@ from sqlalchemy import Column, RowMapping, Table, select
 from fastsplat.service.store.blobs.object_store import ObjectStoreBlobs
 from fastsplat.service.store.care.checkup import Problem
 from fastsplat.service.store.repositories.key_repository import ROLES
-from fastsplat.service.store.repositories.photo_repository import read_verdicts
-from fastsplat.service.store.repositories.scene_repository import as_operation
+from fastsplat.service.store.repositories.scene_repository import as_operation, read_verdicts
 from fastsplat.service.store.repositories.version_repository import VersionRecord
 from fastsplat.service.store.rows.records import OperationRecord, SceneRecord
 from fastsplat.service.store.rows.schema import (

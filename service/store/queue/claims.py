@@ -5,18 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import zip_longest
-from typing import Literal
+from typing import Any, Literal, get_args
 
-from sqlalchemy import Connection, Engine, Update, func, select, update
+from sqlalchemy import Connection, Update, func, select, update
 
 from fastsplat.service.store.repositories.scene_repository import as_operation
-from fastsplat.service.store.rows.damaged_rows import each_readable
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.damaged_rows import are_objects, each_readable
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import Attempt, OperationRecord
 from fastsplat.service.store.rows.schema import operations
-from fastsplat_contract.jobs.operations import AgainAfter
+from fastsplat_contract.jobs.operations import FINAL_STATES, AgainAfter, OperationState
 
 _UNCLAIMED = (operations.c.state == "QUEUED") | ((operations.c.state == "RUNNING") & (operations.c.worker == ""))
 
@@ -62,12 +61,8 @@ def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> N
         raise FencedError(claim.operation.id)
 
 
-class JobQueue:
+class JobQueue(Repository):
     """The job queue; each method is one or two transactions and may raise `DatabaseError`."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def waiting(self) -> Sequence[OperationRecord]:
         """Lists unclaimed operations, those begun before queued ones, by priority and age."""
@@ -144,6 +139,29 @@ class JobQueue:
         """Frees the unfinished jobs of a dead worker for others to claim."""
         with self._writing() as connection:
             connection.execute(update(operations).where(operations.c.worker == worker).values(worker=""))
+
+    def jobs_by_state(self) -> Mapping[str, int]:
+        """Counts operations by state, including states without any."""
+        query = select(operations.c.state, func.count()).group_by(operations.c.state)
+        with self._reading() as connection:
+            counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
+        return {**dict.fromkeys(get_args(OperationState), 0), **counts}
+
+    def waits_since(self) -> float | None:
+        """Time since which the longest waiting operation waits, in seconds since 1970; or None."""
+        query = select(func.min(operations.c.updated_at)).where(operations.c.state == "QUEUED")
+        with self._reading() as connection:
+            since = connection.scalar(query)
+        return None if since is None else float(since)
+
+    def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
+        """Lists (id, time of the last change, stages) of the operations that ended after `moment`."""
+        query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(
+            operations.c.updated_at > moment, operations.c.state.in_(FINAL_STATES)
+        )
+        with self._reading() as connection:
+            rows = connection.execute(query).all()
+        return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
 def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:

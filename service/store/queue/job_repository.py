@@ -20,8 +20,13 @@ from fastsplat.service.store.queue.claims import (
     uncancelled,
 )
 from fastsplat.service.store.repositories.name_repository import forget_names
-from fastsplat.service.store.repositories.photo_repository import record_photos
-from fastsplat.service.store.repositories.scene_repository import as_operation, no_operation, no_upload, queued_row
+from fastsplat.service.store.repositories.scene_repository import (
+    as_operation,
+    no_operation,
+    no_upload,
+    queued_row,
+    record_photos,
+)
 from fastsplat.service.store.repositories.version_repository import (
     NewVersion,
     locked_scene,

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from functools import partial
 
-from sqlalchemy import Engine, delete, func, insert, select, update
+from sqlalchemy import delete, func, insert, select, update
 
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import WorkerRecord
 from fastsplat.service.store.rows.schema import workers
 
 
-class WorkerRepository:
+class WorkerRepository(Repository):
     """One row a worker; each method is one transaction and may raise `DatabaseError`."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def update_heartbeat(self, executor_id: str, host: str, pid: int) -> None:
         """Sets a worker's heartbeat to now; the first one registers it."""

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import get_args
 
-from sqlalchemy import ColumnElement, Connection, Engine, and_, func, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, and_, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT
 from fastsplat.service.store.rows.schema import api_keys
 from fastsplat_contract.errors import NotFoundError
@@ -52,16 +52,13 @@ def use_key(connection: Connection, key_id: str, operation_id: str, now: float) 
     return bool(connection.execute(unused.values(operation_id=operation_id)).rowcount)
 
 
-class KeyRepository:
+class KeyRepository(Repository):
     """Access keys; each method is one transaction and may raise `DatabaseError`."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
 
     def add(self, record: KeyRecord) -> bool:
         """Inserts a key; False if its id is taken."""
         try:
-            with transaction(self._engine) as connection:
+            with self._writing() as connection:
                 connection.execute(insert(api_keys).values(asdict(record)))
             return True
         except IntegrityError:
@@ -69,18 +66,18 @@ class KeyRepository:
 
     def all(self) -> Sequence[KeyRecord]:
         """Lists every key ever made, oldest first."""
-        with transaction(self._engine.execution_options(read_only=True)) as connection:
+        with self._reading() as connection:
             rows = connection.execute(select(api_keys).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
             return [KeyRecord(**row) for row in rows]
 
     def valid(self, now: float) -> Sequence[KeyRecord]:
         """Lists the keys that are valid at time `now`, oldest first."""
-        with transaction(self._engine.execution_options(read_only=True)) as connection:
+        with self._reading() as connection:
             query = select(api_keys).where(_valid(now)).order_by(api_keys.c.created_at, api_keys.c.id)
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 
     def find(self, key_id: str) -> KeyRecord | None:
-        with transaction(self._engine.execution_options(read_only=True)) as connection:
+        with self._reading() as connection:
             row = connection.execute(select(api_keys).where(api_keys.c.id == key_id)).mappings().first()
         return None if row is None else KeyRecord(**row)
 
@@ -102,25 +99,25 @@ class KeyRepository:
             created, key_id = after
             same_time = and_(rows.created_at == created, rows.id < key_id)
             query = query.where(or_(rows.created_at < created, same_time))
-        with transaction(self._engine.execution_options(read_only=True)) as connection:
+        with self._reading() as connection:
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 
     def count(self, project: str, now: float, made_since: float) -> int:
         """Counts the project's keys that are valid at time `now` or were made after `made_since`."""
         counted = or_(_valid(now), api_keys.c.created_at > made_since)
         query = select(func.count()).where(api_keys.c.project == project, counted)
-        with transaction(self._engine.execution_options(read_only=True)) as connection:
+        with self._reading() as connection:
             return connection.scalar(query) or 0
 
     def prolong(self, key_id: str, expires_at: float) -> None:
         """Extends a key's expiry to `expires_at`, unless it is later or never."""
         this_key = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.expires_at < expires_at)
-        with transaction(self._engine) as connection:
+        with self._writing() as connection:
             connection.execute(this_key.values(expires_at=expires_at))
 
     def revoke(self, key_id: str, now: float) -> None:
         """Revokes a key, if it is not revoked; raises `NotFoundError` for an unknown id."""
-        with transaction(self._engine) as connection:
+        with self._writing() as connection:
             this_key = update(api_keys).where(api_keys.c.id == key_id)
             if not connection.execute(this_key.values(name=api_keys.c.name)).rowcount:
                 raise NotFoundError(
@@ -131,7 +128,7 @@ class KeyRepository:
     def revoke_of_scene(self, scene_id: str, now: float) -> None:
         """Revokes the keys that are limited to this scene."""
         revocation = update(api_keys).where(api_keys.c.scene_id == scene_id, api_keys.c.revoked_at.is_(None))
-        with transaction(self._engine) as connection:
+        with self._writing() as connection:
             connection.execute(revocation.values(revoked_at=now))
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
 
 from fastsplat.service.scene.artefact.reads import tags_of
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.schema import known_names, scenes
 from fastsplat_contract.errors import NotFoundError
 
@@ -117,13 +116,12 @@ def forget_names(connection: Connection, scene_id: str, version: str | None = No
     connection.execute(delete(known_names).where(_ROWS.scene_id == scene_id, *of_version))
 
 
-class KnownNameRepository:
+class KnownNameRepository(Repository):
     """Known names of a project; each method is one transaction and may raise `DatabaseError`."""
 
     def __init__(self, engine: Engine, project: str | None = None) -> None:
+        super().__init__(engine)
         self._project = project
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def keys(self) -> Sequence[tuple[str, str]]:
         """Lists (id, version) of all names that count.

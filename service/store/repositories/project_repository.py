@@ -6,10 +6,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, exists, func, insert, select, update
+from sqlalchemy import exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.schema import api_keys, projects, scenes
 from fastsplat_contract.errors import ConflictError
 
@@ -24,37 +24,33 @@ class ProjectRecord:
     keys: int
 
 
-class ProjectRepository:
+class ProjectRepository(Repository):
     """Projects; each method is one transaction and may raise `DatabaseError`."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._reading = engine.execution_options(read_only=True)
 
     def add(self, name: str) -> None:
         """Inserts a project; raises `ConflictError` if the name is taken."""
         try:
-            with transaction(self._engine) as connection:
+            with self._writing() as connection:
                 connection.execute(insert(projects).values(name=name, created_at=time.time()))
         except IntegrityError:
             raise ConflictError(f"there is a project {name!r} already", field="project") from None
 
     def exists(self, name: str) -> bool:
-        with transaction(self._reading) as connection:
+        with self._reading() as connection:
             return bool(connection.scalar(select(exists().where(projects.c.name == name))))
 
     def names(self) -> Sequence[str]:
-        with transaction(self._reading) as connection:
+        with self._reading() as connection:
             return list(connection.scalars(select(projects.c.name)))
 
     def agree(self, name: str, captioner_host: str) -> None:
         """Sets the host whose naming service may receive the project's pictures; "": none."""
-        with transaction(self._engine) as connection:
+        with self._writing() as connection:
             connection.execute(update(projects).where(projects.c.name == name).values(captioner_host=captioner_host))
 
     def agreed(self, name: str) -> str:
         """Returns the host set by `agree`; "": none."""
-        with transaction(self._reading) as connection:
+        with self._reading() as connection:
             return str(connection.scalar(select(projects.c.captioner_host).where(projects.c.name == name)) or "")
 
     def all(self) -> Sequence[ProjectRecord]:
@@ -64,5 +60,5 @@ class ProjectRepository:
             for table in (scenes, api_keys)
         ]
         query = select(projects.c.name, projects.c.created_at, *counts).order_by(projects.c.name)
-        with transaction(self._reading) as connection:
+        with self._reading() as connection:
             return [ProjectRecord(*row) for row in connection.execute(query)]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy import Connection, Engine, delete, func, insert, select, text
+from sqlalchemy import Connection, delete, func, insert, select, text
 
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.schema import operations, quota_usage, scenes
 
 _LOCK_SPACE = 0x484F4C44  # arbitrary, but the same for all processes
@@ -21,13 +21,10 @@ class Usage:
     queued_jobs: int
 
 
-class QuotaUsage:
-    def __init__(self, engine: Engine) -> None:
-        self._reading = engine.execution_options(read_only=True)
-
+class QuotaUsage(Repository):
     def of(self, project: str) -> Usage:
         """Returns a project's usage; may raise `DatabaseError`."""
-        with transaction(self._reading) as connection:
+        with self._reading() as connection:
             return _usage(connection, project)
 
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from typing import Any, get_args
 
 from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import forget_names
-from fastsplat.service.store.repositories.photo_repository import forget_photos, record_photos
-from fastsplat.service.store.rows.damaged_rows import first_readable, is_name, require
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.damaged_rows import are_objects, first_readable, is_name, require
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import DEFAULT_PROJECT, Attempt, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.rows.schema import operations, scene_versions, scenes
+from fastsplat.service.store.rows.schema import operations, scene_photos, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.jobs.operations import OperationState
 from fastsplat_contract.messages.scenes import SceneState
@@ -23,7 +21,7 @@ from fastsplat_contract.messages.scenes import SceneState
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
 
 
-class SceneRepository:
+class SceneRepository(Repository):
     """Scenes and operations; each method is one transaction, safe from any thread.
 
     All may raise `DatabaseError`; those that take a scene or operation id raise `NotFoundError` if it does not exist
@@ -35,10 +33,9 @@ class SceneRepository:
     """
 
     def __init__(self, engine: Engine, project: str | None = None, scene_id: str = "") -> None:
+        super().__init__(engine)
         self._project = project
         self._scene_id = scene_id
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def create(
         self, job: NewJob, within: Callable[[Connection], None] = lambda connection: None
@@ -180,6 +177,13 @@ class SceneRepository:
         with self._reading() as connection:
             return first_readable(connection, query, limit, as_operation)
 
+    def photos_of(self, scene_id: str) -> Sequence[Mapping[str, Any]]:
+        """Returns a scene's photo verdicts, [] if there are none; does not check the scene's project."""
+        query = select(scene_photos.c.photos).where(scene_photos.c.scene_id == scene_id)
+        with self._reading() as connection:
+            photos = connection.scalar(query)
+        return [] if photos is None else read_verdicts({"scene_id": scene_id, "photos": photos})
+
     def ready_scene_ids(self) -> Sequence[str]:
         """Lists ids of all scenes that can be queried, drafts included, newest first."""
         query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
@@ -235,7 +239,7 @@ class SceneRepository:
                 raise no_scene(scene_id)
             connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
             forget_names(connection, scene_id)
-            forget_photos(connection, scene_id)
+            _forget_photos(connection, scene_id)
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
             try:
                 return self._operation(connection, str(operation_id))
@@ -326,3 +330,21 @@ def as_operation(row: RowMapping) -> OperationRecord:
     hidden = ("request_id", "worker")
     values: dict[str, Any] = {name: value for name, value in row.items() if name not in hidden}
     return OperationRecord(**values)
+
+
+def record_photos(connection: Connection, scene_id: str, photos: Sequence[Mapping[str, Any]]) -> None:
+    """Replaces the photo verdicts (JSON objects) of a scene; does nothing if it was deleted."""
+    _forget_photos(connection, scene_id)
+    if connection.scalar(select(scenes.c.id).where(scenes.c.id == scene_id)) is not None:
+        connection.execute(insert(scene_photos).values(scene_id=scene_id, photos=[dict(photo) for photo in photos]))
+
+
+def _forget_photos(connection: Connection, scene_id: str) -> None:
+    connection.execute(delete(scene_photos).where(scene_photos.c.scene_id == scene_id))
+
+
+def read_verdicts(row: Mapping[Any, Any]) -> Sequence[Mapping[str, Any]]:
+    """Returns the verdicts of a row; raises `ArtefactError` if they cannot be read."""
+    photos: Sequence[Mapping[str, Any]] = row["photos"]
+    require(f"photos of scene {row['scene_id']}", photos=are_objects(photos, "name", "placed"))
+    return photos

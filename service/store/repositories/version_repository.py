@@ -9,16 +9,15 @@ from __future__ import annotations
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any
 
-from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, delete, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import VersionNames, forget_names, record_names
 from fastsplat.service.store.repositories.scene_repository import no_scene
 from fastsplat.service.store.rows.damaged_rows import are_objects, is_name, is_object, is_time, require
-from fastsplat.service.store.rows.database import transaction
+from fastsplat.service.store.rows.database import Repository
 from fastsplat.service.store.rows.records import SceneRecord
 from fastsplat.service.store.rows.schema import scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError
@@ -99,16 +98,12 @@ _NO_COLUMNS = ("names", "max_versions", "current")
 _TICK_S = 1e-6
 
 
-class VersionRepository:
+class VersionRepository(Repository):
     """Versions; each method is one transaction and may raise `DatabaseError`.
 
     Steps raise `ConflictError` if a version other than `expected` ("": any) is current, or there is none to step to,
     and `NotFoundError` if the scene was deleted.
     """
-
-    def __init__(self, engine: Engine) -> None:
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
         """Lists all versions of a READY scene, oldest first."""

@@ -25,7 +25,7 @@ from sqlalchemy import (
     table,
 )
 
-from fastsplat.service.common.atomic import atomic_directory, sync_tree
+from fastsplat.service.common.files import atomic_directory, sync_tree
 from fastsplat.service.store.blobs.backup_files import BackupReport, copy_sqlite, write_manifest
 from fastsplat.service.store.rows.database import SQLITE_NAME
 from fastsplat_contract.errors import ResourceError

@@ -6,6 +6,7 @@ import sqlite3
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,14 @@ def transaction(engine: Engine) -> Iterator[Connection]:
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
     except UnicodeDecodeError as error:
         raise _damaged() from error
+
+
+class Repository:
+    """Base of what reads and writes rows, for any thread."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
 
 
 def _sqlite_code(error: SQLAlchemyError) -> int:

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.api.access.caller import Principal
-from fastsplat.api.access.rate_limits import RateLimiter
+from fastsplat.api.access.gate import RateLimiter
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import OverloadedError, RateLimitedError

@@ -9,7 +9,7 @@ import pytest
 from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.queries import QueryRequest

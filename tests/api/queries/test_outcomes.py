@@ -9,8 +9,7 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.objects.gaussian_labels import label_gaussians
-from fastsplat.service.query.objects.labeled_objects import labeled_objects
+from fastsplat.service.query.objects.labeled_objects import label_gaussians, labeled_objects
 from fastsplat.service.query.objects.unseen_space import surface_kind
 from fastsplat.service.scene.artefact.scene import SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.suggestions import Suggestion

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat_client import Client

@@ -19,7 +19,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from fastsplat.service.application.exporting.scene_exports import _WRITERS
 from fastsplat.service.application.exporting.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
+from fastsplat.service.capture.uploads.splat_files.rows import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.formats.ply import read_ply
 from fastsplat.service.settings import Settings

@@ -19,7 +19,7 @@ from fastsplat.service.capture.captures import Capture, CaptureReport, View
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.localization_settings import LocalizationSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client

@@ -18,7 +18,7 @@ from fastsplat.service.application.editing import observing
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.capture_settings import PhotoSettings
 from fastsplat.service.common.withheld import WithheldReport
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.scene.artefact.scene_facts import SceneFacts
 from fastsplat.service.settings import Settings

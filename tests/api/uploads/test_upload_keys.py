@@ -16,7 +16,7 @@ from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.upload_keys import OneUpload
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.rows.database import transaction
 from fastsplat.service.store.rows.schema import api_keys

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
-from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import SplatLimits, SplatRows
 from fastsplat.service.capture.uploads.splat_files.splat_reading import (
     SplatFile,
     describe_invisible,

@@ -11,13 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import expit, logit
 
-from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.apply_edit import apply_edit, preview_of
 from fastsplat.service.query.edits.edited_rows import inside
-from fastsplat.service.query.edits.previews import preview_of
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
-from fastsplat.service.scene.gaussians.isolation import isolation
+from fastsplat.service.scene.gaussians.connectivity import isolation
 from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.objects.prompt_views import further_views
+from fastsplat.service.query.objects.visibility import further_views
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.objects.objects import object_rows

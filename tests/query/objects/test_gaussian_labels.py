@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.query.objects.labeled_objects import label_gaussians
 from fastsplat.service.scene.artefact.scene import Evidence, Scene, SemanticHead
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.splatting.raster import share_maps

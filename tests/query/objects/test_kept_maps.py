@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fastsplat.service.query.objects.kept_maps import KEPT_MAP_BYTES, KeptMaps, ObjectMap
+from fastsplat.service.query.objects.object_index import KEPT_MAP_BYTES, KeptMaps, ObjectMap
 
 
 def _drawn(side: int) -> ObjectMap:

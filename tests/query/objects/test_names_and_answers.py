@@ -16,7 +16,7 @@ from fastsplat.service.common.dictionary import Dictionary, dictionary_of, label
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.language.words.query_text import check_query
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject
+from fastsplat.service.query.objects.names.names_from_scenes import KnownObject
 from fastsplat.service.query.phrases.object_words import ObjectWords
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.ranked_scene import SubscribedQuery

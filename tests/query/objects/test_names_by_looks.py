@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject, described, names_by_looks
+from fastsplat.service.query.objects.names.names_from_scenes import KnownObject, described, names_by_looks
 from fastsplat.service.scene.artefact.scene import Object, Objects
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat.service.query.objects.names.names_by_looks import KnownObject
-from fastsplat.service.query.objects.names.names_by_tags import names_by_tags
+from fastsplat.service.query.objects.names.names_from_scenes import KnownObject, names_by_tags
 from fastsplat.service.scene.artefact.scene import Object
 from fastsplat_contract.messages.object_reads import ObjectRead
 

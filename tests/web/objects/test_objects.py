@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from playwright.sync_api import Browser, Locator, Route, expect
 
-from fastsplat.service.query.objects.gaussian_labels import label_gaussians
+from fastsplat.service.query.objects.labeled_objects import label_gaussians
 from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.jobs.name_suggestions import SuggestedName

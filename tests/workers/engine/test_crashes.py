@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.cli.operating.devices import worker_roles
+from fastsplat.cli.operating.serve import worker_roles
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 

@@ -16,7 +16,7 @@ import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.perception_settings import PerceptionSettings
-from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.text.text_encoders import open_text_encoder
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.repositories.version_repository import NewVersion
 from fastsplat_contract.jobs.look_again import LookAgainIn

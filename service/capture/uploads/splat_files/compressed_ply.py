@@ -10,8 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows, logits
+from fastsplat.service.capture.uploads.splat_files.rows import (
+    F32,
+    SH_OF_REST,
+    Y00,
+    SplatLimits,
+    SplatRows,
+    bad_splat,
+    check_count,
+    logits,
+)
 from fastsplat.service.common.ply_tables import ASCII, Element, PlyHeader, check_size, read_element
 
 _CHUNK = 256

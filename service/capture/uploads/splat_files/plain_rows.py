@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_COUNTS, Y00, SplatRows, logits
+from fastsplat.service.capture.uploads.splat_files.rows import (
+    F32,
+    SH_COUNTS,
+    Y00,
+    SplatLimits,
+    SplatRows,
+    bad_splat,
+    check_count,
+    logits,
+)
 
 _SPLAT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("rgba", "u1", 4), ("quats", "u1", 4)])
 _HEADER = np.dtype(

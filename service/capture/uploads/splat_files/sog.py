@@ -13,8 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_COUNTS, SplatRows, logits
+from fastsplat.service.capture.uploads.splat_files.rows import (
+    F32,
+    SH_COUNTS,
+    SplatLimits,
+    SplatRows,
+    bad_splat,
+    check_count,
+    logits,
+)
 
 _META = "meta.json"
 _MAX_META_BYTES = 1 << 20

@@ -12,9 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.compressed_ply import is_compressed, read_compressed_ply
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
 from fastsplat.service.capture.uploads.splat_files.plain_rows import read_ksplat, read_splat_rows
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
+from fastsplat.service.capture.uploads.splat_files.rows import (
+    F32,
+    SH_OF_REST,
+    Y00,
+    SplatLimits,
+    SplatRows,
+    bad_splat,
+    check_count,
+)
 from fastsplat.service.capture.uploads.splat_files.sog import is_sog, read_sog
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.common.ply_tables import (

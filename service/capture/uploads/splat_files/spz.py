@@ -16,8 +16,15 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_COUNTS, SplatRows, logits
+from fastsplat.service.capture.uploads.splat_files.rows import (
+    F32,
+    SH_COUNTS,
+    SplatLimits,
+    SplatRows,
+    bad_splat,
+    check_count,
+    logits,
+)
 
 _MAX_DEGREE = len(SH_COUNTS) - 1
 _HEADER = struct.Struct("<4sIIBBBB")

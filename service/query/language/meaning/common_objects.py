@@ -13,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.meaning.definition_words import NO_ROWS, rows_by_key, stems
+from fastsplat.service.query.language.meaning.definition_words import NO_ROWS, UNKNOWN, LabelTexts, rows_by_key, stems
 from fastsplat.service.query.language.meaning.embeddings import TextCache
-from fastsplat.service.query.language.meaning.label_texts import UNKNOWN, LabelTexts
 from fastsplat.service.query.language.meaning.relevancy import F32, F64
 
 FILE = Path(__file__).with_name("common_objects.txt")

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.query.language.meaning.common_objects import COLUMNS, KnownLabels
-from fastsplat.service.query.language.meaning.definition_words import DefinitionWords, verbs_of
+from fastsplat.service.query.language.meaning.definition_words import UNKNOWN, DefinitionWords, LabelTexts, verbs_of
 from fastsplat.service.query.language.meaning.embeddings import TextCaches
-from fastsplat.service.query.language.meaning.label_texts import UNKNOWN, LabelTexts
 from fastsplat.service.query.language.meaning.relevancy import F64
 from fastsplat.service.query.language.meaning.word_senses import (
     SOLID,

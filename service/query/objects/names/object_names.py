@@ -13,7 +13,7 @@ import numpy as np
 from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
 from fastsplat.service.query.objects.absence import USUAL_M
 from fastsplat.service.query.objects.names.merged_suggestions import Trust, merged_suggestions, source_trust
-from fastsplat.service.query.objects.names.names_by_looks import NameFromScene
+from fastsplat.service.query.objects.names.names_from_scenes import NameFromScene
 from fastsplat.service.scene.artefact.scene import Object, Scene
 from fastsplat.service.scene.artefact.suggestions import SaidName, Suggestion
 from fastsplat_contract.geometry.poses import Box

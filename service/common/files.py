@@ -1,8 +1,9 @@
-"""Writes files and directories atomically: hidden name beside the target, fsync, rename."""
+"""Digests of files; atomic writes: hidden name beside the target, fsync, rename."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import shutil
 import uuid
@@ -113,3 +114,9 @@ def _sync(path: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def file_sha256(path: Path) -> str:
+    """Hex SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

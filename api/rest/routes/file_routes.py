@@ -1,4 +1,4 @@
-"""REST routes of scene exports."""
+"""REST routes of scenes' files: exports and photos."""
 
 from __future__ import annotations
 
@@ -76,5 +76,36 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
     ) -> Response:
         """The scene as a file for other programs."""
         return await export_file(request, ExportRequest(scene_id, format, version, tuple(object_ids), cell, coarse))
+
+    return router
+
+
+_JPEG = "image/jpeg"
+
+
+def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
+    """Builds the route of scenes' photos."""
+    router = APIRouter(prefix="/v1", responses=PROBLEMS)
+
+    @router.get(
+        "/scenes/{scene_id}/photo.jpg",
+        response_class=Response,
+        responses={
+            **file_response(_JPEG, description="the photo"),
+            206: {"description": "the range asked for"},
+            **UNCHANGED,
+        },
+    )
+    async def photo(
+        request: Request,
+        scene_id: str,
+        view: Annotated[str, Query(description="name of one of the scene's cameras")],
+        version: Version = "",
+    ) -> Response:
+        """A camera's photo, undistorted: it fits the camera with the intrinsics scaled to its size."""
+        path, _ = await while_connected(request, threads.call(lambda: service.photos.path(scene_id, view, version)))
+        status = path.stat()  # versions share the file, so its tag survives edits
+        tag = etag_of("photo.jpg", scene_id, view, status.st_size, status.st_mtime_ns).strip('"')
+        return immutable_file(request, path, _JPEG, "photo.jpg", tag)
 
     return router

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.common.atomic import atomic_directory, atomic_file, publish_directory
+from fastsplat.service.common.files import atomic_directory, atomic_file, publish_directory
 
 Atomic = Callable[..., AbstractContextManager[Path]]
 
@@ -116,7 +116,7 @@ def test_a_process_that_dies_in_between_leaves_the_old(atomic: Atomic, tmp_path:
     program = f"""
 import os, signal
 from pathlib import Path
-from fastsplat.service.common.atomic import {atomic.__name__} as atomic
+from fastsplat.service.common.files import {atomic.__name__} as atomic
 with atomic(Path({str(target)!r})) as partial:
     (partial if {atomic is atomic_file} else partial / "deep").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
