@@ -15,8 +15,7 @@ FEWEST_STEPS = 250
 MOST_STEPS = 30_000
 """Steps of a run whose seconds are given; 3DGS takes as many."""
 GAIN_OF_DOUBLING = 600.0
-"""Twice the steps n of a run gain about this / n dB of held-out PSNR: 1.0 dB from 500 to 1,000, .38 from 1,500 to 3,000,
-means of three captures (`docs/method.md`)."""
+"""Twice the steps n of a run gain about this / n dB of held-out PSNR (three captures, `docs/method.md`)."""
 
 
 class LearningRates(Options):
