@@ -149,13 +149,13 @@ def _gpu_joint(document: Document) -> Iterator[Row]:
         yield name, *cells, f"{max(run['peak_mib'] for run in runs)}"
 
 
-def _trade(document: Document, factors: Sequence[str], data: str) -> Iterator[Row]:
-    for row in document["rows"]:
-        if row["data"] == data and row["factor"].startswith(tuple(factors)):
-            factor = "" if row["factor"].startswith("frontier") else f"{row['factor']}: "
-            cells = [f"{row['psnr']:.1f}", f"{row['miou']:.3f}", f"{row['boundary_iou']:.3f}"]
-            cells += [f"{row['cpu_s']:.0f}", _megabytes(row["bytes"]), f"{row['peak_mb']:.0f}"]
-            yield f"{factor}{row['value']}, {row['iterations']:,} steps", *cells
+def _trade(document: Document) -> Iterator[Row]:
+    for data in dict.fromkeys(row["data"] for row in document["rows"]):
+        for row in document["rows"]:
+            if row["data"] == data and "perception" not in row:
+                cells = [f"{row['gaussians']:,}", f"{row['psnr']:.2f}", f"{row['ssim']:.3f}", f"{row['miou']:.3f}"]
+                cells += [_megabytes(row["bytes"]), f"{row['cpu_s']:.0f}", f"{row['label_map_ms']:.0f}"]
+                yield f"{data}, {row['factor']}, {row['value']}", f"{row['iterations']:,}", *cells
 
 
 def _perception(document: Document) -> Iterator[Row]:
@@ -303,8 +303,6 @@ def _changes(document: Document) -> Iterator[Row]:
         yield name, *cells, f"{row['unchanged_wrong']} in {row['unchanged']}", moved
 
 
-_TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")
-
 TABLES: Mapping[str, Table] = {
     "summary": Table(
         ("default_path", "objects", "absence", "subscriptions"), ("on two CPU cores, no GPU", ""), _summary
@@ -316,15 +314,8 @@ TABLES: Mapping[str, Table] = {
     "gpu_joint": Table(
         ("gpu_joint",), ("1,500 steps on an NVIDIA H200", "s, by run", "PSNR, dB, by run", "peak MiB"), _gpu_joint
     ),
-    "frontier": Table(("trade",), _TRADE_HEAD, lambda trade: _trade(trade, ("frontier",), "tabletop")),
-    "factors": Table(
-        ("trade",),
-        _TRADE_HEAD,
-        lambda trade: _trade(
-            trade,
-            ("base", "resolution", "Gaussians", "harmonics", "code size", "label mode", "surplus", "fixed"),
-            "tabletop",
-        ),
+    "trade": Table(
+        ("trade",), ("", "steps", "Gaussians", "PSNR, dB", "SSIM", "mIoU", "size", "CPU s", "a mask, ms"), _trade
     ),
     "perception": Table(("trade",), ("the sample, detected labels", "mIoU", "CPU s", "peak MB"), _perception),
     "default_path": Table(

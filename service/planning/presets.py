@@ -36,7 +36,7 @@ def tolerance_changes(tolerance_db: float) -> dict[str, Any]:
         "tolerance_db": tolerance_db,
         "iterations": steps,
         "min_iterations": min(default.min_iterations, steps // 2),
-        "time_budget_s": (default.time_budget_s or math.inf) * finer,
+        "time_budget_s": round((default.time_budget_s or math.inf) * finer, 1),
         "max_gaussians": round(default.max_gaussians / 1_000 * finer ** (2 / 3)) * 1_000,
         "max_side": round(default.max_side * finer**0.3),
     }

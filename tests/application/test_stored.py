@@ -24,17 +24,18 @@ def _options_of(record: OperationRecord) -> SceneOptions:
     return options_from_json({**record.options, "priority": record.priority})
 
 
-_OPTIONS = SceneOptions(("cup", "book"), 9.5, 50, "draft", 7, lens="fisheye", nadir_deg=20.0)
+_OPTIONS = SceneOptions(("cup", "book"), 9.5, 50, "draft", priority=7, lens="fisheye", nadir_deg=20.0)
 
 
-def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path):
+@pytest.mark.parametrize("options", [_OPTIONS, replace(_OPTIONS, preset=None, tolerance_db=0.25)])
+def test_every_option_reaches_the_worker_and_its_trainer(service, settings, tmp_path, options):
     with service.new_upload() as upload:
         upload.write("a.jpg", [b"picture"])
-        operation = service.create_scene(upload, "desk", "", _OPTIONS)
+        operation = service.create_scene(upload, "desk", "", options)
     record = service._store.scenes.operation(operation.id)
-    assert _options_of(record) == _OPTIONS
+    assert _options_of(record) == options
     job = Job(operation.id, 1, tmp_path, tmp_path, _options_of(record), settings)
-    assert read_job(job.to_line("real"))[0].options == _OPTIONS
+    assert read_job(job.to_line("real"))[0].options == options
 
 
 def test_a_scene_says_what_is_up_and_what_measured_it(service, post):

@@ -23,7 +23,7 @@ from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.label_maps.capture_masks import propose_view_masks
 from fastsplat.service.perception.perception_settings import PerceptionSettings
 from fastsplat.service.perception.results import Labelling, Regions, ViewMasks
-from fastsplat.service.scene.artefact.scene import STATED_FROM, Object, Objects
+from fastsplat.service.scene.artefact.scene import STATED_FROM, Gaussians, Object, Objects
 from fastsplat.service.scene.objects.label_evidence import no_evidence
 from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat_contract.errors import CancelledError
@@ -35,6 +35,7 @@ UP = np.array([0.0, 0.0, 1.0])
 PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 
 Masks = tuple[ViewMasks | None, ...]
+Found = tuple[Objects, Gaussians]
 
 
 @pytest.fixture(scope="module")
@@ -132,18 +133,21 @@ def test_given_label_maps_name_what_they_show(room: Room, masks: Masks) -> None:
         assert names[obj] == (NAMES[true], "given")
 
 
-def test_without_labels_objects_have_no_names(room: Room, masks: Masks) -> None:
-    labelling = Labelling(Dictionary(()), ())
-    objects, _ = find_scene_objects(room.gaussians, room.capture, labelling, masks, SETTINGS)
+@pytest.fixture(scope="module")
+def unnamed(room: Room, masks: Masks) -> Found:
+    """The objects of the room without labels, and its Gaussians."""
+    return find_scene_objects(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
+
+
+def test_without_labels_objects_have_no_names(unnamed: Found) -> None:
+    objects, _ = unnamed
     assert len(objects.table) == 4 and not any(obj.name for obj in objects.table)
 
 
-def test_objects_are_described_from_the_photos_that_show_them(room: Room, masks: Masks, models_dir: Path) -> None:
+def test_objects_are_described_from_the_photos_that_show_them(room: Room, unnamed: Found, models_dir: Path) -> None:
     encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
     assert encoder is not None
-    objects, gaussians = find_scene_objects(
-        room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS
-    )
+    objects, gaussians = unnamed
     described = with_appearances(objects, gaussians, room.capture.views, encoder, SETTINGS.max_side)
     best = _overlaps(objects, room.owner)
     for obj in described.table:
@@ -161,13 +165,11 @@ def test_objects_are_described_from_the_photos_that_show_them(room: Room, masks:
 
 
 def test_an_image_text_model_looks_at_the_photos_that_show_an_object_best(
-    room: Room, masks: Masks, tmp_path: Path
+    room: Room, unnamed: Found, tmp_path: Path
 ) -> None:
     write_looks_model(tmp_path)
     model = open_image_text(PerceptionSettings(image_text=MODEL), tmp_path)
-    objects, gaussians = find_scene_objects(
-        room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS
-    )
+    objects, gaussians = unnamed
     looked = with_appearances(objects, gaussians, room.capture.views, None, SETTINGS.max_side, looks=model)
     assert not any(obj.appearance or obj.picture for obj in looked.table)
     looks = {obj.id: obj.looks for obj in looked.table if obj.looks is not None}
@@ -230,8 +232,6 @@ def test_regions_of_a_label_map_are_its_connected_areas() -> None:
 
 def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Path) -> None:
     """Pixels without content count for no mask: a view that is all margin changes nothing."""
-    import cv2
-
     blank = tmp_path / "valid.png"
     cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
     views = list(room.capture.views)

@@ -6,7 +6,8 @@ import numpy as np
 
 from fastsplat.service.instances.discovery.discovery import find_groups, find_parts, select_objects
 from fastsplat.service.instances.discovery_settings import DiscoverySettings
-from fastsplat.service.scene.artefact.scene import ObjectGroup, Objects, Parts
+from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts
+from fastsplat.service.scene.objects.label_evidence import no_evidence
 from fastsplat.service.scene.objects.objects import part_rows
 from tests.instances.known_objects import candidate, gaussians_at, grid
 
@@ -41,9 +42,6 @@ def test_members_are_objects_that_lie_in_the_group() -> None:
 
 
 def rows_of(parts: Parts, gaussians: int) -> np.ndarray:
-    from fastsplat.service.scene.artefact.scene import Object
-    from fastsplat.service.scene.objects.label_evidence import no_evidence
-
     table = tuple(Object(number) for number in sorted({part.parent for part in parts.table}))
     return part_rows(Objects(table, no_evidence(gaussians), 0, parts))
 

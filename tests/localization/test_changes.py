@@ -68,6 +68,11 @@ def _box(at: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([at, at + _WIDTH])
 
 
+def _assert_around(box: NDArray[np.float64] | None, truth: NDArray[np.float64], atol: float) -> None:
+    assert box is not None
+    np.testing.assert_allclose(box.mean(axis=0), truth.mean(axis=0), atol=atol)
+
+
 def _events(
     scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]], boxes: dict[int, NDArray[np.float64]]
 ) -> tuple[Change, ...]:
@@ -96,8 +101,7 @@ def _photos(of: Renderer, gain: float = 1.0) -> list[NDArray[np.uint8]]:
 def test_what_was_put_there_is_new_at_its_place(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(empty, empty, _photos(with_block), {})
     assert event.kind == "new" and event.object_id == 0 and event.before is None and len(event.views) >= 4
-    assert event.after is not None
-    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    _assert_around(event.after, _box(_AT), 0.1)
     assert {region.kind for region in event.regions} == {"new"}
 
 
@@ -117,8 +121,7 @@ def test_the_middle_of_what_is_new_is_right_where_photos_see_one_side_of_it(
     side = [looking(angle, height=1.2) for angle in (0.0, 0.1, 0.2, 0.3)]
     views = _later(empty, empty, [with_block.colors(posed) for posed in side], side)
     (event,) = find_changes(views, {}, _PLACE).events
-    assert event.after is not None
-    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.06)
+    _assert_around(event.after, _box(_AT), 0.06)
 
 
 def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:
@@ -141,15 +144,14 @@ def test_what_was_put_elsewhere_has_moved(
     boxes = {_BLOCK: _box(_AT)} if found else {}
     (event,) = _events(with_block, empty, _photos(moved_block), boxes)
     assert event.kind == "moved" and event.object_id == (_BLOCK if found else 0)
-    assert event.before is not None and event.after is not None
-    np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=_WIDTH / 2)
-    np.testing.assert_allclose(event.after.mean(axis=0), (_box(_AT) + _AWAY).mean(axis=0), atol=_WIDTH / 2)
+    _assert_around(event.before, _box(_AT), _WIDTH / 2)
+    _assert_around(event.after, _box(_AT) + _AWAY, _WIDTH / 2)
 
 
 def test_what_was_taken_away_and_was_no_object_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
     (event,) = _events(with_block, empty, _photos(empty), {})
-    assert event.kind == "gone" and event.object_id == 0 and event.after is None and event.before is not None
-    np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    assert event.kind == "gone" and event.object_id == 0 and event.after is None
+    _assert_around(event.before, _box(_AT), 0.1)
     assert {region.kind for region in event.regions} == {"missing"}
 
 
@@ -179,10 +181,8 @@ def test_where_something_stands_out_more_it_has_changed(empty: Renderer, with_bl
     """As a block does beside one of the color of the walls; where one stands out as much, it may be a dark gap."""
     dull = renderer(_recolored(textured_room(block=True), (0.0, 0.0, 0.0)))
     (event,) = _events(dull, empty, _photos(with_block), {_BLOCK: _box(_AT)})
-    assert (
-        event.kind == "changed" and event.object_id == _BLOCK and event.before is not None and event.after is not None
-    )
-    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    assert event.kind == "changed" and event.object_id == _BLOCK and event.before is not None
+    _assert_around(event.after, _box(_AT), 0.1)
     dark = renderer(_recolored(textured_room(block=True), (-1.7, -1.7, -1.7)))
     (event,) = _events(with_block, empty, _photos(dark), {_BLOCK: _box(_AT)})
     assert event.kind == "gone" and event.object_id == _BLOCK

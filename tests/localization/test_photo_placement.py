@@ -51,12 +51,13 @@ def _place(
     return placed
 
 
-def _errors(placed: PlacedPhoto, truth: PosedCamera, size: float) -> tuple[float, float]:
-    """Percent of the scene's size, and degrees."""
+def _assert_near(placed: PlacedPhoto, truth: PosedCamera, size: float, *, percent: float, degrees: float) -> None:
+    """Off by less than a share of the scene's size, and by less than an angle."""
     assert placed.posed is not None, placed
     off = np.linalg.norm(placed.posed.world_from_camera[:3, 3] - truth.world_from_camera[:3, 3])
     turn = placed.posed.world_from_camera[:3, :3] @ truth.world_from_camera[:3, :3].T
-    return 100 * float(off) / size, float(np.degrees(Rotation.from_matrix(turn).magnitude()))
+    assert 100 * off / size < percent
+    assert np.degrees(Rotation.from_matrix(turn).magnitude()) < degrees
 
 
 @pytest.mark.parametrize("focal", [_FOCAL, None])
@@ -64,8 +65,7 @@ def test_a_picture_of_the_scene_comes_back_to_its_place(
     landmarks: Landmarks, drawn: Renderer, focal: float | None
 ) -> None:
     placed = _place(drawn.colors(_BETWEEN), landmarks, drawn, focal)
-    percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
-    assert percent < 0.2 and degrees < 0.1
+    _assert_near(placed, _BETWEEN, landmarks.size, percent=0.2, degrees=0.1)
     assert placed.focal_source == ("given" if focal else "scene")
     assert placed.comparison is not None
 
@@ -73,10 +73,9 @@ def test_a_picture_of_the_scene_comes_back_to_its_place(
 def test_a_lens_that_the_scene_has_not_seen_is_found_out(landmarks: Landmarks, drawn: Renderer) -> None:
     zoomed = replace(looking(0.05), camera=replace(CAMERA, fx=640.0, fy=640.0))
     placed = _place(drawn.colors(zoomed), landmarks, drawn)
-    percent, degrees = _errors(placed, zoomed, landmarks.size)
+    _assert_near(placed, zoomed, landmarks.size, percent=2, degrees=0.5)
     assert placed.focal_source == "estimated" and placed.posed is not None
     assert placed.posed.camera.fx == pytest.approx(640, rel=0.02)
-    assert percent < 2 and degrees < 0.5
 
 
 def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits(
@@ -85,8 +84,7 @@ def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits
     picture = drawn.colors(_BETWEEN)
     known = replace(landmarks, lens=RadialLens(_FOCAL, 0.2))
     placed = _place(through_lens(picture, 0.2), known, drawn)
-    percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
-    assert percent < 0.2 and degrees < 0.1
+    _assert_near(placed, _BETWEEN, landmarks.size, percent=0.2, degrees=0.1)
     assert (placed.focal_source, placed.radial) == ("scene", 0.2)
     assert placed.posed is not None and placed.posed.camera.fx == pytest.approx(CAMERA.fx)
     assert placed.comparison is not None
@@ -96,8 +94,7 @@ def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits
     placement = _place(through_lens(picture, 0.2), landmarks, drawn)
     assert placement.radial == pytest.approx(0.2, abs=0.05)
     for found in (straight, placement):
-        percent, degrees = _errors(found, _BETWEEN, landmarks.size)
-        assert percent < 1 and degrees < 0.3
+        _assert_near(found, _BETWEEN, landmarks.size, percent=1, degrees=0.3)
 
 
 @pytest.mark.parametrize("correction", [(-1.5, 0.0, 0.0), (0.7, 0.0, 0.0), (0.0, 0.4, -0.4)])
@@ -107,8 +104,7 @@ def test_exposure_and_white_balance_change_nothing(
     picture = drawn.colors(_BETWEEN)
     exposed = correct(torch.from_numpy(picture.astype(np.float32) / 255), torch.tensor(correction)).clamp(0, 1)
     placed = _place((exposed.numpy() * 255).round().astype(np.uint8), landmarks, drawn)
-    percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
-    assert percent < 0.3 and degrees < 0.15
+    _assert_near(placed, _BETWEEN, landmarks.size, percent=0.3, degrees=0.15)
     assert placed.comparison is not None
 
 
@@ -139,8 +135,7 @@ def test_the_frame_of_the_scene_changes_nothing(room: Scene, landmarks: Landmark
     there = renderer(moved)
     placed = _place(drawn.colors(_BETWEEN), landmarks_of(moved, there), there, _FOCAL)
     truth = replace(_BETWEEN, world_from_camera=motion @ _BETWEEN.world_from_camera)
-    percent, degrees = _errors(placed, truth, landmarks.size)
-    assert percent < 0.2 and degrees < 0.1
+    _assert_near(placed, truth, landmarks.size, percent=0.2, degrees=0.1)
 
 
 def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Landmarks, drawn: Renderer) -> None:
@@ -155,5 +150,4 @@ def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Lan
     assert place_photos(photos[1:], landmarks, drawn.geometry)[0].refusal is not None
     together = place_photos(photos, landmarks, drawn.geometry, rough)
     for placed, posed in zip(together, poses, strict=True):
-        percent, degrees = _errors(placed, posed, landmarks.size)
-        assert percent < 1 and degrees < 0.5
+        _assert_near(placed, posed, landmarks.size, percent=1, degrees=0.5)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from fastsplat.service.scene.artefact.scene import Scene
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SemanticHead
+from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
 from tests.scenes import labelled_scene
@@ -37,6 +40,20 @@ def scene_of(objects: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), d
     quats = rng.standard_normal((count, 4))
     scales = np.sqrt(area)[:, None] * np.exp(rng.normal(0, 0.2, (count, 3)))
     return labelled_scene(means, ids, labels, quats=quats, scales=scales, logit_opacities=3.0, sh=sh, cameras=cameras)
+
+
+def with_objects(scene: Scene, owner: np.ndarray, objects: Sequence[Object], **changes: Any) -> Scene:
+    """The scene without labels, but with objects, whose ids are those of `owner` [G]."""
+    count = len(owner)
+    membership = evidence_of(np.arange(count), owner, np.full(count, 50 * UNIT), count)
+    return replace(
+        scene,
+        gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
+        head=SemanticHead.unlearnt(0),
+        dictionary=Dictionary(()),
+        label_embeddings=np.zeros((0, scene.label_embeddings.shape[1]), np.float32),
+        objects=Objects(tuple(objects), membership, **changes),
+    )
 
 
 def look(eye: Sequence[float], target: Sequence[float], name: str) -> PosedCamera:

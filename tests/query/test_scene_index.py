@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import SemanticHead
@@ -95,29 +94,6 @@ def test_temperature_moves_relevancy_but_no_verdict(temperature: float) -> None:
         assert [[m.label for m in x.answer.matches] for x in a] == [[m.label for m in x.answer.matches] for x in b]
 
 
-def test_no_labels(front: PosedCamera) -> None:
-    index = SceneIndex(make_scene(()), DrawnEncoder(), PLAIN)
-    (answer,) = index.ask(["mug"])
-    assert answer.matches == () and answer.sentence == "Not here: nothing in this scene has a name."
-    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
-
-
-def test_ten_thousand_labels() -> None:
-    labels = [f"object {i}x" for i in range(9_998)] + ["🧸", "чайник"]
-    index = SceneIndex(make_scene(labels, code=4), DrawnEncoder(), PLAIN)
-    answers = index.ask(["object 77x", "🧸", "Чайник"])
-    assert [answer.matches[0].label_id for answer in answers] == [78, 9_999, 10_000]
-    assert all(answer.outcome == "here" and len(answer.matches) == 10_000 for answer in answers)
-    assert sum(match.gaussian_count for match in answers[0].matches) <= len(index.scene.gaussians)
-
-
-def test_an_alias_names_its_entry() -> None:
-    entries = (DictionaryEntry("mug", ("coffee cup",)), DictionaryEntry("spoon"), DictionaryEntry("bed"))
-    scene = replace(make_scene(), dictionary=Dictionary(entries))
-    (answer,) = SceneIndex(scene, DrawnEncoder(), PLAIN).ask(["the coffee cups"])
-    assert answer.outcome == "here" and answer.relevant_ids == (1,)
-
-
 def test_counts_and_masks_agree_with_the_softmax() -> None:
     rng = np.random.default_rng(0)
     scene = make_scene([f"l{i}x" for i in range(30)], per_label=20, code=5)
@@ -142,15 +118,6 @@ def test_classes_of_many_gaussians_do_not_depend_on_the_pieces() -> None:
     whole = classes_of_codes(codes, head)[0]
     parts = np.concatenate([classes_of_codes(codes[i : i + 997], head)[0] for i in range(0, 5000, 997)])
     assert (whole == parts).mean() > 0.999  # BLAS may round a tie differently for another number of rows
-
-
-def test_a_scene_where_no_gaussian_was_labelled() -> None:
-    scene = make_scene()
-    codes = np.zeros_like(scene.gaussians.codes)
-    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), DrawnEncoder(), PLAIN)
-    (answer,) = index.ask(["mug"])
-    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
-    assert answer.sentence == "Not here: nothing in this scene has a name." and not index.mask3d(answer).any()
 
 
 def test_an_uncalibrated_encoder_knows_names_only_and_says_so() -> None:
@@ -202,15 +169,6 @@ def test_labels_that_nearly_are_the_same_are_told_apart() -> None:
     assert answer.outcome == "here" and sorted(answer.relevant_ids) == [1, 2, 3, 4, 5, 6]
 
 
-def test_negatives_of_ones_own(index: SceneIndex) -> None:
-    (usual,), (answer,) = index.ask(["cup"]), index.ask(["cup"], negatives=["mug", "bed"])
-    by_id = {match.label_id: match for match in answer.matches}
-    assert [by_id[i].nearest_negative for i in (1, 3)] == ["mug", "bed"]
-    assert by_id[1].relevancy < 0.5  # "mug" is nearer to the negative "mug" than to "cup"
-    assert answer.outcome == usual.outcome and answer.relevant_ids == usual.relevant_ids
-    assert index.ask(["cup"]) == (usual,)
-
-
 def test_templates_of_ones_own_embed_the_labels_once() -> None:
     encoder = DrawnEncoder(LEANING)
     index = SceneIndex(make_scene(), encoder, PLAIN)
@@ -239,10 +197,8 @@ def test_templates_of_ones_own_embed_the_labels_once() -> None:
         ({"templates": ["{} and {}"]}, InvalidInputError, "templates"),
         ({"templates": ["{}\x00"]}, InvalidInputError, "templates"),
         ({"templates": ["a {}"] * 65}, LimitExceededError, "templates"),
-        ({"coverage": -0.1}, InvalidInputError, "coverage"),
         ({"coverage": 0.0}, InvalidInputError, "coverage"),
         ({"coverage": 1.0}, InvalidInputError, "coverage"),
-        ({"coverage": 1.1}, InvalidInputError, "coverage"),
         ({"coverage": np.nan}, InvalidInputError, "coverage"),
         ({"coverage": "0.9"}, InvalidInputError, "coverage"),
     ],
@@ -289,32 +245,14 @@ def test_an_encoder_of_nan_is_refused() -> None:
         SceneIndex(make_scene(), DrawnEncoder({"object": [np.nan]}), PLAIN)
 
 
-def test_bad_texts_reach_no_encoder(index: SceneIndex) -> None:
-    with pytest.raises(LimitExceededError, match="100000"):
-        index.ask(["x" * 100_000])
-    with pytest.raises(InvalidInputError):
-        index.ask([" "])
-
-
 def test_an_answer_of_another_scene_is_refused(index: SceneIndex, front: PosedCamera) -> None:
     (foreign,) = SceneIndex(make_scene([f"l{i}x" for i in range(9)]), DrawnEncoder(), PLAIN).ask(["l8x"])
-    with pytest.raises(InvalidInputError):
-        index.mask3d(foreign)
-    with pytest.raises(InvalidInputError):
-        index.mask2d(foreign, front)
+    for use in (index.mask3d, index.objects_of, lambda answer: index.mask2d(answer, front)):
+        with pytest.raises(InvalidInputError):
+            use(foreign)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"negatives": ()},
-        {"temperature": -1.0},
-        {"temperature": np.nan},
-        {"templates": ()},
-        {"templates": ("a",)},
-        {"templates": ("{} {}",)},
-    ],
-)
-def test_wrong_settings_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011 - pydantic's message names the field
-        QuerySettings(**wrong)
+@pytest.mark.parametrize("template", ["a", "{} {}"])
+def test_templates_in_settings_have_one_slot(template: str) -> None:
+    with pytest.raises(ValueError, match="templates"):
+        QuerySettings(templates=(template,))

@@ -81,7 +81,7 @@ def test_photos_whose_job_would_lack_a_model_are_refused_when_they_are_posted(
 def _gone_database(service: SceneService, settings: Settings) -> None:
     (settings.data_dir / "fastsplat.sqlite").rename(settings.data_dir / "elsewhere")
     (settings.data_dir / "fastsplat.sqlite").mkdir()
-    service.admin.keys._rows._engine.dispose()  # open handles would still see the file
+    service.admin.keys._rows._writing.args[0].dispose()  # open handles would still see the file
 
 
 def _read_only_folder(service: SceneService, settings: Settings) -> None:

@@ -105,7 +105,8 @@ def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneServic
     assert operation.state == pb.OPERATION_STATE_QUEUED and not operation.done
     record = service._store.scenes.operation(operation.id)
     assert (record.options["preset"], record.priority, record.options["labels"]) == ("best", -2, ["mug"])
-    for choice in ({"preset": "huge"}, {"priority": 101}):
+    wrong = {"preset": "huge"}, {"priority": 101}, {"tolerance_db": 7.0}, {"tolerance_db": 0.3, "preset": "best"}
+    for choice in wrong:
         with pytest.raises(grpc.RpcError) as caught:
             faces.rpc.CreateScene(messages(files, **choice))
         assert rpc_refusal(caught.value).details["field"] in choice

@@ -50,9 +50,8 @@ _NAMES = ["b.jpg", "a.jpg", "sub dir/c.jpg"]
 
 
 def _upload(upload, photo, *, text: bool, sparse: str = "sparse/0") -> Path:
-    names = _NAMES
-    folder = upload({f"images/{name}": photo(i, _SIZE) for i, name in enumerate(names)})
-    _model(folder / sparse, names, text=text)
+    folder = upload({f"images/{name}": photo(i, _SIZE) for i, name in enumerate(_NAMES)})
+    _model(folder / sparse, _NAMES, text=text)
     return folder
 
 

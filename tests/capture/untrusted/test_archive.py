@@ -68,6 +68,10 @@ def _extended_header(size: int) -> bytes:
     return header.tobuf(tarfile.USTAR_FORMAT) + bytes(1024)
 
 
+def _trick(kind: bytes) -> bytes:
+    return _tar([(_member("trick", kind, "/etc/passwd"), b"")])
+
+
 def _sparse(name: str) -> tarfile.TarInfo:
     member = _member(name)
     numbers = {"major": "1", "minor": "0", "name": "x", "realsize": "1000"}
@@ -94,6 +98,10 @@ def test_backslashes_of_a_zip_made_by_windows_are_folders(upload, photo, setting
 _A, _B = ("a.jpg", photo_file(1)), ("b.jpg", photo_file(2))
 _PAIR, _BOMB = _zip([_A, _B]), _zip([("zeros.jpg", bytes(16 << 20))])
 _RECORD, _END = b"PK\x01\x02", b"PK\x05\x06"
+_SMALL_BOMB = _overwritten(_BOMB, (22, 10), (_BOMB.rfind(_RECORD) + 24, 10))
+_OVERLAPPING = _overwritten(_PAIR, (_PAIR.rfind(_RECORD) + 42, 0))
+_ELSEWHERE = _overwritten(_PAIR, (_PAIR.rfind(_END) + 16, len(_PAIR) + 1_000))
+_LINK = _zip([("trick.jpg", b"/etc/passwd")], external_attr=0o120777 << 16)
 _LEAVING = ("../evil.jpg", "a/../../evil.jpg", "/etc/evil.jpg", "C:/evil.jpg", "..\\evil.jpg")
 _NO_FILES = (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.BLKTYPE, tarfile.FIFOTYPE)
 _ENTRIES = [(f"{number}.txt", b"") for number in range(201)]
@@ -105,49 +113,21 @@ _REFUSED = {
         for form in ("zip", "tar")
         for name in _LEAVING
     },
-    **{
-        f"member of kind {kind!r}": (
-            "tar",
-            _tar([(_member("trick", kind, "/etc/passwd"), b"")]),
-            UnsafeArchiveError,
-            "trick",
-        )
-        for kind in _NO_FILES
-    },
-    "link in a zip": (
-        "zip",
-        _zip([("trick.jpg", b"/etc/passwd")], external_attr=0o120777 << 16),
-        UnsafeArchiveError,
-        "trick.jpg",
-    ),
+    **{f"member of kind {kind!r}": ("tar", _trick(kind), UnsafeArchiveError, "trick") for kind in _NO_FILES},
+    "link in a zip": ("zip", _LINK, UnsafeArchiveError, "trick.jpg"),
     "two entries of one name": ("zip", _zip([_A, ("./a.jpg", b"x")]), UnsafeArchiveError, "a.jpg"),
     "file that is a folder too": ("zip", _zip([("a", b"x"), ("a/b.jpg", b"x")]), UnsafeArchiveError, "a/b.jpg"),
     "bomb": ("zip", _BOMB, UnsafeArchiveError, " times"),
     "bomb in a tar": ("tar.gz", _tar([("zeros.jpg", bytes(16 << 20))], "w:gz"), UnsafeArchiveError, " times"),
-    "bomb whose headers say 10 bytes": (
-        "zip",
-        _overwritten(_BOMB, (22, 10), (_BOMB.rfind(_RECORD) + 24, 10)),
-        InvalidInputError,
-        "photos.zip",
-    ),
-    "entries that overlap": (
-        "zip",
-        _overwritten(_PAIR, (_PAIR.rfind(_RECORD) + 42, 0)),
-        UnsafeArchiveError,
-        "overlaps",
-    ),
+    "bomb whose headers say 10 bytes": ("zip", _SMALL_BOMB, InvalidInputError, "photos.zip"),
+    "entries that overlap": ("zip", _OVERLAPPING, UnsafeArchiveError, "overlaps"),
     "many entries": ("zip", _zip(_ENTRIES), LimitExceededError, " entries"),
     "many entries in a tar": ("tar", _tar(_ENTRIES), LimitExceededError, " entries"),
     "many folders": ("zip", _zip([*_DEEP, _A, _B]), LimitExceededError, " entries"),
     "extended header of gigabytes": ("tar", _extended_header(4 << 30), UnsafeArchiveError, "photos.tar"),
     "cut short": ("zip", _PAIR[: len(_PAIR) // 2], InvalidInputError, "photos.zip"),
     "tar cut short": ("tar.gz", _tar([_A, _B], "w:gz")[:1_000], InvalidInputError, "photos.tar.gz"),
-    "directory elsewhere": (
-        "zip",
-        _overwritten(_PAIR, (_PAIR.rfind(_END) + 16, len(_PAIR) + 1_000)),
-        InvalidInputError,
-        "photos.zip",
-    ),
+    "directory elsewhere": ("zip", _ELSEWHERE, InvalidInputError, "photos.zip"),
     "sparse photo": ("tar", _tar([(_sparse("a.jpg"), _A[1]), _B]), InvalidInputError, "photos.tar"),
     "unsupported kind": ("7z", b"7z\xbc\xaf\x27\x1c" + bytes(600), InvalidInputError, "photos.7z"),
 }

@@ -7,8 +7,7 @@ import os
 import subprocess
 import sys
 import threading
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -20,50 +19,32 @@ from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
+from tests.capture.phone_recordings import zipped
 from tests.capture.upload_files import photo_file, video_file
 
-
-def _photos(folder: Path) -> None:
-    for number in range(3):
-        (folder / f"{number} ü.jpg").write_bytes(photo_file(number))
-
-
-def _archive(folder: Path) -> None:
-    with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
-        for number in range(2):
-            archive.writestr(f"images/{number}.jpg", photo_file(number))
-
-
-def _damaged(folder: Path) -> None:
-    _photos(folder)
-    (folder / "2 ü.jpg").write_bytes(photo_file(2)[:800])
+_PHOTOS = {f"{number} ü.jpg": photo_file(number) for number in range(3)}
+_UPLOADS = {
+    "photos": _PHOTOS,
+    "archive": {"capture.zip": zipped({f"images/{number}.jpg": photo_file(number) for number in range(2)})},
+    "damaged": _PHOTOS | {"2 ü.jpg": photo_file(2)[:800]},
+    "climbing": {"capture.zip": zipped({"../../out.jpg": photo_file(1)})},
+    "empty": {"notes.txt": b"nothing"},
+    "unreadable poses": _PHOTOS | {"transforms.json": b'{"frames": [' * 5_000},
+    "video": {},
+}
 
 
-def _climbing(folder: Path) -> None:
-    with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
-        archive.writestr("../../out.jpg", photo_file(1))
+def _write(folder: Path, files: Mapping[str, bytes] = _PHOTOS) -> None:
+    for name, content in files.items():
+        (folder / name).write_bytes(content)
 
 
-def _empty(folder: Path) -> None:
-    (folder / "notes.txt").write_text("nothing")
-
-
-def _unreadable_poses(folder: Path) -> None:
-    _photos(folder)
-    (folder / "transforms.json").write_text('{"frames": [' * 5_000)
-
-
-def _video(folder: Path) -> None:
-    rng = np.random.default_rng(0)
-    video_file(folder / "walk.mp4", rng.integers(0, 255, (8, 48, 64, 3), dtype=np.uint8), "mp4v")
-
-
-_UPLOADS = (_photos, _archive, _video, _damaged, _climbing, _empty, _unreadable_poses)
-
-
-def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, fill: Callable[[Path], None]) -> str:
+def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, sent: str) -> str:
     folder.mkdir()
-    fill(folder)
+    _write(folder, _UPLOADS[sent])
+    if sent == "video":
+        frames = np.random.default_rng(0).integers(0, 255, (8, 48, 64, 3), dtype=np.uint8)
+        video_file(folder / "walk.mp4", frames, "mp4v")
     try:
         outcome = vars(validate(folder, CaptureSettings()))
     except FastSplatError as error:
@@ -71,10 +52,10 @@ def _outcome(validate: Callable[[Path, CaptureSettings], object], folder: Path, 
     return json.dumps(outcome, default=str).replace(str(folder), "HERE")
 
 
-@pytest.mark.parametrize("fill", _UPLOADS)
-def test_the_child_says_what_the_process_itself_would_say(tmp_path: Path, fill: Callable[[Path], None]) -> None:
-    alone = _outcome(validate_upload, tmp_path / "alone", fill)
-    assert _outcome(validate_in_sandbox, tmp_path / "isolated", fill) == alone
+@pytest.mark.parametrize("sent", _UPLOADS)
+def test_the_child_says_what_the_process_itself_would_say(tmp_path: Path, sent: str) -> None:
+    alone = _outcome(validate_upload, tmp_path / "alone", sent)
+    assert _outcome(validate_in_sandbox, tmp_path / "isolated", sent) == alone
 
 
 def test_an_upload_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
@@ -87,14 +68,14 @@ def test_an_upload_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None
 
 
 def test_an_upload_that_takes_too_long_is_refused(tmp_path: Path) -> None:
-    _photos(tmp_path)
+    _write(tmp_path)
     with pytest.raises(ResourceError) as caught:
         validate_in_sandbox(tmp_path, CaptureSettings(validation_seconds=0))
     assert caught.value.limit == "0 s"
 
 
 def test_validation_stops_when_the_caller_is_cancelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    _photos(tmp_path)
+    _write(tmp_path)
     monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
     cancellation = Cancellation()
     cancellation.cancel()
@@ -105,7 +86,7 @@ def test_validation_stops_when_the_caller_is_cancelled(tmp_path: Path, monkeypat
 def test_the_child_runs_in_the_environment_of_the_sandbox(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "upload").mkdir()
     (tmp_path / "task").mkdir()
-    _photos(tmp_path / "upload")
+    _write(tmp_path / "upload")
     monkeypatch.setattr(sandbox, "_HEARTBEAT_S", 0.01)
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
     monkeypatch.setenv("FASTSPLAT_DATABASE_URL", "postgresql://user:secret@host/name")
@@ -148,9 +129,7 @@ def test_a_full_disk_is_a_typed_error(tmp_path: Path) -> None:
     upload, work = tmp_path / "upload", tmp_path / "work"
     upload.mkdir()
     work.mkdir()
-    with zipfile.ZipFile(upload / "capture.zip", "w") as archive:
-        archive.writestr("a.jpg", photo_file(1, (640, 480)))
-        archive.writestr("b.jpg", photo_file(2))
+    _write(upload, {"capture.zip": zipped({"a.jpg": photo_file(1, (640, 480)), "b.jpg": photo_file(2)})})
     request = {"upload": str(upload), "settings": CaptureSettings().model_dump(mode="json")}
     small = CaptureSettings(max_unpacked_bytes=20_000)
     with pytest.raises(ResourceError) as caught:
@@ -166,7 +145,7 @@ def test_a_child_whose_parent_died_before_it_looked_does_nothing(tmp_path: Path)
     limits = {"limits": bounds, "memory_limit": "", "description": ""}
     upload = tmp_path / "upload"
     upload.mkdir()
-    _photos(upload)
+    _write(upload)
     settings = CaptureSettings().model_dump(mode="json")
     (tmp_path / "request.json").write_text(json.dumps({"upload": str(upload), "settings": settings, **limits}))
     command = [sys.executable, "-m", "fastsplat.service.capture.untrusted.sandbox_worker", "validate", str(tmp_path)]

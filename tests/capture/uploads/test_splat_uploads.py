@@ -108,14 +108,8 @@ def test_two_splats(tmp_path: Path, refuses) -> None:
 
 
 def test_more_gaussians_than_the_limit(tmp_path: Path, refuses) -> None:
-    refuses(
-        {"desk.ply": splat_bytes(tmp_path)},
-        LimitExceededError,
-        "desk.ply",
-        "40 Gaussians",
-        "MAX_SPLAT_GAUSSIANS",
-        max_splat_gaussians=39,
-    )
+    files, said = {"desk.ply": splat_bytes(tmp_path)}, ("desk.ply", "40 Gaussians", "MAX_SPLAT_GAUSSIANS")
+    refuses(files, LimitExceededError, *said, max_splat_gaussians=39)
 
 
 def test_a_splat_that_is_cut_off_is_refused_by_the_confined_process(upload, settings, refused, tmp_path: Path) -> None:

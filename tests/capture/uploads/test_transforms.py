@@ -18,7 +18,7 @@ from fastsplat.service.capture.build import build_capture, load_image
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, ReconstructionError
 from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, points_file, turned
 
 _SIZE = (64, 48)
@@ -367,12 +367,6 @@ def test_an_applied_transform_that_is_none_is_refused(applied: Any, send, settin
     folder = send(_document(applied_transform=applied))
     with refused(InvalidInputError, "transforms.json", "applied_transform"):
         validate_upload(folder, settings)
-
-
-def test_document_that_is_too_large(send, settings, refused) -> None:
-    folder = send(_document())
-    with refused(LimitExceededError, "transforms.json", " bytes"):
-        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
 
 
 def test_a_camera_of_the_upload_that_folds_the_picture_costs_its_photo(upload, photo, settings) -> None:

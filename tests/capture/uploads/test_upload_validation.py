@@ -20,7 +20,7 @@ from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
-from tests.capture.upload_files import PINHOLE, encoded, frames_of, points_file, turned, video_file
+from tests.capture.upload_files import PINHOLE, encoded, frames_of, photo_file, points_file, turned, video_file
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:
@@ -30,32 +30,60 @@ def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8)
     return encoded(ids)
 
 
-@pytest.mark.parametrize("files", [{}, {"readme.txt": b"hello"}, {"labels/a.png": _ids()}])
-def test_no_images(files: dict[str, bytes], refuses) -> None:
-    refuses(files, InvalidInputError, "no images")
+_NOTES = b"these are my holiday notes"
+_PHOTOS = {f"{name}.jpg": photo_file(number) for number, name in enumerate("ab")}
+_LABELED = _PHOTOS | {"labels.json": b'["mug", "table"]'}
+_REFUSED: dict[str, tuple[dict[str, bytes], type[FastSplatError], tuple[str, ...]]] = {
+    "nothing": ({}, InvalidInputError, ("no images",)),
+    "text": ({"readme.txt": b"hello"}, InvalidInputError, ("no images",)),
+    "label maps alone": ({"labels/a.png": _ids()}, InvalidInputError, ("no images",)),
+    "one image": ({"a.jpg": photo_file()}, InvalidInputError, ("a.jpg", "at least 2")),
+    "one that is none": ({"a.jpg": _NOTES}, CorruptImageError, ("a.jpg", "is not an image")),
+    "one that is none, with labels": (
+        {"a.jpg": _NOTES, "labels.json": b'["mug"]', "labels/a.png": b""},
+        CorruptImageError,
+        ("a.jpg", "is not an image"),
+    ),
+    "formats of phones": (
+        {"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"},
+        InvalidInputError,
+        ("IMG_1.AVIF", "AVIF", "1 other of the upload"),
+    ),
+    "one usable of four": (
+        {"a.jpg": photo_file(), **dict.fromkeys(("b.jpg", "c.jpg", "d.jpg"), b"x")},
+        CorruptImageError,
+        ("b.jpg", "2 others of the upload"),
+    ),
+    "an empty video": ({"a.mp4": b""}, InvalidInputError, ("a.mp4",)),
+    "a video of text": ({"a.mp4": b"no video"}, InvalidInputError, ("a.mp4",)),
+    "a playlist": ({"a.mp4": b"#EXTM3U\nhttp://example.org/a.ts\n"}, InvalidInputError, ("a.mp4",)),
+    "the header of a video": ({"a.mp4": b"\0\0\0\x18ftypmp42" + bytes(400)}, InvalidInputError, ("a.mp4",)),
+    "two videos": ({"a.mp4": b"x", "b.mp4": b"x"}, InvalidInputError, ("2 videos",)),
+    "maps of another size": (
+        {**_LABELED, "labels/a.png": _ids((32, 24))},
+        InvalidInputError,
+        ("labels/a.png", "32×24", "64×48"),
+    ),
+    "an unknown id": ({**_LABELED, "labels/a.png": _ids((64, 48), 1, 9)}, InvalidInputError, ("labels/a.png", "9")),
+    "an unknown id of 16 bits": (
+        {**_LABELED, "labels/a.png": _ids((64, 48), 1, 4000, dtype=np.uint16)},
+        InvalidInputError,
+        ("labels/a.png", "4000"),
+    ),
+    "a map of no photo": ({**_LABELED, "labels/c.png": _ids()}, InvalidInputError, ("labels/c.png",)),
+    "a map that is no image": ({**_LABELED, "labels/a.png": b"text"}, CorruptImageError, ("labels/a.png",)),
+    "maps without names": ({**_PHOTOS, "labels/a.png": _ids()}, InvalidInputError, ("labels.json",)),
+}
 
 
-def test_one_image(photo, refuses) -> None:
-    refuses({"alone.jpg": photo()}, InvalidInputError, "alone.jpg", "at least 2")
-
-
-@pytest.mark.parametrize("files", [{}, {"labels.json": b'["mug"]', "labels/alone.png": b""}])
-def test_the_only_image_is_not_an_image(files: dict[str, bytes], refuses) -> None:
-    refuses({"alone.jpg": b"these are my holiday notes", **files}, CorruptImageError, "alone.jpg", "is not an image")
+@pytest.mark.parametrize("case", _REFUSED)
+def test_what_is_no_upload_is_refused_by_its_file(case: str, refuses) -> None:
+    files, kind, said = _REFUSED[case]
+    refuses(files, kind, *said)
 
 
 def test_too_many_images(photo, refuses) -> None:
     refuses({f"{i}.jpg": photo(i) for i in range(5)}, LimitExceededError, "MAX_IMAGES", max_images=4)
-
-
-def test_phone_format(refuses) -> None:
-    refuses(
-        {"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"},
-        InvalidInputError,
-        "IMG_1.AVIF",
-        "AVIF",
-        "1 other of the upload",
-    )
 
 
 def _spoiled(photo) -> dict[str, bytes]:
@@ -75,7 +103,7 @@ def _spoiled(photo) -> dict[str, bytes]:
         "cut.png": encoded(noise)[:4_000],
         "flipped.png": bytes(flipped),
         "empty.jpg": b"",
-        "notes.jpg": b"these are my holiday notes",
+        "notes.jpg": _NOTES,
         "a paper.jpeg": b"%PDF-1.7 " + rng.bytes(500),
         "waving.webp": encoded(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
         "waving.gif": encoded(noise, "GIF"),
@@ -112,15 +140,6 @@ def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settin
         assert name in caught.value.message and caught.value.field == name
 
 
-def test_nothing_usable_is_left(photo, refuses) -> None:
-    refuses(
-        {"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"},
-        CorruptImageError,
-        "a.jpg",
-        "2 others of the upload",
-    )
-
-
 def test_a_label_map_that_does_not_fit_costs_its_photo(upload, photo, settings) -> None:
     maps = {"labels/0.png": _ids((32, 24)), "labels/1.png": b"text", "labels/2.png": _ids(), "labels/bad.png": _ids()}
     photos = {f"{number}.jpg": photo(number) for number in range(4)}
@@ -151,18 +170,11 @@ def test_what_is_admitted_can_be_decoded(tmp_path: Path, settings) -> None:
     assert admitted > 30
 
 
-def test_link_in_the_upload(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2)})
+def test_link_in_the_upload(upload, settings, refused) -> None:
+    folder = upload(_PHOTOS)
     (folder / "c.jpg").symlink_to("/etc/passwd")
     with refused(InvalidInputError, "c.jpg"):
         validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize(
-    "content", [b"", b"no video", b"#EXTM3U\nhttp://example.org/a.ts\n", b"\0\0\0\x18ftypmp42" + bytes(400)]
-)
-def test_no_video(content: bytes, refuses) -> None:
-    refuses({"walk.mp4": content}, InvalidInputError, "walk.mp4")
 
 
 def _video(path: Path, frames: int) -> bytes:
@@ -187,17 +199,13 @@ def test_a_video_of_one_frame_is_refused(tmp_path, refuses) -> None:
     refuses({"walk.avi": _video(tmp_path / "video.avi", 1)}, InvalidInputError, "walk.avi")
 
 
-def test_two_videos(refuses) -> None:
-    refuses({"a.mp4": b"x", "b.mp4": b"x"}, InvalidInputError, "2 videos")
-
-
 def test_reduced_copies_and_masks_are_no_photos(upload, photo, settings) -> None:
     files = {f"{folder}/{i}.jpg": photo(i) for folder in ("images", "images_2", "masks") for i in range(3)}
     assert validate_upload(upload(files), settings).images == 3
 
 
-def test_validating_twice_gives_the_same(upload, photo, settings) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), ".validated/validated.json": b"forged"})
+def test_validating_twice_gives_the_same(upload, settings) -> None:
+    folder = upload({**_PHOTOS, ".validated/validated.json": b"forged"})
     first = validate_upload(folder, settings)
     listing = sorted(folder.rglob("*"))
     assert validate_upload(folder, settings) == first
@@ -210,8 +218,8 @@ def test_building_what_was_never_validated(upload, photo, settings, refused) -> 
         build_capture(folder, folder.parent / "out", settings, silent)
 
 
-def test_building_over_foreign_files(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2)})
+def test_building_over_foreign_files(upload, settings, refused) -> None:
+    folder = upload(_PHOTOS)
     validate_upload(folder, settings)
     with refused(InvalidInputError, "in use"):
         build_capture(folder, folder, settings, silent)
@@ -249,36 +257,9 @@ def test_label_list() -> None:
         (["x" * 300], "name"),
     ],
 )
-def test_malformed_labels(document: Any, said: str, photo, refuses) -> None:
-    files = {"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}
-    refuses({**files, "labels.json": json.dumps(document).encode()}, InvalidInputError, "labels.json", said)
-
-
-@pytest.mark.parametrize(
-    ("files", "said"),
-    [
-        ({"labels/a.png": _ids((32, 24))}, ("labels/a.png", "32×24", "64×48")),
-        ({"labels/a.png": _ids((64, 48), 1, 2, 9)}, ("labels/a.png", "9")),
-        ({"labels/a.png": _ids((64, 48), 1, 4000, dtype=np.uint16)}, ("labels/a.png", "4000")),
-        ({"labels/c.png": _ids()}, ("labels/c.png",)),
-    ],
-)
-def test_label_maps_that_do_not_fit(files: dict[str, bytes], said: tuple[str, ...], photo, refuses) -> None:
-    refuses(
-        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug", "table"]', **files}, InvalidInputError, *said
-    )
-
-
-def test_label_map_that_is_no_image(photo, refuses) -> None:
-    refuses(
-        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug"]', "labels/a.png": b"text"},
-        CorruptImageError,
-        "labels/a.png",
-    )
-
-
-def test_label_maps_without_names(photo, refuses) -> None:
-    refuses({"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}, InvalidInputError, "labels.json")
+def test_malformed_labels(document: Any, said: str, refuses) -> None:
+    files = {**_PHOTOS, "labels/a.png": _ids(), "labels.json": json.dumps(document).encode()}
+    refuses(files, InvalidInputError, "labels.json", said)
 
 
 def test_labels_follow_their_image(upload, photo, settings) -> None:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture import build
@@ -31,22 +30,7 @@ from fastsplat.service.common.progress import silent
 from tests.capture import made_room
 from tests.capture.phone_recordings import Frame, polycam
 from tests.capture.upload_files import encoded, video_file
-from tests.capture.views.test_withholding import _figure, _files, _noise, _red, _splat, _upload
-
-Mask = NDArray[np.bool_]
-Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]  # stands in for a picture's pixels, by its number
-
-
-def _reds(pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
-    return np.broadcast_to(np.array([250, 10, 10], np.uint8), pixels.shape)
-
-
-def _noises(pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(number).integers(0, 256, pixels.shape, dtype=np.uint8)
-
-
-def _painted(pixels: NDArray[np.uint8], mask: Mask, paint: Paint, number: int) -> NDArray[np.uint8]:
-    return np.where(mask[..., None], paint(pixels, number), pixels)
+from tests.capture.views.test_withholding import Mask, Paint, _figure, _files, _noise, _painted, _red, _splat, _upload
 
 
 def _withholding(masks: Iterator[Mask]) -> Withholding:
@@ -88,7 +72,7 @@ def _video(folder: Path, paint: Paint) -> None:
 def test_frames_of_a_video_withhold(tmp_path: Path) -> None:
     settings = CaptureSettings(sfm_threads=2, sfm_features=400, video_frames=_USED)
     chosen = sorted(middle_per_interval(_FRAMES, _USED))
-    for name, paint in (("red", _reds), ("noise", _noises)):
+    for name, paint in (("red", _red), ("noise", _noise)):
         _video(tmp_path / name, paint)
         capture = _built(tmp_path / name, settings, map(_somebody, chosen))
         assert [view.posed.name for view in capture.views] == [f"frame_{number:06d}.png" for number in chosen]
@@ -135,7 +119,7 @@ def _faces(folder: Path, paint: Paint, settings: CaptureSettings) -> list[SfmIma
 
 def test_what_one_face_of_a_panorama_withholds_no_other_shows(tmp_path: Path) -> None:
     settings = CaptureSettings(lens="panorama", panorama_face_side=128)
-    red, noise = (_faces(tmp_path / name, paint, settings) for name, paint in (("red", _reds), ("noise", _noises)))
+    red, noise = (_faces(tmp_path / name, paint, settings) for name, paint in (("red", _red), ("noise", _noise)))
     assert _files(tmp_path / "red/images") == _files(tmp_path / "noise/images")
     for first, second in zip(red, noise, strict=True):
         assert first.name == second.name
@@ -223,7 +207,7 @@ def test_recordings_of_phones_withhold(test_data: Path, tmp_path: Path, monkeypa
 
     monkeypatch.setattr(build, "run_sandboxed", run)
     settings = CaptureSettings(sfm_threads=2, sfm_features=600)
-    for name, paint in (("red", _reds), ("noise", _noises)):
+    for name, paint in (("red", _red), ("noise", _noise)):
         for file, content in _recording(test_data / "tabletop", paint).items():
             path = tmp_path / name / "upload" / file
             path.parent.mkdir(parents=True, exist_ok=True)

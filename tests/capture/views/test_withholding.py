@@ -32,12 +32,15 @@ from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat_contract.geometry.camera import Camera
 from fastsplat_contract.jobs.operations import Privacy
 
+Mask = NDArray[np.bool_]
+Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]  # stands in for a picture's pixels, by its number
+
 _SIZE = (120, 90)
 _VIEWS = 6
 _WALKING = (1, 3, 4)  # the views that show the figure
 
 
-def _figure(view: int) -> NDArray[np.bool_]:
+def _figure(view: int) -> Mask:
     """Where a view shows a figure, from view to view elsewhere."""
     mask = np.zeros(_SIZE[::-1], np.bool_)
     if view in _WALKING:
@@ -45,7 +48,7 @@ def _figure(view: int) -> NDArray[np.bool_]:
     return mask
 
 
-def _upload(source: Path, folder: Path, paint: Callable[[int], NDArray[np.uint8]]) -> Path:
+def _upload(source: Path, folder: Path, paint: Paint) -> Path:
     """Posed photos of the table-top, in some of which a figure of this paint stands."""
     document = json.loads((source / "transforms.json").read_text())
     document["frames"] = document["frames"][:: len(document["frames"]) // _VIEWS][:_VIEWS]
@@ -56,25 +59,28 @@ def _upload(source: Path, folder: Path, paint: Callable[[int], NDArray[np.uint8]
     (folder / "images").mkdir(parents=True)
     for number, frame in enumerate(document["frames"]):
         pixels = np.asarray(Image.open(source / frame["file_path"]).resize(_SIZE, Image.Resampling.BOX))
-        pixels = np.where(_figure(number)[..., None], paint(number), pixels)
         frame.pop("depth_path"), frame.pop("mask_path")
         frame["file_path"] = f"images/{number:03d}.png"
-        Image.fromarray(pixels).save(folder / frame["file_path"])
+        Image.fromarray(_painted(pixels, _figure(number), paint, number)).save(folder / frame["file_path"])
     document["ply_file_path"] = "points3d.ply"
     (folder / "points3d.ply").write_bytes((source / "points3d.ply").read_bytes())
     (folder / "transforms.json").write_text(json.dumps(document))
     return folder
 
 
-def _red(view: int) -> NDArray[np.uint8]:
-    return np.broadcast_to(np.array([250, 10, 10], np.uint8), (*_SIZE[::-1], 3))
+def _red(pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+    return np.broadcast_to(np.array([250, 10, 10], np.uint8), pixels.shape)
 
 
-def _noise(view: int) -> NDArray[np.uint8]:
-    return np.random.default_rng(view).integers(0, 256, (*_SIZE[::-1], 3), dtype=np.uint8)
+def _noise(pixels: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(number).integers(0, 256, pixels.shape, dtype=np.uint8)
 
 
-def _capture(test_data: Path, folder: Path, paint: Callable[[int], NDArray[np.uint8]], privacy: Privacy | None):
+def _painted(pixels: NDArray[np.uint8], mask: Mask, paint: Paint, number: int) -> NDArray[np.uint8]:
+    return np.where(mask[..., None], paint(pixels, number), pixels)
+
+
+def _capture(test_data: Path, folder: Path, paint: Paint, privacy: Privacy | None):
     """The capture, by a detector that says of each photo in turn where the figure is."""
     figures: Iterator[int] = iter(range(_VIEWS))
     withholding = Withholding(lambda pixels: _figure(next(figures)), privacy)

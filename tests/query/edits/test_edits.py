@@ -11,7 +11,6 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.objects.solid_gaussians import masses
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
@@ -19,7 +18,8 @@ from fastsplat_contract.geometry.poses import Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import opened
+from tests.query.room import turned
 from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -27,10 +27,6 @@ BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=40
 FIELDS = tuple(Gaussians.__dataclass_fields__)
 FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-
-
-def opened(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
 
 
 @pytest.fixture
@@ -86,9 +82,7 @@ def test_an_edit_takes_along_what_an_object_encloses_and_nothing_beside_it() -> 
 
 
 def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
-    aside = np.eye(4)
-    aside[0, 3] = 0.2
-    two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
+    two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(turned(0, 0.2)))))
     first, second = _mugs(two)
     (left,) = _mugs(opened(apply_edit(two, Edit("remove", object_ids=(first.id,)))))
     np.testing.assert_allclose(left.centroid, second.centroid, atol=1e-6)
@@ -215,9 +209,7 @@ def test_what_cannot_be_done(scene: Scene, edit: Edit, error: type[FastSplatErro
 
 
 def test_duplicates_that_double_a_scene_again_and_again_are_bounded(scene: Scene) -> None:
-    aside = np.eye(4)
-    aside[0, 3] = 0.01
-    edit, limit = Edit("duplicate", label="mug", transform=pose_of(aside)), 3 * len(scene.gaussians)
+    edit, limit = Edit("duplicate", label="mug", transform=pose_of(turned(0, 0.01))), 3 * len(scene.gaussians)
     error: LimitExceededError | None = None
     for _ in range(20):
         try:

@@ -13,7 +13,6 @@ from scipy.special import expit, logit
 
 from fastsplat.service.query.edits.apply_edit import apply_edit, preview_of
 from fastsplat.service.query.edits.edited_rows import inside
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians, Scene
 from fastsplat.service.scene.gaussians.connectivity import isolation
@@ -23,7 +22,7 @@ from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
 from fastsplat_contract.geometry.poses import Box, Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import opened
 from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04), count=60)
@@ -51,7 +50,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
-    labeled = SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
+    labeled = opened(scene)
     return labeled.after(labeled.objects.scene)
 
 

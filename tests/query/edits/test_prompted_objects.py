@@ -9,14 +9,13 @@ import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.objects.visibility import further_views
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.objects.objects import object_rows
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.object_prompts import ObjectPrompt, Pixel
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import opened
 
 _BOX = BoxShell("mug", (0.0, 0.0, 0.04), (0.1, 0.1, 0.08))
 _FAR = BoxShell("book", (0.4, 0.0, 0.04), (0.1, 0.1, 0.08))
@@ -27,8 +26,7 @@ _ALL = np.arange(_BOX.count)
 @pytest.fixture(scope="module")
 def index() -> SceneIndex:
     """Object 1 is a mug, object 2 a book far from it."""
-    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return SceneIndex(scene_of([_BOX, _FAR], orbit()), DrawnEncoder(), settings)
+    return opened(scene_of([_BOX, _FAR], orbit()))
 
 
 def _edit(action: Any, **fields: Any) -> Edit:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from typing import Any
 
 import pytest
 
@@ -36,14 +37,14 @@ def _observation(day: int, kind: ChangeKind | None) -> Observation:
     return Observation("s", f"e{day}", at, "given", (), (), changes, (_MUG, _LAMP), True, "")
 
 
-def _answers(days: _Days) -> HistoryAnswers:
-    """Of a scene of 20 November, and of later days; they come in any order."""
+def _answers(days: _Days, **observed: Any) -> HistoryAnswers:
+    """Of a scene of 20 November, and of later days, in any order, with these fields of their observations."""
     scene = labelled_scene(
         [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
         [1, 2],
         ("mug", "lamp"),
         facts=SceneFacts(taken_at={"a.jpg": _SCENE_TIME.timestamp()}),
-        observations=tuple(_observation(*day) for day in reversed(days)),
+        observations=tuple(replace(_observation(*day), **observed) for day in reversed(days)),
     )
     objects = tuple(Object(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))
     names = ObjectNames(dictionary_of(("mug", "lamp")), objects, (), None)
@@ -54,10 +55,10 @@ def _found(obj: int = _MUG) -> Answer:
     return replace(ANSWERS.answers[0], object_ids=(obj,), outcome="here", sentence="Here.", matches=())
 
 
-def _answer_on(days: _Days, text: str) -> Answer:
+def _answer_on(days: _Days, text: str, **observed: Any) -> Answer:
     question = time_question(text, _NOW)
     assert question is not None
-    return _answers(days).answer_to(question, _found())
+    return _answers(days, **observed).answer_to(question, _found())
 
 
 @pytest.mark.parametrize(
@@ -137,12 +138,7 @@ def test_photos_of_before_the_capture_say_nothing_of_after_it() -> None:
 
 
 def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
-    answers = _answers([(23, None)])
-    (observation,) = answers._history.observations
-    answers._history = replace(answers._history, observations=(replace(observation, looked_at=(_LAMP,)),))
-    question = time_question("what is gone?", _NOW)
-    assert question is not None
-    answer = answers.answer_to(question, _found())
+    answer = _answer_on([(23, None)], "what is gone?", looked_at=(_LAMP,))
     assert answer.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 objects."
 
 
@@ -159,29 +155,19 @@ def test_without_another_day_the_day_of_the_scene_is_told() -> None:
 
 
 def test_of_many_changes_the_rest_is_counted() -> None:
-    answers = _answers([(23, None)])
-    (observation,) = answers._history.observations
     news = tuple(SceneChange("new", 0, "", 0.9, 0.0, None, _THERE, (0,), "") for _ in range(_MOST_TOLD + 2))
-    answers._history = replace(answers._history, observations=(replace(observation, changes=news),))
-    question = time_question("what is new?", _NOW)
-    assert question is not None
-    sentence = answers.answer_to(question, _found()).sentence
+    sentence = _answer_on([(23, None)], "what is new?", changes=news).sentence
     assert sentence.endswith(" There are 2 more.") and sentence.count(" at (1.00, 2.00, 0.50) m.") == _MOST_TOLD
 
 
 def test_what_was_no_object_is_told_as_gone_or_moved() -> None:
-    answers = _answers([(23, None)])
-    (observation,) = answers._history.observations
-    changes = [
+    changes = tuple(
         SceneChange(kind, 0, "", 0.9, 0.4, _THERE, after, (0,), "")
         for kind, after in (("gone", None), ("moved", _THERE))
-    ]
-    answers._history = replace(answers._history, observations=(replace(observation, changes=tuple(changes)),))
+    )
     days = "By photos of 23 November 2026: "
     for text, sentence in (
         ("what is gone?", "Something that was here is gone, at (1.00, 2.00, 0.50) m."),
         ("what moved?", "Something has moved by 0.40 m, to (1.00, 2.00, 0.50) m."),
     ):
-        question = time_question(text, _NOW)
-        assert question is not None
-        assert answers.answer_to(question, _found()).sentence == days + sentence
+        assert _answer_on([(23, None)], text, changes=changes).sentence == days + sentence

@@ -12,11 +12,10 @@ from fastsplat.service.perception.results import TextEncoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SemanticHead
-from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.artefact.scene import Object, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.messages.scenes import Edit
-from tests.query.box_scenes import BoxShell, scene_of
+from tests.query.box_scenes import BoxShell, scene_of, with_objects
 from tests.query.conftest import DrawnEncoder
 
 _FIRST = BoxShell("x", (0.12, 0.0, 0.06), count=100)
@@ -30,18 +29,8 @@ def index(lexicon: Lexicon, minilm: TextEncoder) -> SceneIndex:
 
 
 def _unnamed() -> Scene:
-    scene = scene_of([_FIRST, _SECOND])
-    count = len(scene.gaussians)
-    owner = np.repeat([1, 2], [_FIRST.count, _SECOND.count])
-    membership = evidence_of(np.arange(count), owner, np.full(count, 50 * UNIT), count)
-    return replace(
-        scene,
-        gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
-        head=SemanticHead.unlearnt(0),
-        dictionary=type(scene.dictionary)(()),
-        label_embeddings=np.zeros((0, 384), np.float32),
-        objects=Objects((Object(1), Object(2)), membership),
-    )
+    scene = replace(scene_of([_FIRST, _SECOND]), label_embeddings=np.zeros((2, 384), np.float32))
+    return with_objects(scene, np.repeat([1, 2], [_FIRST.count, _SECOND.count]), (Object(1), Object(2)))
 
 
 def named(index: SceneIndex, obj: int, name: str, *kinds: str) -> SceneIndex:

@@ -41,14 +41,6 @@ def meanings(lexicon: Lexicon, calibrated_encoder: DrawnEncoder) -> Callable[...
 
 
 @pytest.fixture
-def model(calibrated_encoder: DrawnEncoder) -> MeaningModel:
-    encoder = calibrated_encoder
-    found = model_for(f"{encoder.name}@{encoder.sha256[:12]}", "wordnet", QuerySettings().templates)
-    assert found is not None
-    return found
-
-
-@pytest.fixture
 def index(lexicon: Lexicon, calibrated_encoder: DrawnEncoder) -> Callable[..., SceneIndex]:
     def make(labels: Sequence[str] = LABELS, **settings: object) -> SceneIndex:
         scene = make_scene(labels, code=2)
@@ -159,10 +151,11 @@ def test_owners_of_a_shared_cache_share_its_room_and_nothing_else(calibrated_enc
     assert len(cache._recent) == 4
 
 
-def test_a_model_of_other_columns_or_prompts_serves_nobody(model: MeaningModel) -> None:
+def test_a_model_of_other_columns_or_prompts_serves_nobody() -> None:
+    ((key, model),) = _models().items()
+    assert model_for(key, "wordnet", QuerySettings().templates) == model
     assert model.base == BASE and len(model.mean) == expanded(np.zeros((1, len(BASE)))).shape[1]
     assert model_for("another@000000000000", "wordnet", model.templates) is None
-    (key,) = _models()
     assert model_for(key, "another", model.templates) is None
     assert model_for(key, "wordnet", ("{}",)) is None
 

@@ -44,8 +44,3 @@ def test_what_can_be_asked(text: str) -> None:
     assert check_query([text], settings) == TextQuery(
         (text,), settings.negatives, settings.templates, settings.coverage
     )
-
-
-def test_what_a_question_brings_replaces_the_settings() -> None:
-    query = check_query(["mug"], QuerySettings(), negatives=["object"], templates=["my {}"], coverage=0.5)
-    assert query == TextQuery(("mug",), ("object",), ("my {}",), 0.5)

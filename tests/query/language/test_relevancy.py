@@ -30,29 +30,6 @@ def test_it_is_the_smallest_pairwise_softmax() -> None:
             assert entries(labels, negatives).nearest_negative[n] == int(np.argmin(pairs))
 
 
-def test_the_order_of_negatives_does_not_matter() -> None:
-    labels, queries, negatives = unit(7, 0), unit(3, 1), unit(4, 2)
-    turned = score(labels, queries, negatives[::-1], 10.0)
-    found = score(labels, queries, negatives, 10.0)
-    np.testing.assert_allclose(found.relevancy, turned.relevancy, atol=1e-12)
-    np.testing.assert_array_equal(
-        entries(labels, negatives).nearest_negative, 3 - entries(labels, negatives[::-1]).nearest_negative
-    )
-
-
-def test_another_negative_never_raises_it() -> None:
-    labels, queries, negatives = unit(7, 0), unit(3, 1), unit(6, 2)
-    for count in range(1, 6):
-        fewer = score(labels, queries, negatives[:count], 10.0).relevancy
-        assert (score(labels, queries, negatives[: count + 1], 10.0).relevancy <= fewer + 1e-12).all()
-
-
-def test_it_grows_with_similarity_for_one_entry() -> None:
-    found = score(unit(1, 0), unit(200, 1), unit(4, 2), 10.0)
-    order = found.similarity[:, 0].argsort()
-    assert (np.diff(found.relevancy[order, 0]) >= 0).all()
-
-
 @pytest.mark.parametrize("temperature", [0.0, 1e-9, 10.0, 1e6, 1e300])
 def test_it_stays_a_probability_at_any_temperature(temperature: float) -> None:
     found = score(unit(50, 0), unit(20, 1), unit(4, 2), temperature)
@@ -62,11 +39,6 @@ def test_it_stays_a_probability_at_any_temperature(temperature: float) -> None:
         assert (found.relevancy == 0.5).all()
     if temperature >= 1e6:
         np.testing.assert_array_equal(found.relevancy, (found.margin > 0).astype(float))
-
-
-def test_a_query_equal_to_a_negative_is_never_above_one_half() -> None:
-    negatives = unit(4, 2)
-    assert (score(unit(50, 0), negatives, negatives, 10.0).relevancy <= 0.5 + 1e-6).all()
 
 
 def test_no_entries() -> None:

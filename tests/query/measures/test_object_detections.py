@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
@@ -12,7 +12,6 @@ import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.measures.object_detections import detections_of
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Object, Objects, Scene, SceneFacts
 from fastsplat.service.scene.artefact.suggestions import Suggestion
@@ -23,20 +22,13 @@ from fastsplat_contract.geometry.poses import Pose, Vector3, pose_of, quaternion
 from fastsplat_contract.messages.detections import Detection, DetectionList
 from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
+from tests.query.room import turned
 
 _TABLE = BoxShell("table", (0.0, 0.0, 0.35), (1.2, 0.7, 0.7), count=6_000)
 _BOOK = BoxShell("book", (0.2, 0.1, 0.725), (0.3, 0.15, 0.05), yaw=0.5, count=3_000)
 _DIE = BoxShell("die", (-0.3, -0.1, 0.75), (0.1, 0.1, 0.1), count=2_000)
 _ALL = (_TABLE, _BOOK, _DIE)
-
-IndexOf = Callable[..., SceneIndex]
-
-
-@pytest.fixture(scope="module")
-def index_of() -> IndexOf:
-    encoder = DrawnEncoder()
-    return lambda scene: SceneIndex(scene, encoder, QuerySettings(backend="cpu"))
 
 
 def _scene(shells: Sequence[BoxShell] = _ALL, cameras: Sequence[PosedCamera] | None = None, **changes: Any) -> Scene:
@@ -66,7 +58,7 @@ def _symmetric_and_positive(matrix: np.ndarray) -> bool:
     return bool(np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix).min() >= -1e-15)
 
 
-def test_objects_are_where_they_are_with_their_names_and_what_carries_them(index_of: IndexOf) -> None:
+def test_objects_are_where_they_are_with_their_names_and_what_carries_them() -> None:
     answer = _listed(index_of(_scene()))
     assert (answer.version, answer.frame_id, answer.meters, answer.next_page_token) == ("7", "world", True, "")
     assert answer.up is not None and answer.up == pytest.approx((0, 0, 1), abs=0.01)
@@ -86,7 +78,7 @@ def test_objects_are_where_they_are_with_their_names_and_what_carries_them(index
         assert obj.covariance_terms == ("edges", "membership") and _symmetric_and_positive(_position(obj))
 
 
-def test_a_heading_is_as_sure_as_the_shape_tells_it(index_of: IndexOf) -> None:
+def test_a_heading_is_as_sure_as_the_shape_tells_it() -> None:
     index = index_of(_scene())
     book, die = _of(index, "book"), _of(index, "die")
     assert book.box is not None
@@ -99,7 +91,7 @@ def test_a_heading_is_as_sure_as_the_shape_tells_it(index_of: IndexOf) -> None:
         assert die.covariance()[5, 5] > book.covariance()[5, 5]
 
 
-def test_a_round_object_has_no_heading(index_of: IndexOf) -> None:
+def test_a_round_object_has_no_heading() -> None:
     scene = _scene()
     angles = np.random.default_rng(1).uniform(0, 2 * np.pi, _DIE.count)
     means = scene.gaussians.means.copy()
@@ -111,7 +103,7 @@ def test_a_round_object_has_no_heading(index_of: IndexOf) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_what_is_said_goes_along_with_the_frame(index_of: IndexOf, seed: int) -> None:
+def test_what_is_said_goes_along_with_the_frame(seed: int) -> None:
     index, motion = index_of(_scene()), rigid(seed)
     pose = pose_of(motion)
     moved = index_of(apply_edit(index, Edit("align", alignment=Alignment("hall", pose))))
@@ -129,7 +121,7 @@ def test_what_is_said_goes_along_with_the_frame(index_of: IndexOf, seed: int) ->
         assert (old.support and old.support.object_id) == (new.support and new.support.object_id)
 
 
-def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths_are_scaled(index_of: IndexOf) -> None:
+def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths_are_scaled() -> None:
     known = KnownLength(Place(point=Vector3(0, 0, 0)), Place(point=Vector3(1, 0, 0)), 2.0, 0.08)
     plain = index_of(_scene(scale="ARBITRARY"))
     assert not _listed(plain).meters and "scale" not in _of(plain, "book").covariance_terms
@@ -145,7 +137,7 @@ def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths
     np.testing.assert_allclose(_position(_of(far, "book")), _position(book), rtol=0.1, atol=1e-6)
 
 
-def test_pairs_of_points_that_fit_badly_make_positions_unsure(index_of: IndexOf) -> None:
+def test_pairs_of_points_that_fit_badly_make_positions_unsure() -> None:
     noise = np.random.default_rng(3).normal(0, 0.02, (4, 3))
     corners = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2.0]])
     pairs = tuple(PointPair(vector3(corner), vector3(corner + off)) for corner, off in zip(corners, noise, strict=True))
@@ -158,7 +150,7 @@ def test_pairs_of_points_that_fit_badly_make_positions_unsure(index_of: IndexOf)
     assert np.trace(_position(book)) == pytest.approx(np.trace(_position(before)) + rms**2, rel=0.05)
 
 
-def test_gaussians_that_may_belong_to_others_make_a_position_unsure(index_of: IndexOf) -> None:
+def test_gaussians_that_may_belong_to_others_make_a_position_unsure() -> None:
     scene = _scene()
     assert scene.objects is not None
     rows = np.repeat([1, 2, 3], [shell.count for shell in _ALL])
@@ -174,7 +166,7 @@ def test_gaussians_that_may_belong_to_others_make_a_position_unsure(index_of: In
     assert np.trace(_position(unsure)) > np.trace(_position(sure))
 
 
-def test_nothing_is_said_of_up_where_nothing_tells_it(index_of: IndexOf) -> None:
+def test_nothing_is_said_of_up_where_nothing_tells_it() -> None:
     answer = _listed(index_of(_scene(cameras=(), scale="ARBITRARY")))
     assert answer.up is None and not answer.meters
     for obj in answer.detections:
@@ -182,7 +174,7 @@ def test_nothing_is_said_of_up_where_nothing_tells_it(index_of: IndexOf) -> None
         assert obj.box is not None and len(obj.position_covariance) == 9 and obj.first_seen is obj.last_seen is None
 
 
-def test_times_are_those_of_the_photos_that_see_an_object(index_of: IndexOf) -> None:
+def test_times_are_those_of_the_photos_that_see_an_object() -> None:
     scene = _scene()
     names = [posed.name for posed in scene.cameras]
     times = {name: 1_700_000_000.0 + 60 * n for n, name in enumerate(names)}
@@ -196,7 +188,7 @@ def test_times_are_those_of_the_photos_that_see_an_object(index_of: IndexOf) -> 
     assert (_of(few, "book").first_seen, _of(few, "book").last_seen) == (None, None)
 
 
-def test_who_proposed_an_object_and_who_missed_it_is_named(index_of: IndexOf) -> None:
+def test_who_proposed_an_object_and_who_missed_it_is_named() -> None:
     scene = _scene()
     assert scene.objects is not None
     table, book, die = scene.objects.table
@@ -205,21 +197,19 @@ def test_who_proposed_an_object_and_who_missed_it_is_named(index_of: IndexOf) ->
     assert (_of(index, "book").proposed_in, _of(index, "book").missed_in) == (("0.jpg", "2.jpg"), ("5.jpg",))
     assert (_of(index, "die").proposed_in, _of(index, "die").missed_in) == ((), ())
     # No photo shows a copy.
-    lifted = np.eye(4)
-    lifted[2, 3] = 1.0
-    copy = apply_edit(index, Edit("duplicate", label="book", transform=pose_of(lifted)))
+    copy = apply_edit(index, Edit("duplicate", label="book", transform=pose_of(turned(0, z=1.0))))
     assert copy.objects is not None
     assert [obj.proposed_in for obj in copy.objects.table if obj.name == "book"] == [(0, 2), ()]
 
 
-def test_a_scene_that_stores_no_objects_says_nothing_of_views_that_agree(index_of: IndexOf) -> None:
+def test_a_scene_that_stores_no_objects_says_nothing_of_views_that_agree() -> None:
     index = index_of(replace(_scene(), objects=None))
     assert index.objects.stored is False
     for obj in _listed(index).detections:
         assert obj.consensus is None and "membership" not in obj.covariance_terms
 
 
-def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing(index_of: IndexOf) -> None:
+def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing() -> None:
     wall = BoxShell("wall", (0.0, 1.0, 0.8), (2.0, 0.02, 1.6), count=6_000)
     picture = BoxShell("picture", (0.3, 0.97, 1.1), (0.4, 0.03, 0.3), count=2_000)
     scene = _scene((_TABLE, _BOOK, wall, picture))
@@ -230,7 +220,7 @@ def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing(index_of: I
     assert carried == {"table": None, "book": ("table", "on"), "wall": None, "picture": ("wall", "on")}
 
 
-def test_what_has_sunk_into_an_unsharp_table_top_is_on_it(index_of: IndexOf) -> None:
+def test_what_has_sunk_into_an_unsharp_table_top_is_on_it() -> None:
     top = BoxShell("table", (0.0, 0.0, 0.0), (1.0, 0.8, 0.08), count=6_000)
     knife = BoxShell("knife", (0.1, 0.1, 0.01), (0.2, 0.03, 0.03), count=1_500)
     scene = _scene((top, knife))

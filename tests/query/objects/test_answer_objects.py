@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Gaussians
-from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.objects.boxes import oriented_box
-from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.geometry.poses import pose_of
 from fastsplat_contract.messages.objects import SceneObject
 from fastsplat_contract.messages.scenes import Edit
@@ -43,18 +40,6 @@ def test_each_object_is_one_object_with_its_place_and_size() -> None:
         axes = Rotation.from_quat(obj.box.center.orientation).as_matrix()
         np.testing.assert_allclose(axes[:, 2], [0, 0, 1], atol=1e-6)
         assert abs(axes[:, 0] @ [np.cos(truth.yaw), np.sin(truth.yaw), 0]) > 0.99
-
-
-def test_two_mugs_are_two_objects() -> None:
-    index = plain_index_of(scene_of([MUG, TABLE], orbit()))
-    aside = np.eye(4)
-    aside[:3, 3] = (0.16, 0, 0)
-    twice = plain_index_of(apply_edit(index, Edit("duplicate", label="mug", transform=pose_of(aside))))
-    first, second = named(twice, "mug")
-    np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
-    np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
-    first_rows, second_rows = (twice.objects.rows([obj.id]) for obj in (first, second))
-    assert not (first_rows & second_rows).any()
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask() -> None:
@@ -137,14 +122,6 @@ def test_few_gaussians_still_have_a_box(count: int) -> None:
     assert np.linalg.norm(mug.box.center.orientation) == pytest.approx(1)
 
 
-def test_ids_survive_files_and_other_indices(tmp_path: Path) -> None:
-    scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
-    write_scene(scene, tmp_path / "scene")
-    before, after = plain_index_of(scene), plain_index_of(read_scene(tmp_path / "scene"))
-    np.testing.assert_array_equal(before.objects.owner, after.objects.owner)
-    assert before.objects.listed == after.objects.listed
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_boxes_move_along_with_the_scene(seed: int) -> None:
     pose = rigid(seed)
@@ -199,14 +176,3 @@ def test_best_views_look_at_the_object_and_nothing_stands_between() -> None:
     many = plain_index_of(scene_of([mug], orbit(100)))
     assert len(named(many, "mug")[0].best_views) == 5
     assert named(plain_index_of(scene_of([mug])), "mug")[0].best_views == ()
-
-
-def test_an_answer_of_another_scene_has_no_objects_here() -> None:
-    (foreign,) = plain_index_of(scene_of([replace(MUG, label=f"l{i}x", count=3) for i in range(5)])).ask(["l4x"])
-    with pytest.raises(InvalidInputError):
-        plain_index_of(scene_of([MUG])).objects_of(foreign)
-
-
-def test_objects_need_no_renderer() -> None:
-    index = plain_index_of(scene_of([MUG, TABLE], orbit()))
-    assert named(index, "mug") and index._renderer is None

@@ -14,10 +14,7 @@ from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of, no
 from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.geometry.camera import PosedCamera
 from tests.query.conftest import make_scene, plain_index_of
-
-
-def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
-    return replace(scene, evidence=evidence)
+from tests.scenes import labelled_scene
 
 
 def sure(labels: np.ndarray, count: int) -> Evidence:
@@ -28,7 +25,7 @@ def sure(labels: np.ndarray, count: int) -> Evidence:
 def as_evidence(scene: Scene) -> Scene:
     """The scene with its codes' labels written down as evidence."""
     classes = label_gaussians(scene).classes
-    return with_evidence(scene, sure(classes, len(classes)))
+    return replace(scene, evidence=sure(classes, len(classes)))
 
 
 def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) -> None:
@@ -41,6 +38,9 @@ def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) 
         np.testing.assert_array_equal(codes.mask3d(a), evidence.mask3d(b))
         seen, evidence_mask = codes.mask2d(a, front), evidence.mask2d(b, front)
         np.testing.assert_array_equal(seen.mask, evidence_mask.mask)
+        for match in b.matches:  # the relevancy that is expected where nothing else is seen
+            inside = evidence_mask.relevancy[evidence.label_map(front) == match.label_id]
+            assert inside.max() == pytest.approx(match.relevancy, rel=0.05)
         np.testing.assert_array_equal(seen.rgb, evidence_mask.rgb)
 
 
@@ -57,28 +57,19 @@ def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(fr
     """Codes on a line have the second label between the first and the third; probabilities have none between."""
     line = np.array([[-1.0, 0], [0, 0], [1, 0]], np.float32)
     head = SemanticHead(np.array([[0, 0], [-8, 0], [0, 0], [8, 0]], np.float32), np.array([-50, 0, 4, 0], np.float32))
-    scene = make_scene()
     rows = np.repeat([1, 3], 40)
     rng = np.random.default_rng(0)
-    means = np.column_stack([rng.uniform(-1, 1, (80, 2)), rng.uniform(-0.5, 0.5, 80)]).astype(np.float32)
-    gaussians = replace(
-        scene.gaussians,
-        means=means,
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (80, 1)),
-        log_scales=np.full((80, 3), np.log(0.25), np.float32),
-        logit_opacities=np.zeros(80, np.float32),
-        sh=np.zeros((80, 1, 3), np.float32),
-        codes=line[rows - 1],
-    )
-    codes = replace(scene, gaussians=gaussians, head=head)
+    means = np.column_stack([rng.uniform(-1, 1, (80, 2)), rng.uniform(-0.5, 0.5, 80)])
+    scene = labelled_scene(means, rows, ("mug", "spoon", "bed"), scales=0.25, logit_opacities=0.0)
+    codes = replace(scene, gaussians=replace(scene.gaussians, codes=line[rows - 1]), head=head)
     np.testing.assert_array_equal(label_gaussians(codes).classes, rows)
     assert 2 in plain_index_of(codes).label_map(front)
-    labels = np.unique(plain_index_of(with_evidence(codes, sure(rows, 80))).label_map(front))
+    labels = np.unique(plain_index_of(replace(codes, evidence=sure(rows, 80))).label_map(front))
     assert set(labels.tolist()) <= {0, 1, 3} and {1, 3} <= set(labels.tolist())
 
 
 def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> None:
-    never = with_evidence(make_scene(), no_evidence(4))
+    never = replace(make_scene(), evidence=no_evidence(4))
     found = label_gaussians(never)
     assert not found.classes.any() and not found.confidence.any()
     index = plain_index_of(never)
@@ -88,15 +79,19 @@ def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> No
 
 
 def test_every_pixel_undetected_is_a_scene_of_nothing(front: PosedCamera) -> None:
-    index = plain_index_of(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
-    assert not index.gaussian_classes.any() and not index.label_map(front).any()
-    (answer,) = index.ask(["mug"])
-    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
-    assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
+    scene = make_scene()
+    uncoded = replace(scene.gaussians, codes=np.zeros_like(scene.gaussians.codes))
+    for blank in (replace(scene, evidence=sure(np.zeros(4, int), 4)), replace(scene, gaussians=uncoded)):
+        index = plain_index_of(blank)
+        assert not index.gaussian_classes.any() and not index.label_map(front).any()
+        (answer,) = index.ask(["mug"])
+        assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
+        assert answer.sentence == "Not here: nothing in this scene has a name."
+        assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
 def test_a_scene_without_labels(front: PosedCamera) -> None:
-    for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
+    for scene in (make_scene(labels=()), replace(make_scene(labels=()), evidence=no_evidence(1))):
         index = plain_index_of(scene)
         (answer,) = index.ask(["mug"])
         assert answer.matches == () and answer.is_absent
@@ -134,7 +129,7 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
     rows, names = np.nonzero(rng.random((52, 13)) < 0.5)
     counts = rng.integers(1, 5 * UNIT, len(rows))
     counts[rng.random(len(rows)) < 0.3] = UNIT  # some ties
-    scene = with_evidence(scene, evidence_of(rows, names, counts, 52))
+    scene = replace(scene, evidence=evidence_of(rows, names, counts, 52))
     at_once = plain_index_of(scene)
     expected = at_once.label_map(front), at_once.mask2d(at_once.ask(["object 3x"])[0], front)
     monkeypatch.setattr(share_maps, "_CHANNELS", 5)
@@ -143,14 +138,3 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
     seen = in_pieces.mask2d(in_pieces.ask(["object 3x"])[0], front)
     np.testing.assert_array_equal(expected[1].mask, seen.mask)
     np.testing.assert_allclose(expected[1].relevancy, seen.relevancy, atol=1e-6)
-
-
-def test_relevancy_of_evidence_is_the_expected_relevancy(front: PosedCamera) -> None:
-    index = plain_index_of(as_evidence(make_scene()))
-    (answer,) = index.ask(["mug"])
-    by_id = {match.label_id: match.relevancy for match in answer.matches}
-    seen = index.mask2d(answer, front)
-    label_map = index.label_map(front)
-    for label_id, relevancy in by_id.items():
-        inside = seen.relevancy[label_map == label_id]
-        assert inside.max() == pytest.approx(relevancy, rel=0.05)

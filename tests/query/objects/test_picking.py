@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -14,13 +13,13 @@ from hypothesis import strategies as st
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.objects.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Objects, Parts, Scene, SemanticHead
+from fastsplat.service.scene.artefact.scene import Object, ObjectGroup, Parts, Scene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.geometry.poses import Vector3
 from fastsplat_contract.messages.objects import PickedLevel, PickLevel, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit
-from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.box_scenes import BoxShell, look, orbit, scene_of, with_objects
 from tests.query.conftest import opened
 
 CUP = BoxShell("mug", (0.12, 0.0, 0.06), (0.12, 0.12, 0.12), count=700)
@@ -40,17 +39,9 @@ def scene_with(**changes: float) -> Scene:
         (Object(HALF, parent=MUG, consensus=consensus["part"]),),
         evidence_of(upper, np.full(len(upper), HALF), np.full(len(upper), 50 * UNIT), count),
     )
-    membership = evidence_of(np.arange(count), owner, np.full(count, 50 * UNIT), count)
     groups = (ObjectGroup(BOTH, (MUG, SPREAD), consensus["group"]),)
-    table = tuple(Object(number, consensus=consensus["object"]) for number in (MUG, SPREAD))
-    return replace(
-        scene,
-        gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
-        head=SemanticHead.unlearnt(0),
-        dictionary=type(scene.dictionary)(()),
-        label_embeddings=np.zeros((0, 16), np.float32),
-        objects=Objects(table, membership, 0, parts, groups=groups),
-    )
+    objects = [Object(number, consensus=consensus["object"]) for number in (MUG, SPREAD)]
+    return with_objects(scene, owner, objects, parts=parts, groups=groups)
 
 
 def pixel_of(index: SceneIndex, inside: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Pixel:

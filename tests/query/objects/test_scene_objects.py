@@ -27,8 +27,9 @@ from fastsplat_contract.errors import (
 from fastsplat_contract.geometry.poses import Vector3, pose_of
 from fastsplat_contract.messages.objects import PickedLevel, Pixel, PixelBox
 from fastsplat_contract.messages.scenes import Edit
-from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.box_scenes import BoxShell, look, orbit, scene_of, with_objects
 from tests.query.conftest import opened
+from tests.query.room import turned
 
 CUP = BoxShell("mug", (0.1, 0.1, 0.04))
 TWIN = replace(CUP, centre=(-0.1, 0.15, 0.04))
@@ -45,22 +46,9 @@ def labeled() -> Scene:
 @pytest.fixture
 def discovered() -> Scene:
     """The same as three objects that nobody has named: 4, 7 and 9; no labels."""
-    scene = scene_of([CUP, TWIN, BOOK], orbit())
     owner = np.repeat([4, 7, 9], [CUP.count, TWIN.count, BOOK.count])
-    rows = np.arange(len(owner))
-    membership = evidence_of(rows, owner, np.full(len(owner), 4 * UNIT), len(owner))
-    objects = Objects(
-        (Object(4), Object(7, suggestions=(Suggestion("kettle", 0.4),)), Object(9, surface="wall")), membership
-    )
-    bare = scene_of([replace(CUP, label="x")])
-    return replace(
-        scene,
-        gaussians=replace(scene.gaussians, codes=np.zeros((len(owner), 0), np.float32)),
-        head=type(bare.head)(np.zeros((1, 0), np.float32), np.zeros(1, np.float32)),
-        dictionary=type(scene.dictionary)(()),
-        label_embeddings=np.zeros((0, 16), np.float32),
-        objects=objects,
-    )
+    objects = (Object(4), Object(7, suggestions=(Suggestion("kettle", 0.4),)), Object(9, surface="wall"))
+    return with_objects(scene_of([CUP, TWIN, BOOK], orbit()), owner, objects)
 
 
 def edited(index: SceneIndex, *edits: Edit) -> SceneIndex:
@@ -93,9 +81,8 @@ def test_a_scene_without_objects_has_those_of_its_labels_and_always_the_same(lab
 def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, tmp_path: Path) -> None:
     first = opened(labeled)
     (mug, twin, book) = ids_of(first)
-    aside = np.eye(4)
-    aside[2, 3] = 0.5
-    copied = edited(first, Edit("duplicate", object_ids=(twin,), transform=pose_of(aside)))
+    aside = pose_of(turned(0, z=0.5))
+    copied = edited(first, Edit("duplicate", object_ids=(twin,), transform=aside))
     assert ids_of(copied) == {mug: "mug", twin: "mug", book: "book", book + 1: "mug"}
     moved = next(obj for obj in copied.objects.listed if obj.id == book + 1)
     old = next(obj for obj in first.objects.listed if obj.id == twin)
@@ -107,7 +94,7 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, 
     assert list(ids_of(removed)) == [twin, book, book + 1]
     # No id is given twice, not even that of the last object once it is gone.
     gone = edited(removed, Edit("discard", object_ids=(book + 1,)))
-    assert list(ids_of(edited(gone, Edit("duplicate", object_ids=(book,), transform=pose_of(aside))))) == [
+    assert list(ids_of(edited(gone, Edit("duplicate", object_ids=(book,), transform=aside)))) == [
         twin,
         book,
         book + 2,

@@ -12,7 +12,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.prompted_objects import split_object
 from fastsplat.service.query.objects.picking import pick_pixel, pick_point
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.artefact.scene import Object, Objects, Parts, Scene
+from fastsplat.service.scene.artefact.scene import Object, Parts, Scene
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.objects.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.objects.new_objects import with_new_object
@@ -20,8 +20,9 @@ from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFound
 from fastsplat_contract.geometry.poses import Vector3, pose_of
 from fastsplat_contract.messages.objects import PickedLevel, Pixel
 from fastsplat_contract.messages.scenes import Edit, InsertSource
-from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.box_scenes import BoxShell, look, orbit, scene_of, with_objects
 from tests.query.conftest import opened
+from tests.query.room import turned
 
 CUP = BoxShell("mug", (0.12, 0.0, 0.06), (0.12, 0.12, 0.12), count=700)
 BOOK = BoxShell("book", (-0.12, 0.0, 0.03), (0.2, 0.14, 0.06), count=400)
@@ -34,7 +35,6 @@ def scene() -> Scene:
     """A mug, object 3, whose upper half is part 6, and a book, object 5, with a spine, part 8; nothing has a name."""
     scene = scene_of([CUP, BOOK], orbit())
     count, means = len(scene.gaussians), scene.gaussians.means
-    rows = np.arange(count)
     owner = np.repeat([3, 5], [CUP.count, BOOK.count])
     part = np.where((owner == 3) & (means[:, 2] > 0.06), RIM, 0)
     part = np.where((owner == 5) & (means[:, 0] < -0.18), SPINE, part)
@@ -43,15 +43,7 @@ def scene() -> Scene:
         (Object(RIM, parent=3, consensus=0.6), Object(SPINE, parent=5)),
         evidence_of(inside, part[inside], np.full(len(inside), 50 * UNIT), count),
     )
-    objects = Objects((Object(3), Object(5)), evidence_of(rows, owner, np.full(count, 50 * UNIT), count), 0, parts)
-    return replace(
-        scene,
-        gaussians=replace(scene.gaussians, codes=np.zeros((count, 0), np.float32)),
-        head=type(scene.head)(np.zeros((1, 0), np.float32), np.zeros(1, np.float32)),
-        dictionary=type(scene.dictionary)(()),
-        label_embeddings=np.zeros((0, 16), np.float32),
-        objects=objects,
-    )
+    return with_objects(scene, owner, (Object(3), Object(5)), parts=parts)
 
 
 def edited(index: SceneIndex, *edits: Edit) -> SceneIndex:
@@ -162,12 +154,11 @@ def test_merging_and_discarding_keep_parts_where_their_objects_stay(scene: Scene
 
 def test_copies_have_new_ids_and_no_parts(scene: Scene) -> None:
     index = opened(scene)
-    aside = np.eye(4)
-    aside[0, 3] = 1.0
-    copied = edited(index, Edit("duplicate", object_ids=(3,), transform=pose_of(aside)))
+    aside = pose_of(turned(0, 1.0))
+    copied = edited(index, Edit("duplicate", object_ids=(3,), transform=aside))
     assert [obj.id for obj in copied.objects.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     np.testing.assert_array_equal(copied.objects.part_owner[len(scene.gaussians) :], 0)
-    insert = Edit("insert", object_ids=(3,), transform=pose_of(aside), source=InsertSource("s"))
+    insert = Edit("insert", object_ids=(3,), transform=aside, source=InsertSource("s"))
     inserted = index.after(apply_edit(index, insert, source=opened(scene)))
     assert [obj.id for obj in inserted.objects.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     with pytest.raises(InvalidInputError, match="a part of object 3"):

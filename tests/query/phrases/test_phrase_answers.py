@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.language.words.query_text import check_query
 from fastsplat.service.query.ranked_scene import RankedQuery
 from fastsplat.service.query.scene_index import SceneIndex
@@ -16,6 +17,7 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.geometry.camera import Camera, PosedCamera
 from fastsplat_contract.geometry.poses import look_at
 from fastsplat_contract.messages.queries import Answer
+from fastsplat_contract.messages.scenes import Edit
 from tests.query.box_scenes import rigid
 from tests.query.conftest import index_of
 from tests.query.decisions import alike
@@ -250,31 +252,12 @@ def test_a_part_that_is_known_decides_what_an_object_has(scene: Scene) -> None:
     assert scene.objects is not None
     owner = index_of(scene).objects.owner
     rows = [np.flatnonzero(owner == mug)[:40] for mug in (_RED_MUG, _BLUE_MUG)]
-    table_of_parts = (
-        Object(20, "handle", "person", 1.0, parent=_RED_MUG),
-        Object(21, "lid", "person", 1.0, parent=_BLUE_MUG),
-    )
+    nameless = (Object(20, parent=_RED_MUG), Object(21, parent=_BLUE_MUG))
     ids = np.repeat([20, 21], [len(part_rows) for part_rows in rows])
-    counts = np.full(len(ids), 16 * UNIT, np.int64)
-    parts = Parts(table_of_parts, evidence_of(np.concatenate(rows), ids, counts, len(owner)))
-    dictionary, embeddings = scene.dictionary, scene.label_embeddings
-    for name in ("handle", "lid"):
-        dictionary = replace(dictionary, entries=(*dictionary.entries, replace(dictionary.entries[0], label=name)))
-        embeddings = np.concatenate([embeddings, embeddings[:1]])
-    head = replace(
-        scene.head,
-        weight=np.zeros((len(dictionary) + 1, 0), np.float32),
-        bias=np.zeros(len(dictionary) + 1, np.float32),
-    )
-    parted = index_of(
-        replace(
-            scene,
-            objects=replace(scene.objects, parts=parts),
-            dictionary=dictionary,
-            label_embeddings=embeddings,
-            head=head,
-        )
-    )
+    parts = Parts(nameless, evidence_of(np.concatenate(rows), ids, np.full(len(ids), 16 * UNIT), len(owner)))
+    parted = index_of(replace(scene, objects=replace(scene.objects, parts=parts)))
+    for part, name in ((20, "handle"), (21, "lid")):
+        parted = parted.after(apply_edit(parted, Edit("name", object_ids=(part,), name=name)))
     assert _answer(parted, "the mug with a handle").object_ids == (_RED_MUG,)
     assert _answer(parted, "the mug without a handle").object_ids == (_BLUE_MUG,)
     assert _answer(parted, "the handle of the mug").object_ids == (20,)

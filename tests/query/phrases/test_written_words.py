@@ -8,12 +8,11 @@ from dataclasses import replace
 import pytest
 
 from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
-from fastsplat.service.query.query_settings import QuerySettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Object, Scene
 from fastsplat_contract.messages.object_reads import ObjectRead, ReadKind
 from tests.query.box_scenes import rigid
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import index_of
 from tests.query.phrases.test_looks_answers import _answer
 from tests.query.placed_rooms import Room, box, scene_of, table
 
@@ -47,7 +46,7 @@ def scene() -> Scene:
 
 @pytest.fixture(scope="module")
 def index(scene: Scene) -> SceneIndex:
-    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
+    return index_of(scene)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +101,7 @@ def test_names_come_before_what_is_written_and_by_is_a_place_where_nothing_says_
 def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene) -> None:
     assert scene.objects is not None
     silent = replace(scene.objects, table=tuple(replace(obj, reads=()) for obj in scene.objects.table))
-    index = SceneIndex(replace(scene, objects=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
+    index = index_of(replace(scene, objects=silent))
     assert not _answer(index, "Hafermilch").object_ids and not _answer(index, "oat milk").object_ids
     assert _answer(index, "where does it say Hafermilch").outcome == "cannot_say"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -61,6 +62,17 @@ def crowded(seed: int, count: int = 60, channels: int = 6, width: int = 37, heig
         normal(height, width),
         normal(height, width),
     )
+
+
+def lone(**changes: list[Any]) -> View:
+    """One Gaussian two units ahead, or as many as there are means, 16×16 pixels, unless told otherwise."""
+    usual = [0.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.3, 0.3, 0.3], 0.8, [1.0, 0.5, 0.25]
+    count = len(changes.get("means", [0]))
+    values = {name: [value] * count for name, value in zip(NAMES, usual, strict=True)} | changes
+    parts = {name: torch.tensor(values[name], dtype=torch.float32) for name in NAMES}
+    unit_image = torch.ones(16, 16)
+    camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0)
+    return View(Splats(**parts), torch.eye(4), camera, torch.zeros(3), torch.ones(16, 16, 3), unit_image, unit_image)
 
 
 def render(view: View, backend: Backend, dtype: torch.dtype = torch.float32) -> Rendering:
