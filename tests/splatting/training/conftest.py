@@ -29,8 +29,11 @@ from fastsplat_contract.geometry.poses import look_at
 LABELS = ("floor", "ball", "block")
 
 
-def _world() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """means, scales, colours, labels."""
+Content = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Of a world: means, scales, colors, labels 1 to 3."""
+
+
+def _world() -> Content:
     random = np.random.default_rng(5)
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, 12), np.linspace(-1, 1, 12)), -1).reshape(-1, 2)
     floor = np.column_stack([grid, np.zeros(len(grid))])
@@ -47,8 +50,22 @@ def _world() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return means, scales, colors, labels
 
 
-def _make(folder: Path, views: int, width: int = 64, height: int = 48) -> tuple[Capture, Labelling]:
-    means, scales, colors, labels = (torch.from_numpy(value).float() for value in _world())
+def balls(count: int) -> Content:
+    """`count` balls of one size a square, in 60 colored patches each."""
+    random, side = np.random.default_rng(5), int(np.ceil(np.sqrt(count)))
+    centers = (np.stack(np.divmod(np.arange(count), side), -1) + 0.5) / side * 1.6 - 0.8
+    surface = random.normal(size=(count, 60, 3))
+    surface *= 0.5 / side / np.linalg.norm(surface, axis=-1, keepdims=True)
+    means = surface + np.pad(centers, ((0, 0), (0, 1)))[:, None]
+    colors = np.clip(random.uniform(size=(count, 1, 3)) + 0.35 * random.normal(size=(count, 60, 3)), 0, 1)
+    scales = 0.18 / side * random.uniform(0.6, 1.4, size=(60 * count, 3))
+    return means.reshape(-1, 3), scales, colors.reshape(-1, 3), np.repeat(np.arange(count) % 3 + 1, 60)
+
+
+def _make(
+    folder: Path, views: int, width: int = 64, height: int = 48, content: Content | None = None
+) -> tuple[Capture, Labelling]:
+    means, scales, colors, labels = (torch.from_numpy(value).float() for value in content or _world())
     one_hot = torch.nn.functional.one_hot(labels.long(), 4)[:, 1:].float()
     quats = torch.tensor([1.0, 0, 0, 0]).repeat(len(means), 1)
     splats = Splats(means, quats, scales, torch.full((len(means),), 0.95), torch.cat([colors, one_hot], 1))
@@ -66,8 +83,8 @@ def _make(folder: Path, views: int, width: int = 64, height: int = 48) -> tuple[
         maps.append(evidence.argmax(dim=2).numpy().astype(np.uint16))
         capture_views.append(View(posed, path))
     random = np.random.default_rng(0)
-    rows = random.choice(len(means), 150, replace=False)
-    points = means.numpy()[rows] + random.normal(0, 0.02, size=(150, 3)).astype(np.float32)
+    rows = random.choice(len(means), min(150, len(means)), replace=False)
+    points = means.numpy()[rows] + random.normal(0, 0.02, size=(len(rows), 3)).astype(np.float32)
     shades = (colors.numpy()[rows] * 255).round().astype(np.uint8)
     report = CaptureReport("images", views)
     capture = Capture(tuple(capture_views), points.astype(np.float32), shades, "ARBITRARY", report)
@@ -79,9 +96,9 @@ MakeWorld = Callable[..., tuple[Capture, Labelling]]
 
 @pytest.fixture
 def make_world(tmp_path: Path) -> MakeWorld:
-    """`make_world(views, width, height)` renders a world's images afresh into a folder of the test."""
+    """`make_world(views, width, height, content)` renders a world's images afresh into a folder of the test."""
 
-    def make(views: int = 12, **size: int) -> tuple[Capture, Labelling]:
+    def make(views: int = 12, **size: Any) -> tuple[Capture, Labelling]:
         return _make(tmp_path, views, **size)
 
     return make

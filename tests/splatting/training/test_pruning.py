@@ -20,7 +20,7 @@ from fastsplat.service.splatting.training.requirement import Requirement
 from fastsplat.service.splatting.training.train import train
 from fastsplat.service.splatting.training_settings import TrainingSettings
 from fastsplat.service.splatting.training_views import load_views
-from tests.splatting.training.conftest import same_run
+from tests.splatting.training.conftest import balls, same_run
 
 
 def _parameters(count: int, degree: int = 1) -> dict[str, Tensor]:
@@ -80,6 +80,13 @@ def test_pictures_of_one_color_take_next_to_nothing(make_world, shade: int, most
         Image.new("RGB", (64, 48), (shade,) * 3).save(view.image_path)
     trained = train(capture, labelling, _BUDGET, silent)
     assert len(trained.gaussians) <= most and trained.quality["iterations"] < 1_500 and trained.quality["enough"]
+
+
+def test_more_objects_take_more_gaussians(make_world) -> None:
+    settings = TrainingSettings(iterations=800, time_budget_s=None, evaluations=0, max_gaussians=4_000)
+    worlds = [make_world(16, width=96, height=72, content=balls(count)) for count in (1, 4, 16)]
+    few, some, many = (len(train(*world, settings, silent).gaussians) for world in worlds)
+    assert few < some / 2 and some < many
 
 
 def test_a_run_that_was_taken_back_to_more_is_pruned_again(world, quick) -> None:
