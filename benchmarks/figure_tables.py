@@ -153,7 +153,7 @@ def _trade(document: Document) -> Iterator[Row]:
     for data in dict.fromkeys(row["data"] for row in document["rows"]):
         for row in document["rows"]:
             if row["data"] == data and "perception" not in row:
-                cells = [f"{row['gaussians']:,}", f"{row['psnr']:.2f}", f"{row['ssim']:.3f}", f"{row['miou']:.3f}"]
+                cells = [f"{row['gaussians']:,}", f"{row['psnr_cc']:.2f}", f"{row['ssim']:.3f}", f"{row['miou']:.3f}"]
                 cells += [_megabytes(row["bytes"]), f"{row['cpu_s']:.0f}", f"{row['label_map_ms']:.0f}"]
                 yield f"{data}, {row['factor']}, {row['value']}", f"{row['iterations']:,}", *cells
 

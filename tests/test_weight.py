@@ -124,4 +124,4 @@ def test_sums_only_go_down() -> None:
 if __name__ == "__main__":
     for room, (product, tests) in (table := _weights())[0].items():
         print(f'    "{room}": ({product}, {tests}),')
-    print(f"SUMS = {"product": 79255, "tests": 62987, "page": 15912, "C++": 4481, "calls": 56, "commands": 67}")
+    print(f"SUMS = {table[1]}")

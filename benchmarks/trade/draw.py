@@ -14,7 +14,7 @@ def draw(rows: list[dict[str, Any]], folder: Path) -> None:
     import matplotlib.pyplot as plt
 
     figure, all_axes = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained")
-    for axes, up in zip(all_axes, ("psnr", "miou"), strict=True):
+    for axes, up in zip(all_axes, ("psnr_cc", "miou"), strict=True):
         for number, data in enumerate(dict.fromkeys(row["data"] for row in rows)):
             for factor, style in (("tolerance", "o-"), ("recipe", "x--")):
                 line = [row for row in rows if row["data"] == data and row["factor"] == factor]

@@ -58,6 +58,7 @@ def _measure(row: Row, data: BenchData) -> dict[str, Any]:
     figures |= {
         "gaussians": len(trained.gaussians),
         "iterations": int(trained.quality["iterations"]),
+        "psnr_cc": trained.quality["psnr_cc"],
         "labels": len(labelling.dictionary),
         "code_size": scene.gaussians.codes.shape[1],
         "bytes_per_gaussian": figures["bytes"] / max(1, len(trained.gaussians)),

@@ -115,7 +115,7 @@ class TrainingOptions(Options):
     rates: LearningRates = LearningRates()
     """Learning rates."""
     tolerance_db: float = Field(0.3, ge=0)
-    """PSNR of held-out views, dB, that twice the steps may still gain. A third of it may be lost with Gaussians
+    """PSNR of held-out views, dB, that twice the steps may still gain. A sixth of it may be lost with Gaussians
     that are surplus, or a run's end that is (`requirement`). 0: the whole budget is spent."""
     checkpoint_every_s: float = Field(30.0, ge=0)
     """Seconds between checkpoints."""

@@ -30,7 +30,7 @@ _ALIKE_DB = 40.0
 """PSNR from which on pictures are taken to look alike: more is no gain."""
 _FAIR_DB = 30.0
 """PSNR below which steps that gain nothing do not end a run: there its pictures are small, or the photos disagree."""
-_SAVING, _HARMONICS = 1 / 3, 1 / 12
+_SAVING, _HARMONICS = 1 / 6, 1 / 12
 """Shares of the tolerance that may be lost: with Gaussians, or with steps, that are spared; and with harmonics."""
 _TAIL = 0.3
 """Once enough was done, the rest of the schedule takes this share of the steps before."""

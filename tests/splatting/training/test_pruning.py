@@ -84,16 +84,18 @@ def test_pictures_of_one_color_take_next_to_nothing(make_world, shade: int, most
 
 def test_more_objects_take_more_gaussians(make_world) -> None:
     settings = TrainingSettings(iterations=800, time_budget_s=None, evaluations=0, max_gaussians=4_000)
-    worlds = [make_world(16, width=96, height=72, content=balls(count)) for count in (1, 4, 16)]
-    few, some, many = (len(train(*world, settings, silent).gaussians) for world in worlds)
-    assert few < some / 2 and some < many
+    counts = []
+    for objects in (1, 16):
+        world = make_world(16, width=96, height=72, content=balls(objects))
+        counts.append(len(train(*world, settings, silent).gaussians))
+    assert counts[0] < counts[1] / 2
 
 
 def test_a_run_that_was_taken_back_to_more_is_pruned_again(world, quick) -> None:
     views, parameters = load_views(*world, (0, 4, 8), 640, (1.0,)), _parameters(60, degree=0)
     state = new_state(parameters)
     state.iteration = 251
-    requirement = Requirement(quick(tolerance_db=3.0), views, (), state)
+    requirement = Requirement(quick(tolerance_db=6.0), views, (), state)
     for _ in range(2):
         requirement.after_step(0.9)
         assert state.count == requirement.budget == Requirement(quick(), views, (), state).budget < 60
@@ -103,7 +105,7 @@ def test_a_run_that_was_taken_back_to_more_is_pruned_again(world, quick) -> None
 
 def test_a_run_that_needs_no_more_ends_alike_after_a_checkpoint(world, quick, tmp_path: Path) -> None:
     """It is pruned, and ends when the last half of its steps gained less than the tolerance."""
-    settings = quick(iterations=3_900, max_gaussians=600, tolerance_db=9.0, checkpoint_every_s=0)
+    settings = quick(iterations=3_900, max_gaussians=600, tolerance_db=18.0, checkpoint_every_s=0)
     whole = train(*world, settings, silent)
     assert whole.quality["iterations"] < 3_900 and whole.quality["next_doubling_db"] < 3
     assert len(whole.gaussians) < 500
