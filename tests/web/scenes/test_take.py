@@ -30,6 +30,8 @@ def test_scene_object_masks_and_picture_are_the_servers(place: Place, browser: B
     file = place.service.exports.file
     with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
         visit.shows("answer")
+        visit.tab("Photos")
+        expect(visit.page.get_by_text("31.5 dB PSNR · twice the training would add about 0.3 dB")).to_be_visible()
         visit.tab("Share")
         for button, format, ending in (
             ("PLY, exact", "ply", "ply"), ("SPZ, compressed", "spz", "spz"), ("SPZ, version 4", "spz4", "v4.spz"),
