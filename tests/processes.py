@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 
 def processes_with(variable: str, folder: Path) -> list[str]:
@@ -23,3 +28,14 @@ def is_alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:
         return False
+
+
+def printed_with_mount(mount: str, code: str, *arguments: Path) -> str:
+    """What Python code prints with a disk of its own; skips the test where none can be mounted."""
+    run = f'{mount} && exec {sys.executable} -c "$@"'
+    command = ["unshare", "--mount", "--map-root-user", "sh", "-c", run, "sh"]
+    if shutil.which("unshare") is None or subprocess.run([*command, ""], check=False, capture_output=True).returncode:
+        pytest.skip("no disk can be mounted here")
+    done = subprocess.run([*command, code, *arguments], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 from collections import Counter
 from collections.abc import Mapping
@@ -18,15 +19,15 @@ from fastsplat_contract.calls import CALLS
 ROOT = Path(__file__).parent.parent
 
 ROWS: Mapping[str, tuple[int, int]] = {
-    "api": (6429, 11598),
+    "api": (6429, 11577),
     "application": (6939, 3164),
     "benchmarks": (0, 3129),
     "capture": (11161, 6870),
     "cli": (3672, 2016),
-    "client": (9014, 1769),
+    "client": (9014, 1768),
     "common": (1279, 700),
     "demo": (0, 210),
-    "docker": (0, 215),
+    "docker": (0, 212),
     "docs": (0, 811),
     "fastsplat": (31, 0),
     "instances": (2307, 1909),
@@ -36,19 +37,19 @@ ROWS: Mapping[str, tuple[int, int]] = {
     "localization": (1837, 620),
     "perception": (4860, 2623),
     "planning": (811, 479),
-    "query": (11918, 7448),
+    "query": (11918, 7443),
     "release": (0, 113),
     "scene": (3522, 1509),
     "service": (372, 0),
     "splat_import": (664, 332),
     "splatting": (5763, 4783),
     "store": (4637, 1917),
-    "tests": (0, 1771),
-    "web": (0, 4369),
-    "workers": (2510, 3464),
+    "tests": (0, 1784),
+    "web": (0, 4365),
+    "workers": (2510, 3455),
 }
 """Lines of a room and of its tests, at most."""
-SUMS = {"product": 79255, "tests": 62987, "page": 15912, "C++": 4481, "calls": 56, "commands": 67}
+SUMS = {"product": 79255, "tests": 62986, "page": 15912, "C++": 4481, "calls": 56, "commands": 67}
 """What all rooms together may hold."""
 
 _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
@@ -113,11 +114,7 @@ def test_sums_only_go_down() -> None:
         text = subprocess.run(
             ["git", "show", f"{commit}:{path}"], cwd=ROOT, capture_output=True, text=True, check=True
         ).stdout
-        before = next(
-            ast.literal_eval(node.value)
-            for node in ast.parse(text).body
-            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SUMS"
-        )
+        before = ast.literal_eval(re.findall(r"^SUMS = (.*)", text, re.MULTILINE)[0])
         assert not {name: commit for name, most in before.items() if most and SUMS.get(name, 0) > most}
 
 

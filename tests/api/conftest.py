@@ -17,7 +17,7 @@ from tests.api.clients import client_of
 from tests.api.guarded import Guarded, guarded_server
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
-from tests.api.served import Faces, served
+from tests.api.served import Faces, on_free_ports, served
 from tests.api.upright_scene import add_upright_scene
 from tests.color_segmenter import ADAPTER, write_color_segmenter
 
@@ -30,13 +30,9 @@ def api_settings(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     folder: Path = tmp_path_factory.mktemp("api")
     write_words(folder / "models")
     write_color_segmenter(folder / "models")
-    return Settings(
+    return on_free_ports(
         data_dir=folder / "data",
         models=folder / "models",
-        http_port=0,
-        grpc_port=0,
-        metrics_port=0,
-        auth="off",
         perception=PerceptionSettings(
             text_encoder=ENCODER, open_set_detector="grounding_dino_tiny", segmenter=ADAPTER
         ),  # never opened: nothing is trained

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import CaptionerSettings, Settings
+from fastsplat.service.settings import CaptionerSettings
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.clients import client_of
-from tests.api.served import Faces, served
+from tests.api.served import Faces, on_free_ports, served
 
 
 class Nameless(NamedTuple):
@@ -27,15 +27,7 @@ class Nameless(NamedTuple):
 @contextmanager
 def nameless_sample(models_dir: Path, folder: Path, captioner: CaptionerSettings | None = None) -> Iterator[Nameless]:
     """Serve it, without keys, until the block ends; with a captioner of the server's own, if one is given."""
-    settings = Settings(
-        data_dir=folder,
-        models=models_dir,
-        http_port=0,
-        grpc_port=0,
-        metrics_port=0,
-        auth="off",
-        captioner=captioner or CaptionerSettings(),
-    )
+    settings = on_free_ports(data_dir=folder, models=models_dir, captioner=captioner or CaptionerSettings())
     with open_service(settings) as service, served(service, settings) as faces:
         scene_id = service.open_sample().id
         with client_of(faces) as client:

@@ -34,6 +34,11 @@ class Faces:
     ports: Ports
 
 
+def on_free_ports(**settings: Any) -> Settings:
+    """Of a server on free ports that wants no keys, but for what is given."""
+    return Settings(**{"http_port": 0, "grpc_port": 0, "metrics_port": 0, "auth": "off"} | settings)
+
+
 @contextmanager
 def serving(service: Any, settings: Settings) -> Iterator[Ports]:
     ready = threading.Event()

@@ -1,5 +1,4 @@
-"""A stand-in for a model behind the OpenAI chat format: it knows sheets by their pictures, and says of each object what
-it was told beforehand."""
+"""A stand-in captioner in the OpenAI chat format that says of each known sheet's objects what is planned."""
 
 from __future__ import annotations
 

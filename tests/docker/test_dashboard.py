@@ -15,9 +15,9 @@ import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import LimitSettings, Settings
+from fastsplat.service.settings import LimitSettings
 from fastsplat.service.store.rows.records import NewJob
-from tests.api.served import served
+from tests.api.served import on_free_ports, served
 from tests.scenes import stand_in_models
 
 _DASHBOARD = Path(__file__).parents[2] / "docker/grafana.json"
@@ -35,12 +35,9 @@ def promtool() -> str:
 @pytest.fixture(scope="module")
 def scrape(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Of a server that answered, refused, and has a job that failed and one that waits."""
-    limits = LimitSettings(burst=3, rate_per_s=0.001)
     folder = tmp_path_factory.mktemp("metrics")
     models = stand_in_models(folder / "models", "minilm_l6_int8")
-    settings = Settings(
-        data_dir=folder, models=models, http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits
-    )
+    settings = on_free_ports(data_dir=folder, models=models, limits=LimitSettings(burst=3, rate_per_s=0.001))
     with open_service(settings) as service, served(service, settings) as faces:
         address = f"http://127.0.0.1:{faces.ports.metrics}/metrics"
         for name in ("a", "b"):

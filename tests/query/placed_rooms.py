@@ -28,11 +28,7 @@ _OPACITY = 3.0
 
 @dataclass(frozen=True)
 class Slab:
-    """A cuboid of an object: from its lowest corner to its highest, before the object is turned.
-
-    Attributes:
-        low, high: meters, relative to the middle of the object's base.
-    """
+    """A cuboid: corners in meters from the middle of its object's base, before the object is turned."""
 
     low: Triple
     high: Triple
@@ -40,8 +36,7 @@ class Slab:
 
 @dataclass(frozen=True)
 class Placed:
-    """An object of slabs where it was placed: the middle of its base in meters, z up; turned by `yaw` radians about the
-    vertical; sRGB, 0..1."""
+    """Slabs on the middle of a base in meters, z up, turned by `yaw` radians about the vertical; sRGB, 0..1."""
 
     name: str
     slabs: tuple[Slab, ...]

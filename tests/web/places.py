@@ -16,7 +16,7 @@ from fastsplat.service.settings import QuotaSettings, Settings
 from fastsplat_contract.server.keys import Role
 from tests import color_detector, color_segmenter
 from tests.api.made_scene import ENCODER, write_words
-from tests.api.served import serving
+from tests.api.served import on_free_ports, serving
 from tests.web.table import add_table
 
 MARKUP = "<b onclick=alert(1)>violin</b><script>alert(2)</script>"
@@ -48,13 +48,9 @@ def page_settings(folder: Path, **more: object) -> Settings:
     write_words(models, MARKUP)
     color_segmenter.write_color_segmenter(models)
     color_detector.write_color_detector(models)
-    settings = Settings(
+    settings = on_free_ports(
         data_dir=folder / "data",
         models=models,
-        http_port=0,
-        grpc_port=0,
-        metrics_port=0,
-        auth="off",
         perception=PerceptionSettings(
             text_encoder=ENCODER,
             closed_set_detector=color_detector.ADAPTER,

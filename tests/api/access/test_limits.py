@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.gate import RateLimiter
-from fastsplat.service.settings import LimitSettings, Settings
+from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import OverloadedError, RateLimitedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import Faces, SlowScenes, rest_refusal, rpc_refusal, served
+from tests.api.served import Faces, SlowScenes, on_free_ports, rest_refusal, rpc_refusal, served
 
 _COMPUTES = Rule("read")
 _STANDS = Rule("read", long_lived=True)
@@ -110,7 +110,7 @@ def crowded() -> Iterator[tuple[Faces, SlowScenes, list[Any]]]:
     """Two admitted calls that compute, one over each protocol, and no room for a third."""
     service = SlowScenes()
     limits = LimitSettings(admitted=2, in_flight=50, burst=50, rate_per_s=0.5)
-    with served(service, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
+    with served(service, on_free_ports(limits=limits)) as faces:
         answers: list[Any] = []
         over_rest = threading.Thread(target=lambda: answers.append(faces.rest.get("/v1/scenes/x").status_code))
         over_grpc = faces.rpc.GetScene.future(pb.GetSceneRequest(scene_id="x"))
@@ -158,7 +158,6 @@ def test_too_many_calls_are_told_when_to_come_again(crowded: tuple[Faces, SlowSc
 
 
 def test_health_passes_no_limit() -> None:
-    limits = LimitSettings(burst=1, rate_per_s=0.001)
-    with served(SlowScenes(), Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
+    with served(SlowScenes(), on_free_ports(limits=LimitSettings(burst=1, rate_per_s=0.001))) as faces:
         assert {faces.rest.get(path).status_code for path in ("/livez", "/readyz") for _ in range(20)} == {200}
         assert [faces.rest.get("/nothing").status_code for _ in range(2)] == [404, 429]

@@ -15,19 +15,16 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.messages.queries import QueryRequest
 from fastsplat_contract.messages.scenes import Edit
 from tests.api.made_scene import made_scene
+from tests.api.served import on_free_ports
 from tests.scenes import store_scene
 
 _QUESTIONS = ("mug", "beaker", "drinking vessel", "novel", "globe", "toy", "volcano", "something to read", "cup of tea")
 
 
 def _settings(models: Path, folder: Path, lexicon: str = "wordnet", **query: object) -> Settings:
-    return Settings(
+    return on_free_ports(
         data_dir=folder / "data",
         models=models,
-        http_port=0,
-        grpc_port=0,
-        metrics_port=0,
-        auth="off",
         perception=PerceptionSettings(lexicon=lexicon),
         query=QuerySettings.model_validate({"backend": "cpu"} | query),
     )

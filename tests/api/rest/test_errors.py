@@ -11,11 +11,10 @@ import grpc
 import pytest
 
 from fastsplat.api.errors import STATUSES, refusal_of, status_of
-from fastsplat.service.settings import Settings
 from fastsplat_contract import errors
 from fastsplat_contract.errors import FastSplatError, Kind
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+from tests.api.served import Faces, on_free_ports, rest_refusal, rpc_refusal, served
 
 _ROOT = Path(__file__).parents[3]
 _HTTP = {  # by the kind of an error, which is its status over gRPC
@@ -62,7 +61,7 @@ def refusing() -> _Refusing:
 
 @pytest.fixture(scope="module")
 def refused(refusing: _Refusing) -> Iterator[Faces]:
-    with served(refusing, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off")) as faces:
+    with served(refusing, on_free_ports()) as faces:
         yield faces
 
 

@@ -13,7 +13,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat.service.store.rows.records import NewJob
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import Faces, SlowScenes, served
+from tests.api.served import Faces, SlowScenes, on_free_ports, served
 from tests.waiting import wait_for
 
 
@@ -30,8 +30,7 @@ def _figures(faces: Faces) -> dict[tuple[str, str], float]:
 
 def test_waiting_and_computing_are_told_apart() -> None:
     slow = SlowScenes()
-    limits = LimitSettings(threads=1)
-    with served(slow, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
+    with served(slow, on_free_ports(limits=LimitSettings(threads=1))) as faces:
         asking = [threading.Thread(target=lambda: faces.rest.get("/v1/scenes/x")) for _ in range(3)]
         for thread in asking:
             thread.start()

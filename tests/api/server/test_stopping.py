@@ -12,10 +12,9 @@ import grpc
 import httpx
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import Settings
 from fastsplat_client.stream import SceneServiceStub
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import serving
+from tests.api.served import on_free_ports, serving
 from tests.api.server_process import server_process
 from tests.api.uploaded import PIECE, TUS, announced
 from tests.waiting import wait_for
@@ -37,7 +36,7 @@ def test_a_signal_in_mid_upload(tmp_path: Path) -> None:
     data = random.Random(9).randbytes(200_000)
     acknowledged = 50_000
     root = tmp_path / "data" / "uploads"
-    settings = Settings(data_dir=tmp_path / "data", http_port=0, grpc_port=0, metrics_port=0, auth="off", drain_s=1.0)
+    settings = on_free_ports(data_dir=tmp_path / "data", drain_s=1.0)
     with server_process(settings) as server:
         headers = announced("capture.zip", len(data))
         path = httpx.post(f"{server.url}/v1/uploads", headers=headers, timeout=60).headers["location"]

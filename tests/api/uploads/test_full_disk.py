@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import errno
 import json
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from fastsplat.api.errors import refusal_of
+from tests.processes import printed_with_mount
 
 _CALLS = """
 import json, sys
@@ -91,13 +89,8 @@ print(json.dumps([reasons, changed, service.get_scene(scene).state]))
 def test_each_writing_call_on_a_full_disk_is_refused_by_name_and_changes_nothing(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
-    mount = f'mount -t tmpfs -o size=48m tmpfs {disk} && exec {sys.executable} -c "$1" {disk} {tmp_path}/models'
-    command = ["unshare", "--mount", "--map-root-user", "sh", "-c", mount, "sh"]
-    if shutil.which("unshare") is None or subprocess.run([*command, ""], check=False, capture_output=True).returncode:
-        pytest.skip("no disk can be mounted here")
-    done = subprocess.run([*command, _CALLS], check=False, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    reasons, changed, state = json.loads(done.stdout.splitlines()[-1])
+    printed = printed_with_mount(f"mount -t tmpfs -o size=48m tmpfs {disk}", _CALLS, disk, tmp_path / "models")
+    reasons, changed, state = json.loads(printed.splitlines()[-1])
     assert reasons.pop("redo") in ("answered", "CONFLICT", "DATABASE_UNAVAILABLE")  # where there was no undo
     assert set(reasons.values()) <= {"answered", "OUT_OF_RESOURCES", "DATABASE_UNAVAILABLE"}, reasons
     of_files = ("recolor", "remove", "move", "duplicate", "upload", "resumable")

@@ -34,7 +34,9 @@ class Rig(NamedTuple):
     captioner: ReplayCaptioner
     settings: CaptionerSettings
 
-    def start_worker(self) -> subprocess.Popen[bytes]:
+    def start_worker(self, agreed: bool = True) -> subprocess.Popen[bytes]:
+        if agreed:
+            self.agree()
         return self.deployment.start_worker(
             FASTSPLAT_QUERY__BACKEND="reference",
             FASTSPLAT_CAPTIONER__URL=self.captioner.url,
@@ -74,7 +76,6 @@ def rig(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Rig]:
 
 def test_a_new_scene_of_a_project_that_agreed_gets_suggestions_unasked_and_no_name(rig: Rig) -> None:
     rig.start_worker()
-    rig.agree()
     creation = rig.finished_scene()
     (operation,) = rig.asking(creation.scene_id)
     done = rig.deployment.wait_over(operation)
@@ -100,7 +101,7 @@ def test_a_new_scene_of_a_project_that_agreed_gets_suggestions_unasked_and_no_na
 
 
 def test_nothing_is_sent_for_a_project_that_did_not_agree_or_took_it_back(rig: Rig) -> None:
-    worker = rig.start_worker()
+    worker = rig.start_worker(agreed=False)
     assert not rig.asking(rig.finished_scene().scene_id)
     rig.agree()
     rig.order("capture:nothing")
@@ -108,14 +109,13 @@ def test_nothing_is_sent_for_a_project_that_did_not_agree_or_took_it_back(rig: R
     rig.deployment.wait_in("export", waiting)
     kill(worker)
     rig.deployment.service.captioner.agree("")
-    rig.start_worker()
+    rig.start_worker(agreed=False)
     assert rig.deployment.wait_over(waiting).state == "SUCCEEDED"
     assert not rig.asking(waiting.scene_id) and not rig.captioner.got
 
 
 def test_an_agreement_that_is_taken_back_ends_a_job_that_asks(rig: Rig) -> None:
     rig.start_worker()
-    rig.agree()
     rig.order("asking:sleep 600")
     creation = rig.finished_scene()
     (operation,) = rig.asking(creation.scene_id)
@@ -140,11 +140,10 @@ def test_an_agreement_that_is_taken_back_ends_a_job_that_asks(rig: Rig) -> None:
 )
 def test_a_killed_worker_leads_to_one_batch(rig: Rig, order: str, requests: int) -> None:
     worker = rig.start_worker()
-    rig.agree()
     rig.order(order)
     creation = rig.finished_scene()
     rig.deployment.wait_for(lambda: worker.poll() is not None)
-    rig.start_worker()
+    rig.start_worker(agreed=False)
     (operation,) = rig.asking(creation.scene_id)
     assert rig.deployment.wait_over(operation).state == "SUCCEEDED"
     assert [len(version.edits) for version in rig.deployment.service.versions.all(creation.scene_id)] == [0, 1]
@@ -155,7 +154,6 @@ def test_a_killed_worker_leads_to_one_batch(rig: Rig, order: str, requests: int)
 def test_a_captioner_that_helps_nothing_leaves_the_scene_as_it_is(rig: Rig, says: Any) -> None:
     rig.captioner.says = lambda _: says
     rig.start_worker()
-    rig.agree()
     creation = rig.finished_scene()
     (operation,) = rig.asking(creation.scene_id)
     done = rig.deployment.wait_over(operation)
@@ -172,7 +170,6 @@ def test_a_captioner_that_helps_nothing_leaves_the_scene_as_it_is(rig: Rig, says
 
 def test_suggestions_go_into_what_people_made_of_the_scene_meanwhile(rig: Rig) -> None:
     rig.start_worker()
-    rig.agree()
     rig.order("suggesting:sleep_once 3")
     creation = rig.finished_scene()
     (operation,) = rig.asking(creation.scene_id)
