@@ -7,7 +7,7 @@ import time
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0001"
+revision = "0003"
 down_revision = None
 
 
@@ -17,9 +17,9 @@ def upgrade() -> None:
         "projects",
         sa.Column("name", sa.String(64), primary_key=True),
         sa.Column("created_at", sa.Double, nullable=False),
-        sa.Column("namer_host", sa.String(300), nullable=False),
+        sa.Column("captioner_host", sa.String(300), nullable=False),
     )
-    op.bulk_insert(projects, [{"name": "default", "created_at": time.time(), "namer_host": ""}])
+    op.bulk_insert(projects, [{"name": "default", "created_at": time.time(), "captioner_host": ""}])
     op.create_table(
         "scenes",
         sa.Column("id", sa.String(40), primary_key=True),
@@ -35,7 +35,7 @@ def upgrade() -> None:
         sa.Column("quality", sa.JSON, nullable=False),
         sa.Column("scaling", sa.JSON),
         sa.Column("alignment", sa.JSON),
-        sa.Column("things", sa.Integer, nullable=False),
+        sa.Column("objects", sa.Integer, nullable=False),
         sa.Column("project", sa.String(64), nullable=False),
     )
     op.create_index("scenes_newest_first", "scenes", ["project", "created_at", "id"])
@@ -60,6 +60,12 @@ def upgrade() -> None:
         sa.Column("progress_files", sa.JSON),
         sa.Column("priority", sa.Integer, nullable=False),
         sa.Column("project", sa.String(64), nullable=False),
+        sa.Column("kind", sa.String(40), nullable=False, server_default=""),
+        sa.Column("order", sa.JSON, nullable=False, server_default="{}"),
+        sa.Column("result", sa.JSON(none_as_null=True)),
+        sa.Column("retries", sa.Integer, nullable=False, server_default="0"),
+        sa.Column("excluded", sa.JSON, nullable=False, server_default="[]"),
+        sa.Column("attempts", sa.JSON, nullable=False, server_default="[]"),
         sa.UniqueConstraint("project", "request_id", name="operations_request"),
     )
     op.create_index("ix_operations_state", "operations", ["state"])
@@ -88,7 +94,7 @@ def upgrade() -> None:
         sa.Column("scaling", sa.JSON),
         sa.Column("alignment", sa.JSON),
         sa.Column("quality", sa.JSON, nullable=False),
-        sa.Column("things", sa.Integer, nullable=False),
+        sa.Column("objects", sa.Integer, nullable=False),
         sa.UniqueConstraint("scene_id", "request_id"),
     )
     op.create_table(
@@ -96,7 +102,7 @@ def upgrade() -> None:
         sa.Column("id", sa.String(60), primary_key=True),
         sa.Column("version", sa.String(80), primary_key=True),
         sa.Column("scene_id", sa.String(40), nullable=False),
-        sa.Column("thing_id", sa.Integer, nullable=False),
+        sa.Column("object_id", sa.Integer, nullable=False),
         sa.Column("name", sa.String(1000), nullable=False),
         sa.Column("named_at", sa.Double, nullable=False),
         sa.Column("appearance", sa.LargeBinary, nullable=False),
