@@ -32,9 +32,10 @@ def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
 
 
 def image_and_text(folder: Path, *, name: str) -> tuple[Path, Path]:
-    """Finds the networks of images and of texts ("text" in its name) of a model."""
-    texts = [path for path in _networks(folder) if "text" in path.name]
-    images = [path for path in _networks(folder) if path not in texts]
+    """Finds the networks of images and of texts ("text" in its name), or those in `visual/` and `textual/`."""
+    networks = [path for inner in (".", "visual", "textual") for path in _networks(folder / inner)]
+    texts = [path for path in networks if "text" in str(path.relative_to(folder))]
+    images = [path for path in networks if path not in texts]
     return _only(images, folder, name, "network of images"), _only(texts, folder, name, 'network of texts ("text")')
 
 
