@@ -30,14 +30,10 @@ _CONTRACTS: Mapping[str, Contract] = {
     "open_clip": ({"image": _PIXELS}, {"embedding": (1, None)}),
 }
 """By the names of `ClipTextEncoder`'s, whose text towers belong to them."""
+_CLIP = ((0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711))
 _USUAL = {
-    "CLIP": Preprocessing(
-        size=224,
-        mean=(0.48145466, 0.4578275, 0.40821073),
-        std=(0.26862954, 0.26130258, 0.27577711),
-        interpolation=Resampling.BICUBIC,
-    ),
-    "SigLIP": Preprocessing(size=224, mean=(0.5,) * 3, std=(0.5,) * 3, interpolation=Resampling.BICUBIC),
+    contract: Preprocessing(size=224, mean=mean, std=std, interpolation=Resampling.BICUBIC)
+    for contract, (mean, std) in {"CLIP": _CLIP, "SigLIP": ((0.5,) * 3, (0.5,) * 3)}.items()
 }
 """Preprocessing without a file that says it; open_clip's models differ."""
 _CONFIGS = ("preprocess_cfg.json", "preprocessor_config.json")
@@ -80,7 +76,7 @@ class ClipImageText:
             pixels = np.concatenate(tensors[start : start + step])
             try:
                 rows += [*session.run([output], {node.name: pixels})[0]]
-            except Exception as error:  # onnxruntime's own types: sizes that the file leaves open are checked by a run
+            except Exception as error:  # onnxruntime raises many types
                 raise self._broken(f"it does not take {list(pixels.shape)}") from error
         embeddings = np.stack(rows)
         return np.asarray(embeddings / np.linalg.norm(embeddings, axis=1, keepdims=True), np.float32)
@@ -93,15 +89,12 @@ class ClipImageText:
             raise self._broken(f"its contract is {contract}'s, that of its network of texts {self._text.contract}'s")
         side = session.get_inputs()[0].shape[2]
         paths = [checked_file(self._image.with_name(config), name=self.name) for config in _CONFIGS]
-        path = next(filter(Path.is_file, paths), None)
-        if path is not None:
+        if path := next(filter(Path.is_file, paths), None):
             preprocessing = read_preprocessing(path, name=self.name)
         elif contract in _USUAL:
             preprocessing = _USUAL[contract].model_copy(update={"size": side} if isinstance(side, int) else {})
         else:
             raise self._broken(f"there is no {_CONFIGS[0]} beside it")
-        if isinstance(side, int) and side != preprocessing.size:
-            raise self._broken(f"its images are {side} pixels wide, those of its preprocessing {preprocessing.size}")
         return session, preprocessing
 
     def _broken(self, what: str) -> ModelUnavailableError:

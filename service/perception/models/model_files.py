@@ -23,6 +23,11 @@ def only_network(folder: Path, *, name: str) -> Path:
     return _only(_networks(folder), folder, name, "network (.onnx or .ort)")
 
 
+def text_network(folder: Path, *, name: str) -> Path:
+    """Finds the network of a text encoder, which may be that of an image-text model."""
+    return only_network(folder, name=name) if len(_networks(folder)) == 1 else image_and_text(folder, name=name)[1]
+
+
 def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
     """Finds the two networks of a segmenter; the decoder has "decoder" in its name."""
     networks = [path for path in _networks(folder) if path != _batch_decoder(folder)]

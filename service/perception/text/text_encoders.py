@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tokenizers import Tokenizer
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
+from fastsplat.service.perception.models.model_files import only_table, text_network, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.onnx_session import Contract, file_sha256, find_contract, open_session
 from fastsplat.service.perception.results import TextEncoder
@@ -28,9 +28,9 @@ _NO_PUNCTUATION = str.maketrans("", "", string.punctuation)
 
 
 def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None, padded: bool = False) -> Tokenizer:
-    """Loads a tokenizer that cuts texts at `max_tokens`, or also pads them to it.
+    """Loads a tokenizer that cuts texts at `max_tokens`; may raise `ModelUnavailableError`.
 
-    The padding token is that of `tokenizer_config.json` beside it, else its own. May raise `ModelUnavailableError`."""
+    If `padded`, it pads them to that number with the token of `tokenizer_config.json` beside it."""
     hint = f'Run "fastsplat models pull {name}".'
     if not path.is_file():
         raise ModelUnavailableError(f"model {name}: there is no file {path}", field=name, hint=hint)
@@ -38,29 +38,20 @@ def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None, padd
         tokenizer = Tokenizer.from_file(str(path))
     except Exception as error:  # tokenizers raises bare Exception
         raise ModelUnavailableError(f"model {name}: {path.name} is not a tokenizer", field=name, hint=hint) from error
-    if padded:
-        token = _padding_token(path, tokenizer)
-        if token is None:
-            hint = "Put the model's tokenizer_config.json with its pad_token beside it."
-            raise ModelUnavailableError(f"model {name}: {path.name} has no padding token", field=name, hint=hint)
-        tokenizer.enable_padding(length=max_tokens, pad_token=token, pad_id=tokenizer.token_to_id(token))
-    else:
-        tokenizer.no_padding()
-    if max_tokens is None:
-        tokenizer.no_truncation()
-    else:
+    tokenizer.no_padding()
+    tokenizer.no_truncation()
+    if max_tokens is not None:
         tokenizer.enable_truncation(max_tokens)
+    if padded:
+        config = path.with_name("tokenizer_config.json")
+        try:
+            token = json.loads(config.read_text("utf-8"))["pad_token"]
+            token = token["content"] if isinstance(token, dict) else token
+            tokenizer.enable_padding(length=max_tokens, pad_token=token, pad_id=tokenizer.token_to_id(token))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            wrong = f"model {name}: {config.name} names no padding token that {path.name} knows"
+            raise ModelUnavailableError(wrong, field=name, hint="Put it beside the tokenizer.") from error
     return tokenizer
-
-
-def _padding_token(path: Path, tokenizer: Tokenizer) -> str | None:
-    config = path.with_name("tokenizer_config.json")
-    try:
-        token = json.loads(config.read_text("utf-8")).get("pad_token") if config.is_file() else None
-        token = token["content"] if isinstance(token, dict) else token or (tokenizer.padding or {})["pad_token"]
-        return token if tokenizer.token_to_id(token) is not None else None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
 
 
 def embed_side_by_side(
@@ -93,10 +84,10 @@ class TextTower:
         self.contract = find_contract(self._session, self.contracts, name=name, optional_inputs=optional)
         (self._ids, *_), (self._output, *_) = self.contracts[self.contract]
         self._nodes = {node.name: node for node in self._session.get_inputs()}
-        fixed = self._nodes[self._ids].shape[1]
+        length = self._nodes[self._ids].shape[1]
         self._context, padded = _CONTEXTS[self.contract]
-        if isinstance(fixed, int):
-            self._context, padded = fixed, True
+        if isinstance(length, int) and self.contract != "MiniLM":  # whose mean knows no padding
+            self._context, padded = length, True
         self._tokenizer = load_tokenizer(tokenizer, name=name, max_tokens=self._context, padded=padded)
         self.name = name
         self.sha256 = file_sha256(model)
@@ -106,10 +97,10 @@ class TextTower:
         return embed_side_by_side(self._encode, texts, self._threads)
 
     def _encode(self, text: str) -> NDArray[np.float32]:
-        ids = np.asarray([self._tokenizer.encode(text).ids])
+        kind = np.int32 if self._nodes[self._ids].type == "tensor(int32)" else np.int64
+        ids = np.asarray([self._tokenizer.encode(text).ids], kind)
         feed = {self._ids: ids, "attention_mask": np.ones_like(ids), "token_type_ids": np.zeros_like(ids)}
-        types = {key: np.int32 if node.type == "tensor(int32)" else np.int64 for key, node in self._nodes.items()}
-        output = self._session.run([self._output], {key: feed[key].astype(kind) for key, kind in types.items()})[0][0]
+        output = self._session.run([self._output], {key: feed[key] for key in self._nodes})[0][0]
         embedding = output.mean(0) if output.ndim == 2 else output
         return np.asarray(embedding / np.linalg.norm(embedding), np.float32)
 
@@ -199,7 +190,8 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
     if adapter == "label_table":
         return LabelTable(only_table(folder, name=name), name=name)
     encoder = select_adapter(TEXT_TOWERS, adapter, name, "text_encoder")
-    return encoder(only_network(folder, name=name), tokenizer(folder, name=name), name=name, threads=threads)
+    network = text_network(folder, name=name)
+    return encoder(network, tokenizer(network.parent, name=name), name=name, threads=threads)
 
 
 TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
