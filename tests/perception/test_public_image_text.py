@@ -32,7 +32,8 @@ _IDS = {"Red cup": [1, 2, 3, 5], "lamp": [1, 4, 5], "red " * 90: [1, *[2] * 90, 
 _SIDE = 32
 _TINY = {"hidden_size": 32, "intermediate_size": 64, "num_hidden_layers": 2, "num_attention_heads": 2}
 _PHOTO = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8).repeat(40, 0).repeat(40, 1)
-_CORNERS = [(20 * n, 25 * n, 20 * n + 15, 35 * n + 4) for n in range(10)]  # of squares from 18 to 130 pixels
+_Y, _X = np.indices(_PHOTO.shape[:2])
+_MASKS = [(abs(_Y - 20 * n - 7) < 8) & (abs(_X - 30 * n) < 3 + 5 * n) for n in range(10)]  # 15 to 95 pixels
 _NAMES = {
     "CLIP": ("input_ids", "text_embeds", "pixel_values", "image_embeds"),
     "SigLIP": ("input_ids", "pooler_output", "pixel_values", "pooler_output"),
@@ -61,13 +62,6 @@ class _Tower(torch.nn.Module):
         return torch.nn.functional.normalize(features) if self.unit else features
 
 
-def _masks() -> np.ndarray:
-    masks = np.zeros((len(_CORNERS), *_PHOTO.shape[:2]), np.bool_)
-    for mask, (top, left, bottom, right) in zip(masks, _CORNERS, strict=True):
-        mask[top:bottom, left:right] = True
-    return masks
-
-
 def _write_tokenizer(folder: Path, pad_token: object) -> None:
     tokenizer = Tokenizer(WordLevel({word: number for number, word in enumerate(_WORDS)}, unk_token="[PAD]"))
     tokenizer.normalizer, tokenizer.pre_tokenizer = Lowercase(), Whitespace()
@@ -90,18 +84,14 @@ def public(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     processor = (CLIPImageProcessorPil if kind == "CLIP" else SiglipImageProcessorPil)(size=size, crop_size=_SIDE)
     images, texts = (models / "mine" / (name if immich else ".") for name in ("visual", "textual"))
     ids, embeds, pixels, looks = _NAMES["Immich" if immich else kind]
-    for what, path, example, names in (
-        ("text", texts / ("model.onnx" if immich else "text_model.onnx"), torch.ones(1, context).int(), (ids, embeds)),
-        (
-            "image",
-            images / ("model.onnx" if immich else "vision_model.onnx"),
-            torch.zeros(1, 3, _SIDE, _SIDE),
-            (pixels, looks),
-        ),
+    tokens = torch.ones(1, context, dtype=torch.int32 if immich else torch.int64)
+    for what, folder, names, example in (
+        ("text", texts, (ids, embeds), tokens),
+        ("image", images, (pixels, looks), torch.zeros(1, 3, _SIDE, _SIDE)),
     ):
-        path.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         torch.onnx.export(
-            _Tower(model, what, immich), (example if immich or what == "image" else example.long(),), path,
+            _Tower(model, what, immich), (example,), folder / ("model.onnx" if immich else f"{what}_model.onnx"),
             dynamo=False, opset_version=17, input_names=names[:1], output_names=names[1:],
             dynamic_axes=None if immich else {names[0]: [*range(example.ndim)], names[1]: [0]},
         )  # fmt: skip
@@ -116,23 +106,23 @@ def public(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 @torch.no_grad()
 def test_cosines_are_those_of_the_framework(public: _Public) -> None:
-    pixels = public.processor(images=[square_around(_PHOTO, mask)[0] for mask in _masks()], return_tensors="pt")
+    pixels = public.processor(images=[square_around(_PHOTO, mask)[0] for mask in _MASKS], return_tensors="pt")
     cut = [ids if len(ids) <= public.context else [*ids[: public.context - 1], 5] for ids in _IDS.values()]
     padded = torch.tensor([ids + [0] * (public.context - len(ids)) for ids in cut])
     found = public.model(input_ids=padded, **pixels)
     expected = (found.image_embeds @ found.text_embeds.T).numpy()
     model = open_image_text(_MINE, public.models)
-    embeddings = model.embed_all(_PHOTO, _masks())
+    embeddings = model.embed_all(_PHOTO, _MASKS)
     assert min(np.ptp(expected, axis=0).min(), np.ptp(expected, axis=1).min()) > 0.02
     np.testing.assert_allclose(embeddings @ model.encode([*_IDS]).T, expected, atol=1e-3)
-    np.testing.assert_allclose(model.embed(_PHOTO, _masks()[3]), embeddings[3], atol=1e-5)
+    np.testing.assert_allclose(model.embed(_PHOTO, _MASKS[3]), embeddings[3], atol=1e-5)
     canonical = [model.encode([text]) for text in ("Red_cup!", "Red cup")]
     assert np.allclose(*canonical) == (public.context == 64)  # as SigLIP was trained
 
 
 def test_tensors_are_those_of_the_framework(public: _Public) -> None:
     (path,) = public.models.rglob("preproc*.json")
-    for mask in _masks():
+    for mask in _MASKS:
         square = square_around(_PHOTO, mask)[0]
         expected = public.processor(images=square, return_tensors="np")["pixel_values"]
         np.testing.assert_allclose(read_preprocessing(path, name="mine").tensor(square), expected, atol=2 / 255)
@@ -159,13 +149,13 @@ def test_what_does_not_belong_together_is_refused(public: _Public, tmp_path: Pat
     ):
         path.write_text(json.dumps(said | wrong))
         with pytest.raises(ModelUnavailableError, match=next(iter(wrong))):
-            open_image_text(_MINE, tmp_path).embed(_PHOTO, _masks()[0])
+            open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
     path.unlink()
     with pytest.raises(ModelUnavailableError, match=r"224|preprocess_cfg"):  # CLIP's and SigLIP's usual size
-        open_image_text(_MINE, tmp_path).embed(_PHOTO, _masks()[0])
+        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
     shutil.copy(network, image)
     with pytest.raises(ModelUnavailableError, match=r"; or image .*; it has"):
-        open_image_text(_MINE, tmp_path).embed(_PHOTO, _masks()[0])
+        open_image_text(_MINE, tmp_path).embed(_PHOTO, _MASKS[0])
     _write_tokenizer(network.parent, "[UNKNOWN]")
     if public.context == 64 or network.parent.name == "textual":
         with pytest.raises(ModelUnavailableError, match="names no padding token"):
