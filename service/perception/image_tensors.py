@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as PillowImage
+from PIL.Image import Resampling
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PositiveFloat
 
 from fastsplat.service.perception.results import Image
+from fastsplat_contract.errors import ModelUnavailableError
 
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
@@ -23,13 +29,54 @@ def imagenet_tensor(image: Image, side: int, *, cubic: bool = False) -> NDArray[
     return _planar((resized.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_STD)
 
 
-def square_around(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Image, NDArray[np.bool_]]:
+def _only(size: Any) -> Any:
+    sizes = size.values() if isinstance(size, dict) else size if isinstance(size, list) else [size]
+    return min(sizes) if min(sizes) == max(sizes) else size
+
+
+def _resampling(how: Any) -> Any:
+    return Resampling[how.upper()] if isinstance(how, str) else how
+
+
+class Preprocessing(BaseModel):
+    """How a network wants its square images, in the words of open_clip and Hugging Face."""
+
+    model_config = ConfigDict(frozen=True, populate_by_name=True)
+
+    size: Annotated[int, BeforeValidator(_only), Field(ge=1)]
+    mean: tuple[float, float, float] = Field(alias="image_mean")
+    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(alias="image_std")
+    interpolation: Annotated[Resampling, BeforeValidator(_resampling)] = Field(alias="resample")
+    do_normalize: Literal[True] = True
+
+    def tensor(self, image: Image) -> NDArray[np.float32]:
+        """float32 [1, 3, size, size]: resized with antialiasing, without keeping the aspect, and normalized."""
+        pixels = np.asarray(PillowImage.fromarray(image).resize((self.size, self.size), self.interpolation), np.float32)
+        return _planar((pixels / 255 - np.array(self.mean, np.float32)) / np.array(self.std, np.float32))
+
+
+IMAGENET = Preprocessing(
+    size=384, mean=(0.485, 0.456, 0.406), std=(0.229, 0.224, 0.225), interpolation=Resampling.BILINEAR
+)
+
+
+def read_preprocessing(path: Path, *, name: str) -> Preprocessing:
+    """Reads `preprocess_cfg.json` or `preprocessor_config.json`; may raise `ModelUnavailableError`."""
+    try:
+        return Preprocessing.model_validate(json.loads(path.read_bytes()))
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        hint = "It needs a size of squares, three means, three deviations above 0, and a resampling of Pillow."
+        raise ModelUnavailableError(f"model {name}: {path.name}: {error}", field=name, hint=hint) from error
+
+
+def square_around(image: Image, mask: NDArray[np.bool_], side: int | None = None) -> tuple[Image, NDArray[np.bool_]]:
     """Cuts out a square around a non-empty mask, and the mask in it.
 
-    Returns uint8 [side, side, 3], gray outside of the image, and bool [side, side].
+    Returns uint8 [side, side, 3], gray outside of the image, and bool [side, side]; None: unscaled pixels.
     """
     left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    scale = side / (_AROUND * max(width, height))
+    around = _AROUND * max(width, height)
+    side, scale = (side, side / around) if side else (round(around), 1.0)
     matrix = np.array(
         [[scale, 0, side / 2 - (left + width / 2) * scale], [0, scale, side / 2 - (top + height / 2) * scale]]
     )

@@ -16,6 +16,9 @@ onnxruntime.disable_telemetry_events()  # photos and their times are private
 Shape = Sequence[int | None]
 """Sizes; None: any. A size that the model leaves open fits every number."""
 
+Contract = tuple[Mapping[str, Shape], Mapping[str, Shape]]
+"""Inputs and outputs by name."""
+
 
 def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str] = ()) -> onnxruntime.InferenceSession:
     """Opens a CPU session of an `.onnx` or `.ort` file.
@@ -66,26 +69,36 @@ def check_contract(
         inputs: shape by name; no others may exist, except `optional_inputs`.
         outputs: shape by name, or shapes by position, for exporters that invent names.
     """
-    model_inputs = {node.name: _shape(node.shape) for node in session.get_inputs()}
-    model_outputs = {node.name: _shape(node.shape) for node in session.get_outputs()}
-    wrong = [key for key in inputs if key not in model_inputs or not _fits(model_inputs[key], inputs[key])]
-    wrong += [key for key in model_inputs if key not in inputs and key not in optional_inputs]
-    if isinstance(outputs, Mapping):
-        wrong += [key for key in outputs if key not in model_outputs or not _fits(model_outputs[key], outputs[key])]
-        expected_out = _listing(outputs)
-    else:
-        shapes = list(model_outputs.values())
-        wrong += [
-            f"output {i}" for i, shape in enumerate(outputs) if i >= len(shapes) or not _fits(shapes[i], tuple(shape))
-        ]
-        expected_out = ", ".join(_size(shape) for shape in outputs)
-    if wrong:
-        raise ModelUnavailableError(
-            f"model {name} does not keep its contract at {', '.join(wrong)}: expected {_listing(inputs)} → "
-            f"{expected_out}; it has {_listing(model_inputs)} → {_listing(model_outputs)}",
-            field=name,
-            hint="Use the model the manifest names, or choose the adapter that fits this one.",
-        )
+    if not isinstance(outputs, Mapping):
+        names = [node.name for node in session.get_outputs()]
+        outputs = dict(zip([*names, *map(str, range(len(outputs)))], outputs, strict=False))
+    find_contract(session, {"": (inputs, outputs)}, name=name, optional_inputs=optional_inputs)
+
+
+def find_contract(
+    session: onnxruntime.InferenceSession,
+    contracts: Mapping[str, Contract],
+    *,
+    name: str,
+    optional_inputs: Sequence[str] = (),
+) -> str:
+    """Returns the name of the first contract that a session keeps; see `check_contract`."""
+    has_inputs = {node.name: _shape(node.shape) for node in session.get_inputs()}
+    has_outputs = {node.name: _shape(node.shape) for node in session.get_outputs()}
+    wrong: dict[str, None] = {}
+    for contract, (inputs, outputs) in contracts.items():
+        unknown = [key for key in has_inputs if key not in inputs and key not in optional_inputs]
+        failed = [*_misfits(has_inputs, inputs), *unknown, *_misfits(has_outputs, outputs)]
+        if not failed:
+            return contract
+        wrong |= dict.fromkeys(failed)
+    expected = "; or ".join(f"{_listing(inputs)} → {_listing(outputs)}" for inputs, outputs in contracts.values())
+    raise ModelUnavailableError(
+        f"model {name} does not keep its contract at {', '.join(wrong)}: expected {expected}; "
+        f"it has {_listing(has_inputs)} → {_listing(has_outputs)}",
+        field=name,
+        hint="Use the model the manifest names, or choose the adapter that fits this one.",
+    )
 
 
 file_sha256 = cache(files.file_sha256)
@@ -117,6 +130,10 @@ def _shape(shape: Sequence[object]) -> tuple[int | None, ...]:
     return tuple(size if isinstance(size, int) else None for size in shape)
 
 
+def _misfits(has: Mapping[str, Shape], expected: Mapping[str, Shape]) -> list[str]:
+    return [key for key, shape in expected.items() if key not in has or not _fits(has[key], shape)]
+
+
 def _fits(shape: Shape, expected: Shape) -> bool:
     if not shape:  # an exporter that states no shape at all
         return True
@@ -125,9 +142,6 @@ def _fits(shape: Shape, expected: Shape) -> bool:
     )
 
 
-def _size(shape: Shape) -> str:
-    return "[" + ", ".join("?" if size is None else str(size) for size in shape) + "]"
-
-
 def _listing(shapes: Mapping[str, Shape]) -> str:
-    return ", ".join(f"{key} {_size(shape)}" for key, shape in shapes.items())
+    sizes = {key: ", ".join("?" if size is None else str(size) for size in shape) for key, shape in shapes.items()}
+    return ", ".join(f"{key} [{size}]" for key, size in sizes.items())

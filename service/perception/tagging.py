@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.image_tensors import IMAGENET
 from fastsplat.service.perception.models.model_files import checked_file, only_network
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
 from fastsplat.service.perception.onnx_session import check_contract, open_session
@@ -22,9 +22,8 @@ from fastsplat_contract.errors import ModelUnavailableError
 
 F32 = NDArray[np.float32]
 
-TAG_FILE = "tags.txt"
-THRESHOLD_FILE = "thresholds.txt"
-_USUAL_SIDE = 384
+_TAG_FILES = ("tags.txt", "ram_tag_list.txt")
+_THRESHOLD_FILES = ("thresholds.txt", "ram_tag_list_threshold.txt")
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,9 @@ class PooledTag:
 class RamTagger:
     """Adapter of RAM's contract, for any size and list of tags.
 
-    `image` [1, 3, S, S] → [1, T] probabilities of T tags, or logits if the output's name says so. The image is resized
-    to S × S without keeping its aspect, and ImageNet-normalized. The folder has `tags.txt`, a tag a line in the order
-    of the output, and optionally `thresholds.txt`, as many numbers 0..1.
+    `image` [1, 3, S, S] → [1, T] logits or probabilities of T tags. The image is resized to S × S without keeping its
+    aspect, and ImageNet-normalized. The folder has `tags.txt`, a tag a line in the order of the output, and optionally
+    `thresholds.txt`, as many numbers 0..1, or both under the names that RAM's authors gave them.
 
     Args:
         model: the ONNX file; S is 384 if its input leaves it open.
@@ -53,44 +52,50 @@ class RamTagger:
 
     def __init__(self, model: Path, folder: Path, *, name: str, threshold: float, threads: int = 0) -> None:
         self._name = name
-        self.tags = tuple(_lines(folder / TAG_FILE, name))
+        self.tags = tuple(_lines(_beside(folder, _TAG_FILES) or folder / _TAG_FILES[0], name))
         self._session = open_session(model, name=name, threads=threads)
         check_contract(self._session, name=name, inputs={"image": (1, 3, None, None)}, outputs=[(1, len(self.tags))])
-        shape = self._session.get_inputs()[0].shape
-        self._side = shape[2] if isinstance(shape[2], int) else _USUAL_SIDE
-        if isinstance(shape[2], int) and isinstance(shape[3], int) and shape[2] != shape[3]:
-            raise self._broken(
-                f"its input is {shape[3]} × {shape[2]} pixels, no square", "Export it for square images."
-            )
+        height, width = self._session.get_inputs()[0].shape[2:]
+        side = height if isinstance(height, int) else IMAGENET.size
+        if isinstance(width, int) and side != width:
+            raise self._broken(f"its input is {width} × {side} pixels, no square", "Export it for square images.")
+        self._preprocessing = IMAGENET.model_copy(update={"size": side})
         self.thresholds = self._thresholds(folder, threshold)
+        # All probabilities lie within 0..1, but of thousands of logits none ever did: a black image tells.
+        named = "logits" in self._session.get_outputs()[0].name
+        self._logits = named or not _within(self._run(np.zeros((side, side, 3), np.uint8)))
 
     def tag(self, image: Image) -> F32:
         """Probability of each tag for an image, float32 [T]; may raise as the class."""
-        output = np.asarray(self._session.run(None, {"image": imagenet_tensor(image, self._side)})[0], np.float32)
-        if "logits" in self._session.get_outputs()[0].name:
-            output = expit(output)
-        if output.shape != (1, len(self.tags)):
-            raise self._broken(
-                f"it answers {list(output.shape)} for the {len(self.tags)} tags of {TAG_FILE}",
-                f"Put the list that the network was trained with beside it as {TAG_FILE}.",
-            )
-        if not ((output >= 0) & (output <= 1)).all():
+        output = self._run(image)
+        if self._logits:
+            return np.asarray(expit(output))
+        if not _within(output):
             hint = "Export it with the sigmoid, and without the thresholds, or call the output `logits`."
             raise self._broken("its output is no probability of 0 to 1", hint)
+        return output
+
+    def _run(self, image: Image) -> F32:
+        output = np.asarray(self._session.run(None, {"image": self._preprocessing.tensor(image)})[0], np.float32)
+        if output.shape != (1, len(self.tags)):
+            raise self._broken(
+                f"it answers {list(output.shape)} for {len(self.tags)} tags",
+                f"Put the list that the network was trained with beside it as {_TAG_FILES[0]}.",
+            )
         return np.asarray(output[0])
 
     def _thresholds(self, folder: Path, usual: float) -> F32:
-        path = folder / THRESHOLD_FILE
-        if not path.is_file():
+        path = _beside(folder, _THRESHOLD_FILES)
+        if path is None:
             return np.full(len(self.tags), usual, np.float32)
         try:
             values = np.array([float(line) for line in _lines(path, self._name)], np.float32)
         except ValueError as error:
-            raise self._broken(f"{THRESHOLD_FILE} holds something else than numbers", "One number a line.") from error
+            raise self._broken(f"{path.name} holds something else than numbers", "One number a line.") from error
         if len(values) != len(self.tags) or not ((values >= 0) & (values <= 1)).all():
             raise self._broken(
-                f"{THRESHOLD_FILE} does not hold {len(self.tags)} numbers of 0 to 1, one for each line of {TAG_FILE}",
-                f"Put both lists of one model beside it, or leave {THRESHOLD_FILE} out.",
+                f"{path.name} does not hold {len(self.tags)} numbers of 0 to 1, one for each tag",
+                f"Put both lists of one model beside it, or leave {path.name} out.",
             )
         return values
 
@@ -173,6 +178,15 @@ def propose_texts(
     return [tag.tag for tag in pooled]
 
 
+def _beside(folder: Path, names: Sequence[str]) -> Path | None:
+    """The first of these files that a folder has."""
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _within(output: F32) -> bool:
+    return bool(((output >= 0) & (output <= 1)).all())
+
+
 def _lines(path: Path, name: str) -> list[str]:
     """Non-empty lines of a text file, stripped."""
     try:
@@ -181,7 +195,7 @@ def _lines(path: Path, name: str) -> list[str]:
         raise ModelUnavailableError(
             f"model {name}: {path} cannot be read",
             field=name,
-            hint=f"A tagger needs its list of tags beside it, as {TAG_FILE}: one a line.",
+            hint=f"A tagger needs its list of tags beside it, as {' or '.join(_TAG_FILES)}: one a line.",
         ) from error
     lines = [line.strip() for line in text.splitlines()]
     if not any(lines):

@@ -184,7 +184,7 @@ def test_package_carriers_are_verified_twice(
 def test_hub_files_need_a_commit(tmp_path: Path) -> None:
     for revision in (None, "main"):
         with pytest.raises(ModelUnavailableError, match="--revision"):
-            pull(tmp_path, ["clip_vit_b32_text"], report=lambda step: None, revision=revision)
+            pull(tmp_path, ["clip_vit_b32"], report=lambda step: None, revision=revision)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -54,16 +54,19 @@ def test_a_tagger_says_what_a_picture_shows(tagger_folder: Path) -> None:
     assert probabilities.argmax() == 1 and probabilities[1] > 0.9 and probabilities[[0, 2]].max() < 0.1
 
 
-def test_tags_may_have_thresholds_of_their_own(tagger_folder: Path) -> None:
+def test_tags_may_have_thresholds_and_the_names_that_their_authors_gave(tagger_folder: Path) -> None:
+    folder = tagger_folder / "colors"
     assert open_tagger(_SETTINGS, tagger_folder).thresholds == pytest.approx([0.68] * 3)
-    (tagger_folder / "colors" / "thresholds.txt").write_text("0.5\n0.6\n0.7\n")
-    assert open_tagger(_SETTINGS, tagger_folder).thresholds == pytest.approx([0.5, 0.6, 0.7])
+    (folder / "tags.txt").rename(folder / "ram_tag_list.txt")
+    for name, thresholds in (("ram_tag_list_threshold.txt", [0.2, 0.3, 0.4]), ("thresholds.txt", [0.5, 0.6, 0.7])):
+        (folder / name).write_text("\n".join(map(str, thresholds)))
+        assert open_tagger(_SETTINGS, tagger_folder).thresholds == pytest.approx(thresholds)
 
 
 @pytest.mark.parametrize(
     ("file", "content", "complaint"),
     [
-        ("tags.txt", "red wall\ngreen wall\n", "does not keep its contract at output 0"),
+        ("tags.txt", "red wall\ngreen wall\n", "does not keep its contract at probabilities"),
         ("tags.txt", "", "is empty"),
         ("tags.txt", None, "cannot be read"),
         ("thresholds.txt", "0.5\n0.6\n", "does not hold 3 numbers"),
@@ -81,17 +84,17 @@ def test_a_broken_contract_is_said(tagger_folder: Path, file: str, content: str 
     assert caught.value.field == "ram:colors" and caught.value.hint
 
 
-def test_numbers_beyond_probabilities_are_logits_only_by_name(tmp_path: Path) -> None:
-    for output in ("logits", "other"):
-        network = f"colors (float[1,3,H,W] image) => (float[1,3] {output})"
-        network += f"{{ {output} = ReduceMean<axes = [2, 3], keepdims = 0>(image) }}"
+def test_logits_are_known_by_name_or_by_values(tmp_path: Path) -> None:
+    mean = (np.array([1, 0, 0]) - [0.485, 0.456, 0.406]) / [0.229, 0.224, 0.225]  # ImageNet's
+    for output, shift, expected in (("logits", 2.5, mean + 2.5), ("other", 0.0, mean), ("other", 2.5, None)):
+        network = f"colors (float[1,3,H,W] image) => (float[1,3] {output}) <float shift = {{{shift}}}>"
+        network += f"{{ mean = ReduceMean<axes = [2, 3], keepdims = 0>(image) {output} = Add(mean, shift) }}"
         write_network(tmp_path / "colors" / "model.onnx", network)
         (tmp_path / "colors" / "tags.txt").write_text("a\nb\nc\n")
         tagger = open_tagger(_SETTINGS, tmp_path)
-        if output == "logits":
-            mean = (np.array([1, 0, 0]) - [0.485, 0.456, 0.406]) / [0.229, 0.224, 0.225]  # ImageNet's
-            assert tagger.tag(_picture(_RED)) == pytest.approx(1 / (1 + np.exp(-mean)), abs=1e-4)
-    with pytest.raises(ModelUnavailableError, match="no probability") as caught:
+        if expected is not None:
+            assert tagger.tag(_picture(_RED)) == pytest.approx(1 / (1 + np.exp(-expected)), abs=1e-4)
+    with pytest.raises(ModelUnavailableError, match="no probability") as caught:  # black is within 0..1, red is not
         tagger.tag(_picture(_RED))
     assert "sigmoid" in caught.value.hint and "logits" in caught.value.hint
 

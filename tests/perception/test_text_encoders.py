@@ -16,12 +16,7 @@ import pytest
 
 from fastsplat.service.common.process import lower_priority
 from fastsplat.service.perception.models.model_files import only_network
-from fastsplat.service.perception.text.text_encoders import (
-    ClipTextEncoder,
-    SentenceEncoder,
-    embed_side_by_side,
-    open_text_encoder,
-)
+from fastsplat.service.perception.text.text_encoders import ClipTextEncoder, embed_side_by_side, open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 
@@ -50,20 +45,6 @@ def test_minilm_cuts_long_texts(models_dir: Path) -> None:
     encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=2)
     long, longer = encoder.encode(["cup " * 254, "cup " * 5000])
     np.testing.assert_allclose(long, longer, atol=1e-5)
-
-
-def test_clip_tower_embeds_tokens(clip_file: Path, tokenizer_file: Path) -> None:
-    encoder = ClipTextEncoder(clip_file, tokenizer_file, name="tower")
-    red_cup, chair = encoder.encode(["Red cup", "chair"])
-    expected = np.zeros(8)
-    expected[[1, 2, 4, 5]] = 0.5  # [CLS] [SEP] red cup
-    np.testing.assert_allclose(red_cup, expected, atol=1e-6)
-    assert red_cup @ chair == pytest.approx(2 / (2 * np.sqrt(3)), abs=1e-6)
-
-
-def test_wrong_tower_is_refused(clip_file: Path, tokenizer_file: Path) -> None:
-    with pytest.raises(ModelUnavailableError, match="last_hidden_state"):
-        SentenceEncoder(clip_file, tokenizer_file, name="tower")
 
 
 def test_a_damaged_tokenizer_is_refused(clip_file: Path, tmp_path: Path) -> None:

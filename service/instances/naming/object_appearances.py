@@ -63,16 +63,16 @@ def with_appearances(
     pictures: dict[int, bytes] = {}
     for number in sorted({sight.view for sights in best.values() for sight in sights}):
         image = load_image(views[number])
-        for obj, sights in best.items():
-            for sight in sights:
-                if sight.view == number:
-                    mask = _enlarged(sight.mask, image.shape[:2])
-                    if looks is not None:
-                        embeddings[obj].append(looks.embed(image, mask))
-                    if encoder is not None:
-                        features[obj].append(encoder.features(image, mask))
-                    if encoder is not None and sight is sights[0]:
-                        pictures[obj] = small_picture(image, mask)
+        seen = [(obj, sight) for obj, sights in best.items() for sight in sights if sight.view == number]
+        masks = [_enlarged(sight.mask, image.shape[:2]) for _, sight in seen]
+        if looks is not None:
+            for (obj, _), embedding in zip(seen, looks.embed_all(image, masks), strict=True):
+                embeddings[obj].append(embedding)
+        if encoder is not None:
+            for (obj, sight), mask in zip(seen, masks, strict=True):
+                features[obj].append(encoder.features(image, mask))
+                if sight is best[obj][0]:
+                    pictures[obj] = small_picture(image, mask)
 
     def described(obj: Object) -> Object:
         if features.get(obj.id):

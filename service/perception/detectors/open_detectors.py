@@ -72,7 +72,7 @@ def _no_prompt_encoder(name: str) -> ModelUnavailableError:
     return ModelUnavailableError(
         f"model {name} is prompted by embeddings, and no text encoder is set for it",
         field="perception.prompt_encoder",
-        hint="Set the text encoder the detector was trained with, such as clip_vit_b32_text.",
+        hint="Set the text encoder the detector was trained with, such as clip_vit_b32.",
     )
 
 

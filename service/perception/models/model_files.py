@@ -23,6 +23,11 @@ def only_network(folder: Path, *, name: str) -> Path:
     return _only(_networks(folder), folder, name, "network (.onnx or .ort)")
 
 
+def text_network(folder: Path, *, name: str) -> Path:
+    """Finds the network of a text encoder, which may be that of an image-text model."""
+    return only_network(folder, name=name) if len(_networks(folder)) == 1 else image_and_text(folder, name=name)[1]
+
+
 def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
     """Finds the two networks of a segmenter; the decoder has "decoder" in its name."""
     networks = [path for path in _networks(folder) if path != _batch_decoder(folder)]
@@ -32,9 +37,10 @@ def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
 
 
 def image_and_text(folder: Path, *, name: str) -> tuple[Path, Path]:
-    """Finds the networks of images and of texts ("text" in its name) of a model."""
-    texts = [path for path in _networks(folder) if "text" in path.name]
-    images = [path for path in _networks(folder) if path not in texts]
+    """Finds the networks of images and of texts ("text" in its name), or those in `visual/` and `textual/`."""
+    networks = [path for inner in (".", "visual", "textual") for path in _networks(folder / inner)]
+    texts = [path for path in networks if "text" in str(path.relative_to(folder))]
+    images = [path for path in networks if path not in texts]
     return _only(images, folder, name, "network of images"), _only(texts, folder, name, 'network of texts ("text")')
 
 

@@ -159,7 +159,8 @@ def find_model(name: str, role: Role) -> tuple[Adapter, PurePosixPath]:
             hint=f"Write adapter:folder with one of the adapters {', '.join(ROLES[role])} and a folder of the models.",
         )
     for entry in load_manifest():
-        if entry.name == name and entry.role == role:
+        # The network of texts of an image-text model is a text encoder by itself.
+        if entry.name == name and role in (entry.role, "text_encoder" if entry.role == "image_text" else ""):
             return entry.adapter, PurePosixPath(entry.name)
     known_names = ", ".join(entry.name for entry in load_manifest() if entry.role == role)
     choices = f"one of {known_names}, or adapter:folder" if known_names else f"{ROLES[role][0]}:folder"

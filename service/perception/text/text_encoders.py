@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import json
 import os
-from abc import ABC, abstractmethod
+import string
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from tokenizers import Tokenizer
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
+from fastsplat.service.perception.models.model_files import only_table, text_network, tokenizer
 from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
-from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
+from fastsplat.service.perception.onnx_session import Contract, file_sha256, find_contract, open_session
 from fastsplat.service.perception.results import TextEncoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
+_CONTEXTS = {"MiniLM": (256, False), "CLIP": (77, False), "SigLIP": (64, True), "open_clip": (77, True)}
+"""Most tokens of a text, and whether all texts are padded to them, where a network's input leaves that open."""
+_TOKENS = (1, None)
+_NO_PUNCTUATION = str.maketrans("", "", string.punctuation)
 
-def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None) -> Tokenizer:
-    """Loads an unpadded tokenizer, cut at `max_tokens`; may raise `ModelUnavailableError`."""
+
+def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None, padded: bool = False) -> Tokenizer:
+    """Loads a tokenizer that cuts texts at `max_tokens`; may raise `ModelUnavailableError`.
+
+    If `padded`, it pads them to that number with the token of `tokenizer_config.json` beside it."""
     hint = f'Run "fastsplat models pull {name}".'
     if not path.is_file():
         raise ModelUnavailableError(f"model {name}: there is no file {path}", field=name, hint=hint)
@@ -31,16 +39,19 @@ def load_tokenizer(path: Path, *, name: str, max_tokens: int | None = None) -> T
     except Exception as error:  # tokenizers raises bare Exception
         raise ModelUnavailableError(f"model {name}: {path.name} is not a tokenizer", field=name, hint=hint) from error
     tokenizer.no_padding()
-    if max_tokens is None:
-        tokenizer.no_truncation()
-    else:
+    tokenizer.no_truncation()
+    if max_tokens is not None:
         tokenizer.enable_truncation(max_tokens)
+    if padded:
+        config = path.with_name("tokenizer_config.json")
+        try:
+            token = json.loads(config.read_text("utf-8"))["pad_token"]
+            token = token["content"] if isinstance(token, dict) else token
+            tokenizer.enable_padding(length=max_tokens, pad_token=token, pad_id=tokenizer.token_to_id(token))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            wrong = f"model {name}: {config.name} names no padding token that {path.name} knows"
+            raise ModelUnavailableError(wrong, field=name, hint="Put it beside the tokenizer.") from error
     return tokenizer
-
-
-_MAX_TOKENS = 256
-
-_CONTEXT = 77
 
 
 def embed_side_by_side(
@@ -58,20 +69,26 @@ def embed_side_by_side(
         return np.stack(list(pool.map(run, texts)))
 
 
-class TextTower(ABC):
-    """A text encoder that cuts texts at `max_tokens`.
+class TextTower:
+    """A text encoder of tokens, one text a run.
 
-    Opening raises `ModelUnavailableError` if a file is missing or breaks the contract.
+    Opening raises `ModelUnavailableError` if a file is missing or breaks all of `contracts`.
     """
 
-    def __init__(
-        self, model: Path, tokenizer: Path, *, name: str, threads: int, max_tokens: int, **contract: Any
-    ) -> None:
-        self._tokenizer = load_tokenizer(tokenizer, name=name, max_tokens=max_tokens)
+    contracts: ClassVar[Mapping[str, Contract]]
+
+    def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
         self._session = open_session(model, name=name, threads=1)
         self._threads = threads
-        check_contract(self._session, name=name, **contract)
-        self._inputs = {node.name for node in self._session.get_inputs()}
+        optional = ("attention_mask", "token_type_ids")
+        self.contract = find_contract(self._session, self.contracts, name=name, optional_inputs=optional)
+        (self._ids, *_), (self._output, *_) = self.contracts[self.contract]
+        self._nodes = {node.name: node for node in self._session.get_inputs()}
+        length = self._nodes[self._ids].shape[1]
+        self._context, padded = _CONTEXTS[self.contract]
+        if isinstance(length, int) and self.contract != "MiniLM":  # whose mean knows no padding
+            self._context, padded = length, True
+        self._tokenizer = load_tokenizer(tokenizer, name=name, max_tokens=self._context, padded=padded)
         self.name = name
         self.sha256 = file_sha256(model)
 
@@ -80,60 +97,44 @@ class TextTower(ABC):
         return embed_side_by_side(self._encode, texts, self._threads)
 
     def _encode(self, text: str) -> NDArray[np.float32]:
-        ids = np.asarray([self._tokenizer.encode(text).ids], np.int64)
-        feed = {"input_ids": ids, "attention_mask": np.ones_like(ids), "token_type_ids": np.zeros_like(ids)}
-        embedding = self._embedding({key: value for key, value in feed.items() if key in self._inputs})
+        kind = np.int32 if self._nodes[self._ids].type == "tensor(int32)" else np.int64
+        ids = np.asarray([self._tokenizer.encode(text).ids], kind)
+        feed = {self._ids: ids, "attention_mask": np.ones_like(ids), "token_type_ids": np.zeros_like(ids)}
+        output = self._session.run([self._output], {key: feed[key] for key in self._nodes})[0][0]
+        embedding = output.mean(0) if output.ndim == 2 else output
         return np.asarray(embedding / np.linalg.norm(embedding), np.float32)
-
-    @abstractmethod
-    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
-        """[E] of one text."""
 
 
 class SentenceEncoder(TextTower):
-    """Adapter of MiniLM sentence encoders; one text a run.
+    """Adapter of MiniLM sentence encoders.
 
     `input_ids`, `attention_mask`, `token_type_ids` int64 [B, T] → `last_hidden_state` [B, T, E], averaged over tokens.
     The int8 weights scale activations by the whole batch, hence single texts.
     """
 
-    def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
-        super().__init__(
-            model,
-            tokenizer,
-            name=name,
-            threads=threads,
-            max_tokens=_MAX_TOKENS,
-            inputs={"input_ids": (None, None), "attention_mask": (None, None)},
-            optional_inputs=["token_type_ids"],
-            outputs={"last_hidden_state": (None, None, None)},
-        )
-
-    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
-        return np.asarray(self._session.run(["last_hidden_state"], feed)[0][0].mean(0))
+    contracts: ClassVar = {
+        "MiniLM": ({"input_ids": _TOKENS, "attention_mask": _TOKENS}, {"last_hidden_state": (1, None, None)})
+    }
 
 
 class ClipTextEncoder(TextTower):
-    """Adapter of CLIP text towers; one unpadded text a run.
+    """Adapter of text towers of image-text models; inputs and outputs tell which.
 
-    `input_ids` int64 [B, T] (and `attention_mask`, if the export kept it) → `text_embeds` [B, E]. The tower reads its
-    embedding at the first end-of-text token, which CLIP also pads with.
+    - CLIP: `input_ids` [B, T] → `text_embeds` [B, E], read at the first end-of-text token: texts need no padding.
+    - SigLIP: `input_ids` [B, 64] → `pooler_output` [B, E], with padding, as it was trained (Zhai et al. 2023).
+    - open_clip as Immich exports it: `text` [1, T] → `embedding` [1, E], with padding.
     """
 
-    def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
-        super().__init__(
-            model,
-            tokenizer,
-            name=name,
-            threads=threads,
-            max_tokens=_CONTEXT,
-            inputs={"input_ids": (None, None)},
-            optional_inputs=["attention_mask"],
-            outputs={"text_embeds": (None, None)},
-        )
+    contracts: ClassVar = {
+        "CLIP": ({"input_ids": _TOKENS}, {"text_embeds": (1, None)}),
+        "SigLIP": ({"input_ids": _TOKENS}, {"pooler_output": (1, None)}),
+        "open_clip": ({"text": _TOKENS}, {"embedding": (1, None)}),
+    }
 
-    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
-        return np.asarray(self._session.run(["text_embeds"], feed)[0][0])
+    def _encode(self, text: str) -> NDArray[np.float32]:
+        if self._context == _CONTEXTS["SigLIP"][0]:  # in open_clip's configurations too, where CLIP has 77
+            text = " ".join(text.replace("_", " ").translate(_NO_PUNCTUATION).lower().split())
+        return super()._encode(text)
 
 
 class LabelTable:
@@ -189,7 +190,8 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
     if adapter == "label_table":
         return LabelTable(only_table(folder, name=name), name=name)
     encoder = select_adapter(TEXT_TOWERS, adapter, name, "text_encoder")
-    return encoder(only_network(folder, name=name), tokenizer(folder, name=name), name=name, threads=threads)
+    network = text_network(folder, name=name)
+    return encoder(network, tokenizer(network.parent, name=name), name=name, threads=threads)
 
 
 TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
