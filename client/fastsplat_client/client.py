@@ -253,7 +253,7 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         """Asks as `ask`, and also returns scenes that were skipped as damaged or too many."""
         if protocol == "gRPC":
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
-        body = _without_scene(request)
+        body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
         if request.scene_id:
             path = f"{scene_path(request.scene_id)}:query"
             response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
@@ -356,7 +356,3 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
     def _grpc(self) -> Grpc:
         self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
         return Grpc(self._grpc_target, self._headers, self._url.scheme == "https", self._ca)
-
-
-def _without_scene(request: QueryRequest | PictureRequest) -> dict[str, Any]:
-    return {name: value for name, value in to_plain(request).items() if name != "scene_id"}
