@@ -125,7 +125,7 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
     options, drafts = job.options, Drafts(job, files)
 
     def early(labelling: Labelling, views: Sequence[int]) -> None:
-        drafts.of_points(capture, labelling, views)
+        drafts.publish("perception", lambda: first_draft(capture, labelling, views, job.settings))
 
     labelled = label_views(
         capture,
@@ -339,9 +339,6 @@ class Drafts:
     def __init__(self, job: Job, files: ProgressFiles) -> None:
         self._job, self._files = job, files
         self._numbers = itertools.count(1)
-
-    def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
-        self._publish("perception", lambda: first_draft(capture, labelling, views, self._job.settings))
 
     def publish(self, stage: str, make: Callable[[], Scene]) -> None:
         job = self._job
