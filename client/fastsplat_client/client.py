@@ -6,6 +6,7 @@ import io
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -47,7 +48,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
+class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls, AbstractContextManager["Client"]):
     """Thread-safe client of one server; a context manager.
 
     Idempotent calls are retried; creating calls carry a request id that makes them idempotent. All calls raise the
@@ -98,9 +99,6 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         self._timeout_s = timeout_s
         self._retry = retry
         self._piece_bytes = piece_bytes
-
-    def __enter__(self) -> Client:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
