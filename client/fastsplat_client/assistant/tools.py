@@ -365,7 +365,6 @@ def _rounded(values: np.ndarray) -> tool_results.Point:
 
 
 def _unit_of(scene: SceneSummary) -> tool_results.Unit:
-    """The unit of all lengths of a scene."""
     return "m" if scene.scale == "METRIC" else "scene units"
 
 
@@ -406,7 +405,6 @@ def _known_length(length: Length) -> tool_results.Interval:
 
 
 def _spoken(length: tool_results.Interval, unit: tool_results.Unit) -> str:
-    """A length in words."""
     return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"
 
 

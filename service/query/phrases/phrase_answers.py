@@ -319,7 +319,6 @@ def _about(answer: Answer, objects: ObjectNames, ids: tuple[int, ...]) -> Answer
 
 
 def _decided(answer: Answer, objects: ObjectNames, likely: float, doubt: str) -> Ranked:
-    """Final answer for the decided objects."""
     assert answer.phrase is not None
     ids = answer.phrase.object_ids
     decided = replace(
