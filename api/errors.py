@@ -10,6 +10,7 @@ import errno
 import logging
 import re
 import uuid
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import grpc
@@ -37,55 +38,36 @@ class Status:
     title: str
 
 
-_MALFORMED = Status(400, grpc.StatusCode.INVALID_ARGUMENT, "The request is malformed")
-_WRONG_STATE = Status(409, grpc.StatusCode.FAILED_PRECONDITION, "This cannot be done in this state")
-_EXHAUSTED = Status(503, grpc.StatusCode.RESOURCE_EXHAUSTED, "The server is out of a resource")
-_UNAVAILABLE = Status(503, grpc.StatusCode.UNAVAILABLE, "The service is not available now")
-_FAILED = Status(500, grpc.StatusCode.INTERNAL, "The server failed")
-
-STATUSES: dict[type[FastSplatError], Status] = {
-    errors.FastSplatError: _FAILED,
-    errors.InvalidInputError: _MALFORMED,
-    errors.UnsafeArchiveError: _MALFORMED,
-    errors.CorruptImageError: _MALFORMED,
+_OF_KIND: Mapping[Kind, Status] = {
+    Kind.INVALID_ARGUMENT: Status(400, grpc.StatusCode.INVALID_ARGUMENT, "The request is malformed"),
+    Kind.NOT_FOUND: Status(404, grpc.StatusCode.NOT_FOUND, "There is nothing of that name"),
+    Kind.ALREADY_EXISTS: Status(409, grpc.StatusCode.ALREADY_EXISTS, "This conflicts with something that exists"),
+    Kind.FAILED_PRECONDITION: Status(409, grpc.StatusCode.FAILED_PRECONDITION, "This cannot be done in this state"),
+    Kind.RESOURCE_EXHAUSTED: Status(503, grpc.StatusCode.RESOURCE_EXHAUSTED, "The server is out of a resource"),
+    Kind.CANCELLED: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
+    Kind.DEADLINE_EXCEEDED: Status(504, grpc.StatusCode.DEADLINE_EXCEEDED, "The time is up"),
+    Kind.UNAUTHENTICATED: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
+    Kind.PERMISSION_DENIED: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
+    Kind.UNAVAILABLE: Status(503, grpc.StatusCode.UNAVAILABLE, "The service is not available now"),
+    Kind.INTERNAL: Status(500, grpc.StatusCode.INTERNAL, "The server failed"),
+}
+_APART: Mapping[type[FastSplatError], Status] = {
     errors.ChecksumMismatchError: Status(460, grpc.StatusCode.INVALID_ARGUMENT, "The checksum does not fit"),
     errors.MethodNotAllowedError: Status(405, grpc.StatusCode.UNIMPLEMENTED, "The path does not know this method"),
     errors.RangeNotSatisfiableError: Status(416, grpc.StatusCode.OUT_OF_RANGE, "The range lies outside the file"),
     errors.UnsupportedMediaTypeError: Status(415, grpc.StatusCode.INVALID_ARGUMENT, "The body has another type"),
-    errors.NotFoundError: Status(404, grpc.StatusCode.NOT_FOUND, "There is nothing of that name"),
-    errors.ConflictError: Status(409, grpc.StatusCode.ALREADY_EXISTS, "This conflicts with something that exists"),
-    errors.NotReadyError: _WRONG_STATE,
-    errors.ReconstructionError: _WRONG_STATE,
-    errors.ModelUnavailableError: _WRONG_STATE,
-    errors.MissingPackageError: _WRONG_STATE,
-    errors.OffsetConflictError: _WRONG_STATE,
     errors.UploadLockedError: Status(423, grpc.StatusCode.FAILED_PRECONDITION, "The upload is locked"),
     errors.TusVersionError: Status(
         412, grpc.StatusCode.FAILED_PRECONDITION, "The protocol's version is not spoken here"
     ),
     # 413 although RESOURCE_EXHAUSTED is 503 elsewhere: the request itself is too large, a retry cannot help.
     errors.LimitExceededError: Status(413, grpc.StatusCode.RESOURCE_EXHAUSTED, "The request passes a limit"),
-    errors.ResourceError: _EXHAUSTED,
     # Not 429: a retry gets the same answer.
     errors.QuotaError: Status(403, grpc.StatusCode.RESOURCE_EXHAUSTED, "The key's quota is used up"),
     errors.RateLimitedError: Status(429, grpc.StatusCode.RESOURCE_EXHAUSTED, "Too many requests"),
-    errors.OverloadedError: _EXHAUSTED,
-    errors.DeadlineExceededError: Status(504, grpc.StatusCode.DEADLINE_EXCEEDED, "The time is up"),
-    errors.CancelledError: Status(499, grpc.StatusCode.CANCELLED, "The request was cancelled"),
-    errors.UnauthenticatedError: Status(401, grpc.StatusCode.UNAUTHENTICATED, "A key is needed"),
-    errors.PermissionDeniedError: Status(403, grpc.StatusCode.PERMISSION_DENIED, "The key does not allow this"),
-    errors.NotReadyNowError: _UNAVAILABLE,
-    errors.CaptionerError: _UNAVAILABLE,
-    errors.DatabaseError: _UNAVAILABLE,
-    errors.ObjectStoreError: _UNAVAILABLE,
-    errors.ArtefactError: _FAILED,
-    errors.SceneFileError: _FAILED,
-    errors.SceneSchemaError: _WRONG_STATE,
-    errors.TrainingDivergedError: _FAILED,
-    errors.TrainerCrashedError: _FAILED,
-    errors.WorkerCrashedError: _FAILED,
+    errors.OverloadedError: _OF_KIND[Kind.RESOURCE_EXHAUSTED],
 }
-"""All error classes; one that is missing here has the status of its nearest ancestor."""
+"""Classes whose status is not that of their kind."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +111,7 @@ class Refusal:
 
 
 def status_of(error: FastSplatError) -> Status:
-    return next(STATUSES[cls] for cls in type(error).__mro__ if cls in STATUSES)
+    return _APART.get(type(error), _OF_KIND[error.kind])
 
 
 def refusal_of(error: Exception, request_id: str) -> Refusal:
@@ -150,7 +132,7 @@ def refusal_of(error: Exception, request_id: str) -> Refusal:
         )
     _log.error("request %s failed unexpectedly", request_id, exc_info=error)
     return Refusal(
-        _FAILED,
+        _OF_KIND[Kind.INTERNAL],
         "INTERNAL",
         "The server failed unexpectedly; its log has the cause under this request id.",
         {"hint": "Try again; if it stays, report it with the request id."},

@@ -6,22 +6,14 @@ Each protocol implements uploads, streams, waiting and ranged files itself.
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from fastsplat.api.access.caller import caller_id, caller_role
-from fastsplat.api.examples import (
-    admin_examples,
-    change_examples,
-    localize_examples,
-    scene_examples,
-)
-from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract import calls
 from fastsplat_contract.call import Call
-from fastsplat_contract.messages.projects import JobLog, ProjectList
 from fastsplat_contract.messages.scenes import Edit, VersionList
 
 Q = TypeVar("Q")
@@ -37,8 +29,6 @@ class Handler(Generic[Q, A]):
     ask: Callable[[SceneService, Q], A]  # runs on a thread, with the service of the caller's project
     computes: bool = False  # has the shorter deadline of `Threads.answer`
     renders: bool = False  # takes long, and therefore runs in the background
-    example: A | None = None  # for OpenAPI, once per answer type
-    bodies: Bodies = field(default_factory=dict)  # for OpenAPI, once per body type
 
     def run(self, threads: Threads, function: Callable[[], R]) -> Awaitable[R]:
         """Runs a function on a thread, with the deadline and priority of this call."""
@@ -49,27 +39,16 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
     handler.call.rpc: handler
     for handler in (
         Handler(calls.OPEN_SAMPLE, lambda service, req: service.open_sample()),
-        Handler(calls.GET_SCENE, lambda service, req: service.get_scene(req.scene_id), example=scene_examples.SCENE),
-        Handler(
-            calls.LIST_SCENES,
-            lambda service, req: service.list_scenes(req.page_size, req.page_token),
-            example=scene_examples.SCENES,
-        ),
-        Handler(
-            calls.UPDATE_SCENE,
-            lambda service, req: service.update_scene(req.scene_id, req),
-            bodies=scene_examples.NAMES,
-        ),
+        Handler(calls.GET_SCENE, lambda service, req: service.get_scene(req.scene_id)),
+        Handler(calls.LIST_SCENES, lambda service, req: service.list_scenes(req.page_size, req.page_token)),
+        Handler(calls.UPDATE_SCENE, lambda service, req: service.update_scene(req.scene_id, req)),
         Handler(calls.DELETE_SCENE, lambda service, req: service.delete_scene(req.scene_id)),
         Handler(
             calls.LIST_PHOTO_VERDICTS,
             lambda service, req: service.list_photo_verdicts(req.scene_id, req.page_size, req.page_token),
-            example=scene_examples.PHOTO_VERDICTS,
         ),
         Handler(
-            calls.LIST_LABELS,
-            lambda service, req: service.list_labels(req.scene_id, req.page_size, req.page_token),
-            example=scene_examples.LABELS,
+            calls.LIST_LABELS, lambda service, req: service.list_labels(req.scene_id, req.page_size, req.page_token)
         ),
         Handler(
             calls.LIST_OBJECTS,
@@ -77,154 +56,76 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 req.scene_id, req.version, req.page_size, req.page_token, req.parts
             ),
             computes=True,
-            example=scene_examples.OBJECTS,
         ),
-        Handler(
-            calls.PICK_OBJECT,
-            lambda service, req: service.answers.pick(req),
-            computes=True,
-            example=scene_examples.PICKED,
-            bodies=scene_examples.PLACES,
-        ),
-        Handler(
-            calls.MEASURE_SCENE,
-            lambda service, req: service.answers.measure(req),
-            computes=True,
-            example=change_examples.MEASUREMENT,
-            bodies=change_examples.MEASURED,
-        ),
+        Handler(calls.PICK_OBJECT, lambda service, req: service.answers.pick(req), computes=True),
+        Handler(calls.MEASURE_SCENE, lambda service, req: service.answers.measure(req), computes=True),
         Handler(
             calls.EDIT_SCENE,
             lambda service, req: service.versions.edit(
                 req.scene_id, req.edits, req.request_id, req.version, caller_id()
             ),
-            example=scene_examples.VERSION,
-            bodies=scene_examples.EDITS,
         ),
         Handler(
             calls.PREVIEW_EDIT,
             lambda service, req: service.versions.preview(req.scene_id, req.edits, req.version),
             computes=True,
             renders=True,
-            example=change_examples.EDIT_PREVIEW,
-            bodies=change_examples.PREVIEWED,
         ),
         Handler(
             calls.SUGGEST_NAMES,
             lambda service, req: service.versions.edit(
                 req.scene_id, (Edit("suggest", suggestions=req.suggestions),), req.request_id, author=caller_id()
             ),
-            bodies=change_examples.SUGGESTED,
         ),
-        Handler(
-            calls.ASK_CAPTIONER,
-            lambda service, req: service.captioner.order(req.scene_id, req.request_id),
-            bodies=change_examples.CAPTIONER_ASKED,
-        ),
-        Handler(
-            calls.AGREE_TO_CAPTIONER,
-            lambda service, req: service.captioner.agree(req.host),
-            example=admin_examples.CAPTIONER,
-            bodies=admin_examples.AGREEMENTS,
-        ),
-        Handler(
-            calls.UNDO_EDIT,
-            lambda service, req: service.versions.undo(req.scene_id, req.version),
-            bodies=scene_examples.UNDONE,
-        ),
-        Handler(
-            calls.REDO_EDIT,
-            lambda service, req: service.versions.redo(req.scene_id, req.version),
-            bodies=change_examples.REDONE,
-        ),
+        Handler(calls.ASK_CAPTIONER, lambda service, req: service.captioner.order(req.scene_id, req.request_id)),
+        Handler(calls.AGREE_TO_CAPTIONER, lambda service, req: service.captioner.agree(req.host)),
+        Handler(calls.UNDO_EDIT, lambda service, req: service.versions.undo(req.scene_id, req.version)),
+        Handler(calls.REDO_EDIT, lambda service, req: service.versions.redo(req.scene_id, req.version)),
         Handler(
             calls.RESTORE_VERSION,
             lambda service, req: service.versions.restore(req.scene_id, req.version, req.expected),
-            bodies=change_examples.RESTORED,
         ),
-        Handler(
-            calls.LIST_VERSIONS,
-            lambda service, req: VersionList(service.versions.all(req.scene_id)),
-            example=scene_examples.VERSIONS,
-        ),
-        Handler(
-            calls.LOOK_AGAIN, lambda service, req: service.look_again(req.scene_id, req), bodies=change_examples.SOUGHT
-        ),
-        Handler(
-            calls.GET_OPERATION,
-            lambda service, req: service.get_operation(req.operation_id),
-            example=scene_examples.OPERATION,
-        ),
+        Handler(calls.LIST_VERSIONS, lambda service, req: VersionList(service.versions.all(req.scene_id))),
+        Handler(calls.LOOK_AGAIN, lambda service, req: service.look_again(req.scene_id, req)),
+        Handler(calls.GET_OPERATION, lambda service, req: service.get_operation(req.operation_id)),
         Handler(
             calls.LIST_OPERATIONS,
             lambda service, req: service.list_operations(req.page_size, req.page_token, req.state),
-            example=scene_examples.OPERATIONS,
         ),
         Handler(calls.CANCEL_OPERATION, lambda service, req: service.cancel_operation(req.operation_id)),
-        Handler(
-            calls.RETRY_OPERATION,
-            lambda service, req: service.retry_operation(req.operation_id, req.exclude),
-            bodies=change_examples.RETRIED,
-        ),
+        Handler(calls.RETRY_OPERATION, lambda service, req: service.retry_operation(req.operation_id, req.exclude)),
         Handler(calls.FINISH_OPERATION, lambda service, req: service.jobs.finish(req.operation_id)),
-        Handler(
-            calls.GET_PREVIEW,
-            lambda service, req: service.jobs.preview(req.operation_id),
-            example=scene_examples.PREVIEW,
-        ),
-        Handler(
-            calls.GET_JOB_LOG,
-            lambda service, req: service.jobs.log(req.operation_id),
-            example=JobLog("loading 60 images\n"),
-        ),
-        Handler(
-            calls.GET_PLACED_CAMERAS,
-            lambda service, req: service.jobs.placed_cameras(req.operation_id),
-            example=scene_examples.PLACED,
-        ),
+        Handler(calls.GET_PREVIEW, lambda service, req: service.jobs.preview(req.operation_id)),
+        Handler(calls.GET_JOB_LOG, lambda service, req: service.jobs.log(req.operation_id)),
+        Handler(calls.GET_PLACED_CAMERAS, lambda service, req: service.jobs.placed_cameras(req.operation_id)),
         Handler(calls.RENDER_VIEW, lambda service, req: service.answers.picture(req), computes=True, renders=True),
         Handler(calls.EXPORT_SCENE, lambda service, req: service.exports.file(req), computes=True, renders=True),
         Handler(
             calls.LIST_PHOTOS,
             lambda service, req: service.photos.all(req.scene_id, req.version, req.page_size, req.page_token),
-            example=scene_examples.PHOTOS,
         ),
         Handler(
             calls.LIST_NEXT_PHOTOS,
             lambda service, req: service.photos.next_photos(req.scene_id, req.version),
             computes=True,
             renders=True,
-            example=change_examples.NEXT_PHOTOS,
         ),
         Handler(
             calls.GET_GOAL,
             lambda service, req: service.exports.goal(req.scene_id, req.object_id, req.robot_radius, req.version),
             computes=True,
-            example=change_examples.GOAL,
         ),
         Handler(
             calls.LIST_DETECTIONS,
             lambda service, req: service.answers.detections(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
-            example=change_examples.DETECTIONS,
         ),
-        Handler(
-            calls.LOCALIZE,
-            lambda service, req: service.localizing.localize(req),
-            computes=True,
-            renders=True,
-            example=localize_examples.LOCALIZATION,
-        ),
-        Handler(
-            calls.OBSERVE_SCENE,
-            lambda service, req: service.observations.observe(req, caller_id()),
-            example=localize_examples.OBSERVATION,
-        ),
+        Handler(calls.LOCALIZE, lambda service, req: service.localizing.localize(req), computes=True, renders=True),
+        Handler(calls.OBSERVE_SCENE, lambda service, req: service.observations.observe(req, caller_id())),
         Handler(
             calls.LIST_OBSERVATIONS,
             lambda service, req: service.observations.all(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
-            example=localize_examples.OBSERVATIONS,
         ),
         Handler(
             calls.GET_OBSERVATION,
@@ -238,63 +139,25 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             ),
             computes=True,
             renders=True,
-            example=scene_examples.BEST_VIEWS,
         ),
         Handler(
             calls.GET_CONTACT_SHEET,
             lambda service, req: service.sheets.page(req.scene_id, req.version, req.page_size, req.page_token),
             computes=True,
             renders=True,
-            example=scene_examples.CONTACT_SHEET,
         ),
-        Handler(
-            calls.CREATE_KEY,
-            lambda service, req: service.keys.create(caller_role(), req),
-            example=admin_examples.NEW_KEY,
-            bodies=admin_examples.NEW_KEYS,
-        ),
-        Handler(
-            calls.CREATE_UPLOAD_KEY,
-            lambda service, req: service.keys.create_for_upload(req),
-            bodies=admin_examples.UPLOAD_KEYS,
-        ),
+        Handler(calls.CREATE_KEY, lambda service, req: service.keys.create(caller_role(), req)),
+        Handler(calls.CREATE_UPLOAD_KEY, lambda service, req: service.keys.create_for_upload(req)),
         Handler(
             calls.LIST_KEYS,
             lambda service, req: service.keys.list(caller_role(), req.page_size, req.page_token, req.scene_id),
-            example=admin_examples.KEYS,
         ),
-        Handler(
-            calls.REVOKE_KEY,
-            lambda service, req: service.keys.revoke(caller_role(), req.key_id),
-            example=admin_examples.KEY,
-        ),
-        Handler(
-            calls.ESTIMATE_JOB,
-            lambda service, req: service.estimates.estimate(req),
-            computes=True,
-            example=scene_examples.ESTIMATE,
-        ),
-        Handler(
-            calls.GET_SERVER_STATUS,
-            lambda service, req: service.status(caller_role(), caller_id()),
-            example=admin_examples.STATUS,
-        ),
-        Handler(
-            calls.LIST_PROJECTS,
-            lambda service, req: service.admin.projects.all(),
-            example=ProjectList((admin_examples.PROJECT,)),
-        ),
-        Handler(
-            calls.CREATE_PROJECT,
-            lambda service, req: service.admin.projects.create(req.name),
-            example=admin_examples.PROJECT,
-            bodies=admin_examples.PROJECTS,
-        ),
-        Handler(
-            calls.LIST_KNOWN_NAMES,
-            lambda service, req: service.known_names.list(req.page_size, req.page_token),
-            example=admin_examples.KNOWN_NAMES,
-        ),
+        Handler(calls.REVOKE_KEY, lambda service, req: service.keys.revoke(caller_role(), req.key_id)),
+        Handler(calls.ESTIMATE_JOB, lambda service, req: service.estimates.estimate(req), computes=True),
+        Handler(calls.GET_SERVER_STATUS, lambda service, req: service.status(caller_role(), caller_id())),
+        Handler(calls.LIST_PROJECTS, lambda service, req: service.admin.projects.all()),
+        Handler(calls.CREATE_PROJECT, lambda service, req: service.admin.projects.create(req.name)),
+        Handler(calls.LIST_KNOWN_NAMES, lambda service, req: service.known_names.list(req.page_size, req.page_token)),
         Handler(calls.DELETE_KNOWN_NAME, lambda service, req: service.known_names.forget(req.name_id)),
     )
 }

@@ -158,7 +158,6 @@ class _TimedProtocol(H11Protocol):
 
 
 def _malformed(error: BaseException | None) -> FastSplatError:
-    """Converts an h11 error."""
     if getattr(error, "error_status_hint", 400) == 431:
         return LimitExceededError(
             "the head of the request is too large",

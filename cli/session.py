@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +25,7 @@ _ID_LENGTH = 32
 _POLL_S = 0.5
 
 
-class Session:
+class Session(AbstractContextManager["Session"]):
     """One run of a command.
 
     Args:
@@ -37,9 +37,6 @@ class Session:
         self.address = address
         self.as_json = as_json
         self._opened = ExitStack()
-
-    def __enter__(self) -> Session:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self._opened.close()

@@ -8,8 +8,9 @@ from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
 from fastsplat_contract.jobs.name_suggestions import AgreeIn, CaptionerStatus
 from fastsplat_contract.messages.known_names import KnownName, KnownNameList
-from fastsplat_contract.messages.projects import CreateProjectRequest, Project
+from fastsplat_contract.messages.projects import CreateProjectRequest, JobLog, Project, ProjectList
 from fastsplat_contract.server.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
+from fastsplat_contract.server.server_info import ServerInfo
 from fastsplat_contract.server.server_status import (
     DiskHealth,
     ModelStatus,
@@ -73,4 +74,7 @@ NEW_KEYS: Bodies = {
 }
 UPLOAD_KEYS: Bodies = {"default": ("a link for one's phone", UploadKeyIn())}
 PROJECT = Project("kitchen", _CREATED_AT, scenes=3, keys=2)
+PROJECT_LIST = ProjectList((PROJECT,))
+JOB_LOG = JobLog("loading 60 images\n")
+SERVER = ServerInfo("0.1.0", ":8001")
 PROJECTS: Bodies = {"kitchen": ("one for the kitchen", CreateProjectRequest("kitchen"))}

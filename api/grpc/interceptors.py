@@ -95,13 +95,18 @@ class DecodingInterceptor(aio.ServerInterceptor):
         return replaced(handler, many if handler.response_streaming else unary, _decoder(handler.request_deserializer))
 
 
+MAKERS = {
+    (False, False): grpc.unary_unary_rpc_method_handler,
+    (False, True): grpc.unary_stream_rpc_method_handler,
+    (True, False): grpc.stream_unary_rpc_method_handler,
+    (True, True): grpc.stream_stream_rpc_method_handler,
+}
+"""What makes a handler, by whether its requests and its responses are streams."""
+
+
 def wrapped_behavior(handler: Handler) -> Callable[[Any, Context], Any]:
     """Returns the function that a handler calls with its request(s) and context."""
-    behavior: Any
-    if handler.request_streaming:
-        behavior = handler.stream_stream if handler.response_streaming else handler.stream_unary
-    else:
-        behavior = handler.unary_stream if handler.response_streaming else handler.unary_unary
+    behavior: Any = handler.unary_unary or handler.unary_stream or handler.stream_unary or handler.stream_stream
     function: Callable[[Any, Context], Any] = behavior
     return function
 
@@ -110,12 +115,7 @@ def replaced(
     handler: Handler, behavior: Callable[[Any, Context], Any], decoder: Callable[[bytes], Any] | None = None
 ) -> Handler:
     """Copies a handler with another behavior and, if given, another decoder."""
-    make = {
-        (False, False): grpc.unary_unary_rpc_method_handler,
-        (False, True): grpc.unary_stream_rpc_method_handler,
-        (True, False): grpc.stream_unary_rpc_method_handler,
-        (True, True): grpc.stream_stream_rpc_method_handler,
-    }[handler.request_streaming, handler.response_streaming]
+    make = MAKERS[handler.request_streaming, handler.response_streaming]
     return make(behavior, decoder or handler.request_deserializer, handler.response_serializer)
 
 

@@ -12,7 +12,7 @@ from google.protobuf import empty_pb2, message_factory
 from google.protobuf.message import Message
 from grpc import aio
 
-from fastsplat.api.grpc.interceptors import Context, guarded
+from fastsplat.api.grpc.interceptors import MAKERS, Context, guarded
 from fastsplat.api.grpc.subscriptions import answer_stream
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.handlers import HANDLERS, Handler
@@ -81,12 +81,7 @@ def _answered(value: Any) -> Message:
 
 def _handler(rpc: str, behavior: Behavior) -> grpc.RpcMethodHandler[Any, Any]:
     method = _SERVICE.methods_by_name[rpc]
-    make = {
-        (False, False): grpc.unary_unary_rpc_method_handler,
-        (False, True): grpc.unary_stream_rpc_method_handler,
-        (True, False): grpc.stream_unary_rpc_method_handler,
-        (True, True): grpc.stream_stream_rpc_method_handler,
-    }[method.client_streaming, method.server_streaming]
+    make = MAKERS[method.client_streaming, method.server_streaming]
     request, response = map(message_factory.GetMessageClass, (method.input_type, method.output_type))
     return make(behavior, request.FromString, response.SerializeToString)
 

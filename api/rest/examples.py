@@ -7,17 +7,15 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fastsplat.api.errors import refusal_of
-from fastsplat.api.examples import scene_examples
+from fastsplat.api.examples import admin_examples, change_examples, localize_examples, scene_examples
 from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import PARAMETERS
 from fastsplat.api.examples.localize_examples import LOCALIZE_FORM, OBSERVE_FORM
 from fastsplat.api.examples.scene_examples import FORM, OPERATION, VIEW
-from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.exporting.camera_files import camera_list
 from fastsplat_contract.codec.json_codec import to_plain
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError
-from fastsplat_contract.server.server_info import ServerInfo
 
 PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
     "4XX": {
@@ -34,27 +32,22 @@ PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
         )
     },
 }
-_ANSWERS: Mapping[str, Any] = {
-    type(value).__name__: value
-    for value in (
-        *(handler.example for handler in HANDLERS.values() if handler.example is not None),
-        ServerInfo("0.1.0", ":8001"),
-        scene_examples.ANSWERS,
-    )
-}
+_EXAMPLES = [
+    value
+    for module in (admin_examples, change_examples, localize_examples, scene_examples)
+    for name, value in vars(module).items()
+    if name.isupper() and not name.startswith("_")
+]
+_ANSWERS: Mapping[str, Any] = {type(value).__name__: value for value in _EXAMPLES}
 """Example answers by type name."""
-
-_BODIES: Mapping[str, Bodies] = {
-    type(value).__name__: bodies
-    for bodies in (
-        *(handler.bodies for handler in HANDLERS.values()),
-        scene_examples.QUESTIONS,
-        scene_examples.PICTURES,
-    )
-    for _, value in bodies.values()
+BODIES: Mapping[str, Bodies] = {
+    type(example[1]).__name__: value
+    for value in _EXAMPLES
+    if isinstance(value, dict)
+    for example in value.values()
+    if isinstance(example, tuple)
 }
 """Example bodies by type name."""
-
 
 _FORMS = {"localize": LOCALIZE_FORM, "observe_scene": OBSERVE_FORM}
 """Example forms by operation; all others use the upload's."""
@@ -77,7 +70,7 @@ def add_examples(document: dict[str, Any]) -> None:
             elif (kind := _type_of(content)) is not None:
                 content["examples"] = {
                     name: {"summary": summary, "value": to_plain(value)}
-                    for name, (summary, value) in _BODIES[kind].items()
+                    for name, (summary, value) in BODIES[kind].items()
                 }
         for status, response in operation["responses"].items():
             response["content"] = dict(_with_examples(status, response)) if "content" in response else {}

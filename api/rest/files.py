@@ -29,16 +29,13 @@ def immutable_file(request: Request, path: Path, media_type: str, filename: str,
     range_header = request.headers.get("range")
     if range_header is not None and request.headers.get("if-range", etag) == etag:
         if not _RANGE.fullmatch(range_header) or not _consistent(range_header):
-            _ignore_range(request)  # RFC 9110: an invalid Range is ignored
+            # RFC 9110: an invalid Range is ignored.
+            request.scope["headers"] = [header for header in request.scope["headers"] if header[0] != b"range"]
         elif not _within(range_header, size):
             raise RangeNotSatisfiableError(
                 f"no byte of {range_header[:80]!r} is in a file of {size} bytes", field="Range", limit=f"{size} bytes"
             )
     return FileResponse(path, media_type=media_type, filename=filename, headers=headers)
-
-
-def _ignore_range(request: Request) -> None:
-    request.scope["headers"] = [(name, value) for name, value in request.scope["headers"] if name != b"range"]
 
 
 def _consistent(header: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,7 +23,7 @@ _METADATA = "metadata"
 _LITTER = {"__MACOSX", "Thumbs.db", "desktop.ini"}
 
 
-class CaptureFiles:
+class CaptureFiles(AbstractContextManager["CaptureFiles"]):
     """The capture files of a folder (none for a single file); a context manager.
 
     Hidden and system files are left out. `photos` is a folder of photos to be sent with the splat `capture`.
@@ -34,9 +35,6 @@ class CaptureFiles:
     def __init__(self, capture: Path, photos: Path | None = None) -> None:
         files = _files(capture) if photos is None else _with_splat(_files(photos), capture)
         self._files = [(name, _LateFile(path)) for name, path in files]
-
-    def __enter__(self) -> CaptureFiles:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         for _, file in self._files:

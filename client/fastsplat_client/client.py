@@ -6,6 +6,7 @@ import io
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -47,7 +48,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
+class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls, AbstractContextManager["Client"]):
     """Thread-safe client of one server; a context manager.
 
     Idempotent calls are retried; creating calls carry a request id that makes them idempotent. All calls raise the
@@ -98,9 +99,6 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         self._timeout_s = timeout_s
         self._retry = retry
         self._piece_bytes = piece_bytes
-
-    def __enter__(self) -> Client:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
@@ -253,7 +251,7 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
         """Asks as `ask`, and also returns scenes that were skipped as damaged or too many."""
         if protocol == "gRPC":
             return self._grpc().ask(request, self._timeout_s if timeout_s is None else timeout_s)
-        body = _without_scene(request)
+        body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
         if request.scene_id:
             path = f"{scene_path(request.scene_id)}:query"
             response = self._transport.call("POST", path, json=body, timeout_s=timeout_s)
@@ -356,7 +354,3 @@ class Client(ObjectCalls, JobCalls, PhotoCalls, StreamCalls):
     def _grpc(self) -> Grpc:
         self._grpc_target = self._grpc_target or grpc_address(self.server(), self._url.hostname or "")
         return Grpc(self._grpc_target, self._headers, self._url.scheme == "https", self._ca)
-
-
-def _without_scene(request: QueryRequest | PictureRequest) -> dict[str, Any]:
-    return {name: value for name, value in to_plain(request).items() if name != "scene_id"}

@@ -31,11 +31,8 @@ class RemoteError(FastSplatError):
     """A server error unknown to this client; `kind` and `reason` are the server's."""
 
 
-class UnreachableError(FastSplatError):
+class UnreachableError(FastSplatError, kind=Kind.UNAVAILABLE, reason="UNREACHABLE"):
     """The connection failed or broke before the answer was complete."""
-
-    kind = Kind.UNAVAILABLE
-    reason = "UNREACHABLE"
 
 
 def read(kind: type[T], answer: httpx.Response | str) -> T:

@@ -151,7 +151,7 @@ class Grpc:
                         reconnected = 0
                 broken: FastSplatError = UnreachableError("the server ended the stream")
             except FastSplatError as error:
-                if not _may_pass(error):
+                if error.kind not in (Kind.UNAVAILABLE, Kind.CANCELLED) and error.retry_after_s is None:
                     raise
                 broken = error
             established |= connection.accepted
@@ -227,11 +227,6 @@ def _details(error: grpc.Call) -> tuple[status_pb2.ErrorInfo | None, float | Non
 def _kind(error: grpc.Call) -> Kind:
     name = error.code().name
     return Kind[name] if name in Kind.__members__ else Kind.INTERNAL
-
-
-def _may_pass(error: FastSplatError) -> bool:
-    """Returns True for errors that a reconnect may cure."""
-    return error.kind in (Kind.UNAVAILABLE, Kind.CANCELLED) or error.retry_after_s is not None
 
 
 def _answers(

@@ -15,6 +15,7 @@ from fastsplat_contract.call import APART, Call, Rule
 from fastsplat_contract.jobs.job_watching import PlacedCameras, Preview
 from fastsplat_contract.jobs.name_suggestions import AgreeIn, CaptionerStatus
 from fastsplat_contract.jobs.operations import JobEstimate, Operation, OperationList
+from fastsplat_contract.messages import requests
 from fastsplat_contract.messages.contact_sheets import ContactSheet
 from fastsplat_contract.messages.detections import DetectionList
 from fastsplat_contract.messages.edit_previews import EditPreview, PreviewEditRequest
@@ -25,46 +26,6 @@ from fastsplat_contract.messages.measurements import Measurement, MeasureRequest
 from fastsplat_contract.messages.objects import ObjectList, PickedObject, PickRequest
 from fastsplat_contract.messages.projects import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.messages.queries import QueryOut, QueryRequest
-from fastsplat_contract.messages.requests import (
-    AskCaptionerRequest,
-    CancelOperationRequest,
-    CreateSceneHeader,
-    DeleteKnownNameRequest,
-    DeleteSceneRequest,
-    DownloadPhotoRequest,
-    EditSceneRequest,
-    EstimateJobRequest,
-    FinishOperationRequest,
-    GetContactSheetRequest,
-    GetGoalRequest,
-    GetOperationRequest,
-    GetPlacedCamerasRequest,
-    GetPreviewRequest,
-    GetSceneRequest,
-    ListBestViewsRequest,
-    ListDetectionsRequest,
-    ListKeysRequest,
-    ListKnownNamesRequest,
-    ListLabelsRequest,
-    ListNextPhotosRequest,
-    ListObjectsRequest,
-    ListOperationsRequest,
-    ListPhotosRequest,
-    ListPhotoVerdictsRequest,
-    ListScenesRequest,
-    ListVersionsRequest,
-    LookAgainRequest,
-    OpenSampleRequest,
-    RedoEditRequest,
-    RestoreVersionRequest,
-    RetryOperationRequest,
-    RevokeKeyRequest,
-    SuggestNamesRequest,
-    UndoEditRequest,
-    UpdateSceneRequest,
-    WaitOperationRequest,
-    WatchOperationRequest,
-)
 from fastsplat_contract.messages.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.photos.localization import Localization, LocalizeRequest
 from fastsplat_contract.photos.next_photos import NextPhotoList
@@ -95,31 +56,33 @@ _SCENE, _JOB = "/v1/scenes/{scene_id}", "/v1/operations/{operation_id}"
 
 # fmt: off
 CREATE_SCENE = Call(
-    "CreateScene", "scenes", CreateSceneHeader, Operation, UPLOAD, "POST /v1/scenes",
+    "CreateScene", "scenes", requests.CreateSceneHeader, Operation, UPLOAD, "POST /v1/scenes",
     "Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. "
     "The answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.",
     pieces_in="CreateSceneRequest")
 OPEN_SAMPLE = Call(
-    "OpenSample", "scenes", OpenSampleRequest, Scene, EDIT, "POST /v1/scenes:openSample",
+    "OpenSample", "scenes", requests.OpenSampleRequest, Scene, EDIT, "POST /v1/scenes:openSample",
     "The project's copy of the sample scene that the server brings; it is made where there is none.")
 GET_SCENE = Call(
-    "GetScene", "scenes", GetSceneRequest, Scene, SHOW, f"GET {_SCENE}",
+    "GetScene", "scenes", requests.GetSceneRequest, Scene, SHOW, f"GET {_SCENE}",
     "One scene with its dictionary, cameras and quality.")
 LIST_SCENES = Call(
-    "ListScenes", "scenes", ListScenesRequest, SceneList, SHOW, "GET /v1/scenes", "Scenes in pages, newest first.")
+    "ListScenes", "scenes", requests.ListScenesRequest, SceneList, SHOW, "GET /v1/scenes",
+    "Scenes in pages, newest first.")
 UPDATE_SCENE = Call(
-    "UpdateScene", "scenes", UpdateSceneRequest, Scene, EDIT, f"PATCH {_SCENE}", "Rename a scene.")
+    "UpdateScene", "scenes", requests.UpdateSceneRequest, Scene, EDIT, f"PATCH {_SCENE}", "Rename a scene.")
 DELETE_SCENE = Call(
-    "DeleteScene", "scenes", DeleteSceneRequest, NoneType, ADMIN, f"DELETE {_SCENE}",
+    "DeleteScene", "scenes", requests.DeleteSceneRequest, NoneType, ADMIN, f"DELETE {_SCENE}",
     "Forget a scene and all its files; its job stops.", status=204, repeatable=False)
 LIST_PHOTO_VERDICTS = Call(
-    "ListPhotoVerdicts", "scenes", ListPhotoVerdictsRequest, PhotoVerdictList, READ, f"GET {_SCENE}/photo-verdicts",
+    "ListPhotoVerdicts", "scenes", requests.ListPhotoVerdictsRequest, PhotoVerdictList, READ,
+    f"GET {_SCENE}/photo-verdicts",
     "What became of each photo of a scene's capture, in pages, by name; once its capture stage is done.")
 LIST_LABELS = Call(
-    "ListLabels", "scenes", ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
+    "ListLabels", "scenes", requests.ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
     "The dictionary in pages, by label id.")
 LIST_OBJECTS = Call(
-    "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
+    "ListObjects", "scenes", requests.ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
     "Every object of a scene, with or without a name, in pages, by id.")
 PICK_OBJECT = Call(
     "PickObject", "queries", PickRequest, PickedObject, SHOW, f"POST {_SCENE}:pick",
@@ -129,72 +92,72 @@ MEASURE_SCENE = Call(
     "How far two places are from each other, how large an object is, or where a place is.")
 
 EDIT_SCENE = Call(
-    "EditScene", "scenes", EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
+    "EditScene", "scenes", requests.EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
     "Make a new version of a scene: the edits in order, all or none; it is current on return.")
 PREVIEW_EDIT = Call(
     "PreviewEdit", "scenes", PreviewEditRequest, EditPreview, READ, f"POST {_SCENE}:previewEdit",
     "Which Gaussians edits would remove from a scene; nothing is changed.")
 SUGGEST_NAMES = Call(
-    "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT._replace(also=("suggester",)),
+    "SuggestNames", "scenes", requests.SuggestNamesRequest, SceneVersion, EDIT._replace(also=("suggester",)),
     f"POST {_SCENE}/name-suggestions",
     "Suggest names for objects: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ASK_CAPTIONER = Call(
-    "AskCaptioner", "scenes", AskCaptionerRequest, Operation, EDIT, f"POST {_SCENE}:askCaptioner",
+    "AskCaptioner", "scenes", requests.AskCaptionerRequest, Operation, EDIT, f"POST {_SCENE}:askCaptioner",
     "Ask the server's captioner what the objects of a scene without a name are: an operation that suggests what it "
     "says.\nRefused where the server has none, and before the project agreed to its host.",
     body_optional=True, status=202)
 UNDO_EDIT = Call(
-    "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
+    "UndoEdit", "scenes", requests.UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",
     body_optional=True, repeatable=False)
 REDO_EDIT = Call(
-    "RedoEdit", "scenes", RedoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:redo",
+    "RedoEdit", "scenes", requests.RedoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:redo",
     "Go forward to the version that was undone: of several made of the current one, the one current last.",
     body_optional=True, repeatable=False)
 RESTORE_VERSION = Call(
-    "RestoreVersion", "scenes", RestoreVersionRequest, SceneVersion, EDIT, f"POST {_SCENE}:restore",
+    "RestoreVersion", "scenes", requests.RestoreVersionRequest, SceneVersion, EDIT, f"POST {_SCENE}:restore",
     "Make any version of a scene the current one; all others stay.")
 LIST_VERSIONS = Call(
-    "ListVersions", "scenes", ListVersionsRequest, VersionList, SHOW, f"GET {_SCENE}/versions",
+    "ListVersions", "scenes", requests.ListVersionsRequest, VersionList, SHOW, f"GET {_SCENE}/versions",
     "Every version of a scene, oldest first.")
 LOOK_AGAIN = Call(
-    "LookAgain", "scenes", LookAgainRequest, Operation, EDIT, f"POST {_SCENE}:lookAgain",
+    "LookAgain", "scenes", requests.LookAgainRequest, Operation, EDIT, f"POST {_SCENE}:lookAgain",
     "Search a scene for more names with the server's open-set detector: an operation that makes a version.",
     status=202)
 
 GET_OPERATION = Call(
-    "GetOperation", "operations", GetOperationRequest, Operation, FOLLOW, f"GET {_JOB}",
+    "GetOperation", "operations", requests.GetOperationRequest, Operation, FOLLOW, f"GET {_JOB}",
     "Where a job stands, stage by stage.")
 LIST_OPERATIONS = Call(
-    "ListOperations", "operations", ListOperationsRequest, OperationList, READ, "GET /v1/operations",
+    "ListOperations", "operations", requests.ListOperationsRequest, OperationList, READ, "GET /v1/operations",
     "Operations in pages, newest first.")
 CANCEL_OPERATION = Call(
-    "CancelOperation", "operations", CancelOperationRequest, Operation, EDIT, f"POST {_JOB}:cancel",
+    "CancelOperation", "operations", requests.CancelOperationRequest, Operation, EDIT, f"POST {_JOB}:cancel",
     "Ask a job to stop; one that is over stays as it is.")
 RETRY_OPERATION = Call(
-    "RetryOperation", "operations", RetryOperationRequest, Operation, EDIT, f"POST {_JOB}:retry",
+    "RetryOperation", "operations", requests.RetryOperationRequest, Operation, EDIT, f"POST {_JOB}:retry",
     "Queue a failed or cancelled job again, with the upload that it had, or with less of it; one in another state\n"
     "stays as it is.",
     body_optional=True)
 FINISH_OPERATION = Call(
-    "FinishOperation", "operations", FinishOperationRequest, Operation, EDIT, f"POST {_JOB}:finish",
+    "FinishOperation", "operations", requests.FinishOperationRequest, Operation, EDIT, f"POST {_JOB}:finish",
     "Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.")
 GET_PREVIEW = Call(
-    "GetPreview", "operations", GetPreviewRequest, Preview, READ, f"GET {_JOB}/preview",
+    "GetPreview", "operations", requests.GetPreviewRequest, Preview, READ, f"GET {_JOB}/preview",
     "The newest picture of a scene that is being trained, with its step and figures.",
     also=(f"GET {_JOB}/preview.jpg",))
 GET_PLACED_CAMERAS = Call(
-    "GetPlacedCameras", "operations", GetPlacedCamerasRequest, PlacedCameras, READ, f"GET {_JOB}/cameras",
+    "GetPlacedCameras", "operations", requests.GetPlacedCamerasRequest, PlacedCameras, READ, f"GET {_JOB}/cameras",
     "The cameras that a job has placed so far, and some of its points.")
 GET_JOB_LOG = Call(
     "GetJobLog", "operations", GetJobLogRequest, JobLog, ADMIN, f"GET {_JOB}/log",
     "The end of what the trainers of a job wrote; where a server can read the logs of its workers.")
 WAIT_OPERATION = Call(
-    "WaitOperation", "operations", WaitOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}:wait",
+    "WaitOperation", "operations", requests.WaitOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}:wait",
     "The operation as soon as it is done, or as it stands when the time is up.")
 WATCH_OPERATION = Call(
-    "WatchOperation", "operations", WatchOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}/events",
+    "WatchOperation", "operations", requests.WatchOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}/events",
     "The operation now and on every change, until it is done.", pieces_out="Operation")
 
 QUERY = Call(
@@ -215,20 +178,20 @@ EXPORT_SCENE = Call(
     also=(f"GET {_SCENE}/scene.ply",), pieces_out="Chunk")
 
 LIST_PHOTOS = Call(
-    "ListPhotos", "queries", ListPhotosRequest, PhotoList, SHOW, f"GET {_SCENE}/photos",
+    "ListPhotos", "queries", requests.ListPhotosRequest, PhotoList, SHOW, f"GET {_SCENE}/photos",
     "The photos that are stored with a scene, in pages, in the order of its cameras.")
 DOWNLOAD_PHOTO = Call(
-    "DownloadPhoto", "queries", DownloadPhotoRequest, bytes, SHOW, f"GET {_SCENE}/photo.jpg",
+    "DownloadPhoto", "queries", requests.DownloadPhotoRequest, bytes, SHOW, f"GET {_SCENE}/photo.jpg",
     "A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size.",
     pieces_out="Chunk")
 LIST_NEXT_PHOTOS = Call(
-    "ListNextPhotos", "queries", ListNextPhotosRequest, NextPhotoList, SHOW, f"GET {_SCENE}/next-photos",
+    "ListNextPhotos", "queries", requests.ListNextPhotosRequest, NextPhotoList, SHOW, f"GET {_SCENE}/next-photos",
     "Where to stand for the next photos of a scene: at most three places, the most useful first.")
 GET_GOAL = Call(
-    "GetGoal", "queries", GetGoalRequest, Goal, SHOW, f"GET {_SCENE}/goal",
+    "GetGoal", "queries", requests.GetGoalRequest, Goal, SHOW, f"GET {_SCENE}/goal",
     "The free place nearest to an object from which a robot sees it; of scenes in meters with z up.")
 LIST_DETECTIONS = Call(
-    "ListDetections", "queries", ListDetectionsRequest, DetectionList, SHOW, f"GET {_SCENE}/detections",
+    "ListDetections", "queries", requests.ListDetectionsRequest, DetectionList, SHOW, f"GET {_SCENE}/detections",
     "The objects of a scene in pages, by id: poses with covariances, names with probabilities, what carries them,\n"
     "and by which views they are known.")
 LOCALIZE = Call(
@@ -247,10 +210,10 @@ GET_OBSERVATION = Call(
     f"GET {_SCENE}/observations/{{observation_id}}",
     "What photos of another day said of a scene.")
 LIST_BEST_VIEWS = Call(
-    "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
+    "ListBestViews", "queries", requests.ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
     "Which of the scene's cameras show some objects, or the answer to a text, best; and where in their pictures.")
 GET_CONTACT_SHEET = Call(
-    "GetContactSheet", "queries", GetContactSheetRequest, ContactSheet, SHOW._replace(also=("suggester",)),
+    "GetContactSheet", "queries", requests.GetContactSheetRequest, ContactSheet, SHOW._replace(also=("suggester",)),
     f"GET {_SCENE}/objects/sheet",
     "Objects without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
 
@@ -263,14 +226,14 @@ CREATE_UPLOAD_KEY = Call(
     "Make a key with which somebody else, e.g. one's phone, may post one scene; its secret is told this once.",
     status=201, repeatable=False)
 LIST_KEYS = Call(
-    "ListKeys", "keys", ListKeysRequest, KeyList, ADMIN, "GET /v1/keys",
+    "ListKeys", "keys", requests.ListKeysRequest, KeyList, ADMIN, "GET /v1/keys",
     "Keys of the project in pages, newest first, of the caller's role at most; never their secrets.")
 REVOKE_KEY = Call(
-    "RevokeKey", "keys", RevokeKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:revoke",
+    "RevokeKey", "keys", requests.RevokeKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:revoke",
     "Take a key back for ever; what it has under way ends within two seconds.")
 
 ESTIMATE_JOB = Call(
-    "EstimateJob", "operations", EstimateJobRequest, JobEstimate, FOLLOW, "GET /v1/estimate",
+    "EstimateJob", "operations", requests.EstimateJobRequest, JobEstimate, FOLLOW, "GET /v1/estimate",
     "How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in "
     "it.")
 GET_SERVER_STATUS = Call(
@@ -290,10 +253,11 @@ CREATE_PROJECT = Call(
     "Make a project: its keys see its scenes only, and nobody else's keys see them.", repeatable=False)
 
 LIST_KNOWN_NAMES = Call(
-    "ListKnownNames", "known names", ListKnownNamesRequest, KnownNameList, READ, "GET /v1/known-names",
+    "ListKnownNames", "known names", requests.ListKnownNamesRequest, KnownNameList, READ, "GET /v1/known-names",
     "What people named in the scenes of the project and is suggested in others, in pages, newest first.")
 DELETE_KNOWN_NAME = Call(
-    "DeleteKnownName", "known names", DeleteKnownNameRequest, NoneType, ADMIN, "DELETE /v1/known-names/{name_id}",
+    "DeleteKnownName", "known names", requests.DeleteKnownNameRequest, NoneType, ADMIN,
+    "DELETE /v1/known-names/{name_id}",
     "Suggest a name, or every name of the project, no more, and remove what it looks like; scenes keep their names.",
     status=204, repeatable=False)
 # fmt: on

@@ -93,6 +93,9 @@ class FastSplatError(Exception):
     request_id: str = ""
     """Finds the request in the server's log; "" where the error came from no server."""
 
+    def __init_subclass__(cls, *, kind: Kind | None = None, reason: str = "", recurs: bool = False) -> None:
+        cls.kind, cls.reason, cls.recurs = kind or cls.kind, reason or cls.reason, recurs or cls.recurs
+
     def __init__(self, message: str, *, hint: str = "", field: str = "", limit: str = "") -> None:
         super().__init__(message)
         self.message = message
@@ -119,141 +122,84 @@ class FastSplatError(Exception):
         return error
 
 
-class InvalidInputError(FastSplatError):
+class InvalidInputError(FastSplatError, kind=Kind.INVALID_ARGUMENT, reason="INVALID_INPUT", recurs=True):
     """The request or a file in it is malformed."""
 
-    kind = Kind.INVALID_ARGUMENT
-    reason = "INVALID_INPUT"
-    recurs = True
 
-
-class UnsafeArchiveError(InvalidInputError):
+class UnsafeArchiveError(InvalidInputError, reason="UNSAFE_ARCHIVE"):
     """An archive tries to leave its folder, hides links or devices, or is a decompression bomb."""
 
-    reason = "UNSAFE_ARCHIVE"
 
-
-class CorruptImageError(InvalidInputError):
+class CorruptImageError(InvalidInputError, reason="CORRUPT_IMAGE"):
     """A file that should be an image cannot be decoded to its last row."""
 
-    reason = "CORRUPT_IMAGE"
 
-
-class ChecksumMismatchError(InvalidInputError):
+class ChecksumMismatchError(InvalidInputError, reason="CHECKSUM_MISMATCH"):
     """A piece is not what its checksum says; nothing of it was kept."""
 
-    reason = "CHECKSUM_MISMATCH"
 
-
-class MethodNotAllowedError(InvalidInputError):
+class MethodNotAllowedError(InvalidInputError, reason="METHOD_NOT_ALLOWED"):
     """The path exists, but not with this HTTP method."""
 
-    reason = "METHOD_NOT_ALLOWED"
 
-
-class RangeNotSatisfiableError(InvalidInputError):
+class RangeNotSatisfiableError(InvalidInputError, reason="RANGE_NOT_SATISFIABLE"):
     """The requested range lies outside the file."""
 
-    reason = "RANGE_NOT_SATISFIABLE"
 
-
-class UnsupportedMediaTypeError(InvalidInputError):
+class UnsupportedMediaTypeError(InvalidInputError, reason="UNSUPPORTED_MEDIA_TYPE"):
     """The body has a content type that this route does not read."""
 
-    reason = "UNSUPPORTED_MEDIA_TYPE"
 
-
-class NotFoundError(FastSplatError):
+class NotFoundError(FastSplatError, kind=Kind.NOT_FOUND, reason="NOT_FOUND"):
     """No scene, operation or label of that name."""
 
-    kind = Kind.NOT_FOUND
-    reason = "NOT_FOUND"
 
-
-class ConflictError(FastSplatError):
+class ConflictError(FastSplatError, kind=Kind.ALREADY_EXISTS, reason="CONFLICT"):
     """The request id was used before for a different request."""
 
-    kind = Kind.ALREADY_EXISTS
-    reason = "CONFLICT"
 
-
-class NotReadyError(FastSplatError):
+class NotReadyError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="NOT_READY"):
     """Not now: a scene whose training has not finished, or has failed; a job that does not train right now."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "NOT_READY"
 
-
-class ReconstructionError(FastSplatError):
+class ReconstructionError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="RECONSTRUCTION_FAILED", recurs=True):
     """Structure from motion found no usable geometry in well-formed images."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "RECONSTRUCTION_FAILED"
-    recurs = True
 
-
-class ModelUnavailableError(FastSplatError):
+class ModelUnavailableError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="MODEL_UNAVAILABLE"):
     """A model that the settings name is not in the model directory, or fails its checksum or contract."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "MODEL_UNAVAILABLE"
 
-
-class MissingPackageError(FastSplatError):
+class MissingPackageError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="MISSING_PACKAGE"):
     """An optional Python package that this call needs is not installed."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "MISSING_PACKAGE"
 
-
-class OffsetConflictError(FastSplatError):
+class OffsetConflictError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="OFFSET_CONFLICT"):
     """The piece does not begin where the upload ends."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "OFFSET_CONFLICT"
 
-
-class UploadLockedError(FastSplatError):
+class UploadLockedError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="UPLOAD_LOCKED"):
     """Another request is sending a piece of this upload."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "UPLOAD_LOCKED"
 
-
-class TusVersionError(FastSplatError):
+class TusVersionError(FastSplatError, kind=Kind.FAILED_PRECONDITION, reason="TUS_VERSION"):
     """The request speaks a version of the tus protocol that the server does not."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "TUS_VERSION"
 
-
-class LimitExceededError(FastSplatError):
+class LimitExceededError(FastSplatError, kind=Kind.RESOURCE_EXHAUSTED, reason="LIMIT_EXCEEDED", recurs=True):
     """The input is well-formed but larger than this server accepts; `limit` names the bound."""
 
-    kind = Kind.RESOURCE_EXHAUSTED
-    reason = "LIMIT_EXCEEDED"
-    recurs = True
 
-
-class ResourceError(FastSplatError):
+class ResourceError(FastSplatError, kind=Kind.RESOURCE_EXHAUSTED, reason="OUT_OF_RESOURCES"):
     """A memory, disk or pair-count bound of this server was hit; `limit` names it."""
 
-    kind = Kind.RESOURCE_EXHAUSTED
-    reason = "OUT_OF_RESOURCES"
 
-
-class QuotaError(FastSplatError):
+class QuotaError(FastSplatError, kind=Kind.RESOURCE_EXHAUSTED, reason="QUOTA"):
     """What this key may hold (scenes, bytes, queued jobs) is used up; waiting alone does not help."""
 
-    kind = Kind.RESOURCE_EXHAUSTED
-    reason = "QUOTA"
 
-
-class RateLimitedError(FastSplatError):
+class RateLimitedError(FastSplatError, kind=Kind.RESOURCE_EXHAUSTED, reason="RATE_LIMITED"):
     """This key calls too often, or has too many calls under way."""
-
-    kind = Kind.RESOURCE_EXHAUSTED
-    reason = "RATE_LIMITED"
 
     def __init__(
         self, message: str, *, hint: str = "", field: str = "", limit: str = "", retry_after_s: float = 1.0
@@ -262,110 +208,68 @@ class RateLimitedError(FastSplatError):
         self.retry_after_s = retry_after_s
 
 
-class OverloadedError(RateLimitedError):
+class OverloadedError(RateLimitedError, reason="OVERLOADED"):
     """The server has all the work it can answer in good time, whoever asks."""
 
-    reason = "OVERLOADED"
 
-
-class CancelledError(FastSplatError):
+class CancelledError(FastSplatError, kind=Kind.CANCELLED, reason="CANCELLED"):
     """The caller asked for the work to stop."""
 
-    kind = Kind.CANCELLED
-    reason = "CANCELLED"
 
-
-class DeadlineExceededError(FastSplatError):
+class DeadlineExceededError(FastSplatError, kind=Kind.DEADLINE_EXCEEDED, reason="DEADLINE_EXCEEDED"):
     """The work was not done in the time it may take: the caller's, or the server's own limit."""
 
-    kind = Kind.DEADLINE_EXCEEDED
-    reason = "DEADLINE_EXCEEDED"
 
-
-class UnauthenticatedError(FastSplatError):
+class UnauthenticatedError(FastSplatError, kind=Kind.UNAUTHENTICATED, reason="UNAUTHENTICATED"):
     """The call carries no key, or none that is valid."""
 
-    kind = Kind.UNAUTHENTICATED
-    reason = "UNAUTHENTICATED"
 
-
-class PermissionDeniedError(FastSplatError):
+class PermissionDeniedError(FastSplatError, kind=Kind.PERMISSION_DENIED, reason="PERMISSION_DENIED"):
     """The key is valid, but not for this."""
 
-    kind = Kind.PERMISSION_DENIED
-    reason = "PERMISSION_DENIED"
 
-
-class NotReadyNowError(FastSplatError):
+class NotReadyNowError(FastSplatError, kind=Kind.UNAVAILABLE, reason="UNAVAILABLE"):
     """The process lives, but should get no requests now; the message says why."""
 
-    kind = Kind.UNAVAILABLE
-    reason = "UNAVAILABLE"
 
-
-class CaptionerError(FastSplatError):
+class CaptionerError(FastSplatError, kind=Kind.UNAVAILABLE, reason="CAPTIONER_FAILED"):
     """A model that was asked for names answers nothing, or something else than was asked for."""
 
-    kind = Kind.UNAVAILABLE
-    reason = "CAPTIONER_FAILED"
 
-
-class DatabaseError(FastSplatError):
+class DatabaseError(FastSplatError, kind=Kind.UNAVAILABLE, reason="DATABASE_UNAVAILABLE"):
     """The database is away, locked or full; nothing of the request was stored."""
 
-    kind = Kind.UNAVAILABLE
-    reason = "DATABASE_UNAVAILABLE"
     usual_hint = "Send the request again in a moment, under the same request id."
 
 
-class ObjectStoreError(FastSplatError):
+class ObjectStoreError(FastSplatError, kind=Kind.UNAVAILABLE, reason="OBJECT_STORE_UNAVAILABLE"):
     """The object store is away, or refuses; nothing of the request was stored."""
 
-    kind = Kind.UNAVAILABLE
-    reason = "OBJECT_STORE_UNAVAILABLE"
     usual_hint = "Send the request again in a moment; its operator finds the cause in the store's own log."
     usual_field = "artefacts.url"
 
 
-class ArtefactError(FastSplatError):
+class ArtefactError(FastSplatError, kind=Kind.INTERNAL, reason="ARTEFACT_DAMAGED"):
     """A stored artefact is damaged or missing."""
 
-    kind = Kind.INTERNAL
-    reason = "ARTEFACT_DAMAGED"
     usual_hint = "Restore it from a backup, or post the capture again."
 
 
-class SceneFileError(FastSplatError):
+class SceneFileError(FastSplatError, kind=Kind.INTERNAL, reason="SCENE_DAMAGED"):
     """A scene folder on this server is damaged: a file is missing, cut short, altered, or contradicts another."""
 
-    kind = Kind.INTERNAL
-    reason = "SCENE_DAMAGED"
 
-
-class SceneSchemaError(SceneFileError):
+class SceneSchemaError(SceneFileError, kind=Kind.FAILED_PRECONDITION, reason="SCENE_SCHEMA"):
     """A scene folder was written by a version of this software whose schema this one does not know."""
 
-    kind = Kind.FAILED_PRECONDITION
-    reason = "SCENE_SCHEMA"
 
-
-class TrainingDivergedError(FastSplatError):
+class TrainingDivergedError(FastSplatError, kind=Kind.INTERNAL, reason="TRAINING_DIVERGED", recurs=True):
     """The optimization left the finite numbers, or its pictures are not like the photos; nothing was stored."""
 
-    kind = Kind.INTERNAL
-    reason = "TRAINING_DIVERGED"
-    recurs = True
 
-
-class TrainerCrashedError(FastSplatError):
+class TrainerCrashedError(FastSplatError, kind=Kind.INTERNAL, reason="TRAINER_CRASHED"):
     """The trainer process died without an error: a signal, the out-of-memory killer, a crash in native code."""
 
-    kind = Kind.INTERNAL
-    reason = "TRAINER_CRASHED"
 
-
-class WorkerCrashedError(FastSplatError):
+class WorkerCrashedError(FastSplatError, kind=Kind.INTERNAL, reason="WORKER_CRASHED"):
     """The worker process died each time it ran this job, so the job is not started again."""
-
-    kind = Kind.INTERNAL
-    reason = "WORKER_CRASHED"

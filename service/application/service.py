@@ -6,9 +6,9 @@ import copy
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from typing import Self
 
 from sqlalchemy import Connection
 
@@ -72,7 +72,7 @@ _MAX_PROJECTS = 256
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
 
-class SceneService:
+class SceneService(AbstractContextManager["SceneService"]):
     """Scenes, operations and queries of one project (initially the default). Thread-safe.
 
     Synchronous. Other projects' data is invisible, see `in_project`. User-caused errors are `FastSplatError`s. Any
@@ -130,9 +130,6 @@ class SceneService:
         clone.exports, clone.localizing = self.exports.over(context), self.localizing.over(context)
         clone._bind(context)
         return clone
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()

@@ -9,9 +9,10 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +65,7 @@ class Picture:
         return f"Picture({self.sentence!r})"
 
 
-class LocalScene:
+class LocalScene(AbstractContextManager["LocalScene"]):
     """A trained scene in a folder; a thread-safe context manager.
 
     Methods raise the service's `FastSplatError`s, see `fastsplat_contract.errors`.
@@ -82,9 +83,6 @@ class LocalScene:
         self._service = service
         self.id = scene_id
         self._closing: list[Callable[[], object]] = []
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()

@@ -269,13 +269,9 @@ def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> Train
     longest = min(settings.max_side, max(scene.width, scene.height, 1))
     side = max(min(longest, _SMALLEST_SIDE), round(longest * _SIDE_FACTOR**level / 8) * 8)
     least = min(settings.max_gaussians, _FEWEST_GAUSSIANS)
-    count = max(least, _round_number(settings.max_gaussians * _GAUSSIANS_FACTOR**level))
+    two_digits = int(float(f"{settings.max_gaussians * _GAUSSIANS_FACTOR**level:.1e}"))
+    count = max(least, two_digits)
     return settings.model_copy(update={"max_side": side, "max_gaussians": count})
-
-
-def _round_number(value: float) -> int:
-    """Rounds to two significant digits."""
-    return int(float(f"{value:.1e}"))
 
 
 def _size(settings: TrainingSettings, scene: SceneSize) -> tuple[float, float]:

@@ -20,6 +20,7 @@ from google.protobuf import message_factory
 from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.access import route_name
 from fastsplat.api.rest.app import create_app
+from fastsplat.api.rest.examples import BODIES
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.codec.json_codec import to_plain
@@ -42,7 +43,6 @@ RPCS = {method.name: method for method in pb.DESCRIPTOR.services_by_name["SceneS
 _TUS = {"Tus-Resumable": "1.0.0"}
 _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
-    "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:localize": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
     "POST /v1/scenes/{scene_id}/observations": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
     "POST /mcp": {
@@ -59,9 +59,10 @@ _REQUESTS: dict[str, dict[str, Any]] = {
 }
 """What a route needs beside its path to be more than bad input; other calls that have a body: see `_BODIES`."""
 _BODIES = {  # sent by a call that needs a body: the first of its examples
-    handler.call.route: next(iter(handler.bodies.values()))[1]
+    handler.call.route: next(iter(BODIES[kind.__name__].values()))[1]
     for handler in HANDLERS.values()
-    if handler.bodies and not handler.call.body_optional
+    for kind in handler.call.request.__mro__
+    if kind.__name__ in BODIES and not handler.call.body_optional
 }
 
 _OF_TRAINING = {  # calls and routes that speak of a job while it trains

@@ -48,7 +48,6 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.artefact.scene import Evidence, Gaussians, Scene, SceneFacts, SemanticHead
 from fastsplat.service.scene.artefact.scene_files import read_scene, write_scene
 from fastsplat.service.scene.formats.ply import write_ply
-from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.training.previews import TrainingWatch
 from fastsplat.service.splatting.training_settings import TrainingSettings
@@ -126,7 +125,7 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
     options, drafts = job.options, Drafts(job, files)
 
     def early(labelling: Labelling, views: Sequence[int]) -> None:
-        drafts.of_points(capture, labelling, views)
+        drafts.publish("perception", lambda: first_draft(capture, labelling, views, job.settings))
 
     labelled = label_views(
         capture,
@@ -151,7 +150,8 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     drafts, views = Drafts(job, files), early_views(capture, labelling)
 
     def draft(splats: TrainedSplats, share: float) -> None:
-        drafts.of_training(splats, capture, labelling, views, settings, share)
+        provisional = Provisional("training", round(share, 3))
+        drafts.publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
 
     watch = TrainingWatch(files.preview, finish_requested(job), draft, _TRAINING_DRAFTS)
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
@@ -340,23 +340,7 @@ class Drafts:
         self._job, self._files = job, files
         self._numbers = itertools.count(1)
 
-    def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
-        self._publish("perception", lambda: first_draft(capture, labelling, views, self._job.settings))
-
-    def of_training(
-        self,
-        splats: TrainedSplats,
-        capture: Capture,
-        labelling: Labelling,
-        views: Sequence[int],
-        settings: Settings,
-        share: float,
-    ) -> None:
-        """Publishes a draft at training progress `share`."""
-        provisional = Provisional("training", round(share, 3))
-        self._publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
-
-    def _publish(self, stage: str, make: Callable[[], Scene]) -> None:
+    def publish(self, stage: str, make: Callable[[], Scene]) -> None:
         job = self._job
         name = f"{job.folder.name}-{stage}-{job.attempt}-{next(self._numbers)}"
         folder = job.folder / DRAFTS / f".{name}"

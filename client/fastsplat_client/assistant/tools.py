@@ -12,32 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_client.assistant.tool_results import (
-    CleanedUp,
-    Evidence,
-    Found,
-    Interval,
-    JobStatus,
-    LevelBrief,
-    Measured,
-    Named,
-    NextPhotoPlace,
-    NextPhotos,
-    ObjectBrief,
-    Objects,
-    PickedBrief,
-    Point,
-    Related,
-    SceneDescription,
-    SceneInList,
-    Scenes,
-    StandingPlace,
-    Unit,
-    WhereAbouts,
-    brief_of,
-    plain,
-    point,
-)
+from fastsplat_client.assistant import tool_results
+from fastsplat_client.assistant.tool_results import brief_of, plain, point
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.geometry.gaussian_filters import GaussianFilter
@@ -89,11 +65,11 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     )
 
 
-def list_scenes(client: Client) -> Scenes:
+def list_scenes(client: Client) -> tool_results.Scenes:
     """The scenes of the project, newest first."""
     every = list(client.scenes())
     scenes = [
-        SceneInList(
+        tool_results.SceneInList(
             scene.id,
             scene.name,
             scene.state,
@@ -103,17 +79,17 @@ def list_scenes(client: Client) -> Scenes:
         )
         for scene in every[:_MOST_SCENES]
     ]
-    return Scenes(scenes, len(every) - len(scenes))
+    return tool_results.Scenes(scenes, len(every) - len(scenes))
 
 
-def describe_scene(client: Client, scene: str) -> SceneDescription:
+def describe_scene(client: Client, scene: str) -> tool_results.SceneDescription:
     """What is in a scene, its extent and units, and how far it can be relied on."""
     target = resolve_scene(client, scene)
     objects = list(client.objects(target.id, version=target.version))
     names = Counter(obj.name for obj in objects if obj.name)
     low, high = _bounds_of([obj.box for obj in objects if obj.box is not None])
     assessment = target.assessment
-    return SceneDescription(
+    return tool_results.SceneDescription(
         id=target.id,
         name=target.name,
         version=target.version,
@@ -131,11 +107,11 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
     )
 
 
-def list_objects(client: Client, scene: str, name: str, limit: int) -> Objects:
+def list_objects(client: Client, scene: str, name: str, limit: int) -> tool_results.Objects:
     """Objects by id; with a name, those that bear it."""
     target = resolve_scene(client, scene)
     bearing = [obj for obj in client.objects(target.id) if not name or obj.name.casefold() == name.casefold()]
-    return Objects(
+    return tool_results.Objects(
         target.id,
         target.version,
         _unit_of(target),
@@ -144,7 +120,9 @@ def list_objects(client: Client, scene: str, name: str, limit: int) -> Objects:
     )
 
 
-def pick_object(client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str) -> PickedBrief:
+def pick_object(
+    client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str
+) -> tool_results.PickedBrief:
     """What a photo shows at a place: `x` and `y` are shares of its width and height, from the upper left corner.
 
     Raises:
@@ -156,19 +134,22 @@ def pick_object(client: Client, view: str, x: float, y: float, level: AskedLevel
         raise NotFoundError(f"no view {view[:80]!r} in this scene", field="view", hint="Use names of its photos.")
     pixel = min(x, _BELOW_1) * posed.camera.width, min(y, _BELOW_1) * posed.camera.height
     picked = client.pick(target.id, view, pixel=pixel, level=level)
-    return PickedBrief(
+    return tool_results.PickedBrief(
         target.id,
         picked.version,
         _unit_of(target),
         brief_of(picked.object),
         None if picked.part is None else brief_of(picked.part),
-        [LevelBrief(hit.level, hit.id, list(hit.members), round(hit.probability, 3)) for hit in picked.levels],
+        [
+            tool_results.LevelBrief(hit.level, hit.id, list(hit.members), round(hit.probability, 3))
+            for hit in picked.levels
+        ],
         picked.level,
         0 if picked.mask is None else picked.mask.area,
     )
 
 
-def find(client: Client, text: str, scene: str) -> Found:
+def find(client: Client, text: str, scene: str) -> tool_results.Found:
     """What answers a text in plain words, how many and where, or that nothing does.
 
     The count is None where it cannot be decided.
@@ -182,7 +163,7 @@ def find(client: Client, text: str, scene: str) -> Found:
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
         counted, refused = list(answer.phrase.object_ids), answer.phrase.refusal is not None
-    return Found(
+    return tool_results.Found(
         scene=target.id,
         question=text,
         outcome=answer.outcome,
@@ -204,7 +185,7 @@ def find(client: Client, text: str, scene: str) -> Found:
     )
 
 
-def relations(client: Client, text: str, scene: str, view: str) -> Related:
+def relations(client: Client, text: str, scene: str, view: str) -> tool_results.Related:
     """Which objects stand as a text says, by measurements, or why that cannot be decided.
 
     Raises:
@@ -219,7 +200,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
             field="text",
             hint='Say more, as "the mug left of the lamp", "the largest book", or use find.',
         )
-    return Related(
+    return tool_results.Related(
         scene=target.id,
         question=text,
         understood=list(phrase.conditions),
@@ -229,7 +210,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         sentence=answer.sentence,
         evidence=[
-            Evidence(
+            tool_results.Evidence(
                 witness.condition,
                 witness.object_id,
                 list(witness.compared_ids[:_MOST_WITNESSES]),
@@ -244,20 +225,20 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
     )
 
 
-def measure(client: Client, first: int, second: int, scene: str) -> Measured:
+def measure(client: Client, first: int, second: int, scene: str) -> tool_results.Measured:
     """The size of an object (`second` 0), or how far two objects are from each other."""
     target = resolve_scene(client, scene)
     measured = client.measure(target.id, *((first, second) if second else (first,)))
-    unit: Unit = "m" if measured.meters else "scene units"
+    unit: tool_results.Unit = "m" if measured.meters else "scene units"
     distance, sides = _interval_of(measured.distance), [_known_length(side) for side in measured.sides]
     if distance is not None:
         sentence = f"From object {first} to object {second} it is {_spoken(distance, unit)}."
     else:
         sentence = f"The box of object {first} is " + " by ".join(_spoken(side, unit) for side in sides) + "."
-    return Measured(target.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
+    return tool_results.Measured(target.id, unit, distance, _interval_of(measured.center_distance), sides, sentence)
 
 
-def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> StandingPlace:
+def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> tool_results.StandingPlace:
     """Where a robot stands to see an object."""
     target = resolve_scene(client, scene)
     place = client.goal(target.id, object_id, robot_radius, version=target.version)
@@ -268,7 +249,7 @@ def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> Sta
     )
     if place.floor_source == "lowest_level":
         sentence += " Nothing is known as the floor: it was taken to be the lowest level seen."
-    return StandingPlace(
+    return tool_results.StandingPlace(
         target.id,
         object_id,
         _frame_of(target),
@@ -282,7 +263,7 @@ def goal(client: Client, object_id: int, robot_radius: float, scene: str) -> Sta
 
 def name_object(
     client: Client, object_id: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
-) -> Named:
+) -> tool_results.Named:
     """A new version of the scene in which an object has a name; one that a person gave is replaced only where
     `replaces` is that name.
 
@@ -294,26 +275,26 @@ def name_object(
         target.version if replaces and _name_of(client, target, object_id) == replaces.strip().casefold() else ""
     )
     version = client.name_objects(target.id, object_id, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
-    return Named(target.id, object_id, name, version.version, version.asks_kind)
+    return tool_results.Named(target.id, object_id, name, version.version, version.asks_kind)
 
 
-def photograph_next(client: Client, scene: str) -> NextPhotos:
+def photograph_next(client: Client, scene: str) -> tool_results.NextPhotos:
     """Where to stand for the photos that would help a scene most."""
     target = resolve_scene(client, scene)
     places = [
-        NextPhotoPlace(photo.advice, photo.near, _rounded(photo.camera.world_from_camera[:3, 3]))
+        tool_results.NextPhotoPlace(photo.advice, photo.near, _rounded(photo.camera.world_from_camera[:3, 3]))
         for photo in client.next_photos(target.id)
     ]
-    return NextPhotos(target.id, _unit_of(target), places)
+    return tool_results.NextPhotos(target.id, _unit_of(target), places)
 
 
-def scene_status(client: Client, scene: str) -> JobStatus:
+def scene_status(client: Client, scene: str) -> tool_results.JobStatus:
     """How far the newest job of a scene is."""
     target = resolve_scene(client, scene)
     jobs = (operation for operation in client.operations() if operation.scene_id == target.id)
     job = next(jobs, None) or client.operation(target.operation_id)
     stage = job.stages[-1] if job.stages else None
-    return JobStatus(
+    return tool_results.JobStatus(
         scene=target.id,
         state=target.state,
         job=job.state,
@@ -330,7 +311,7 @@ def _ask(client: Client, scene_id: str, text: str, **choices: Any) -> Answer:
     return answer
 
 
-def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ObjectBrief]:
+def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[tool_results.ObjectBrief]:
     """The first of these objects, in their order."""
     wanted = dict.fromkeys(ids[:_MOST_OBJECTS])
     found: dict[int, SceneObject] = {}
@@ -353,10 +334,10 @@ def _leading_objects(answer: Answer) -> list[SceneObject]:
     return [obj for obj in answer.objects or () if obj.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, obj: SceneObject, version: str) -> WhereAbouts:
+def _located(client: Client, scene_id: str, obj: SceneObject, version: str) -> tool_results.WhereAbouts:
     measured = client.measure(scene_id, obj.id, version=version)
     place = measured.places[0]
-    return WhereAbouts(
+    return tool_results.WhereAbouts(
         obj.id,
         obj.name,
         point(place.point),
@@ -377,14 +358,13 @@ def _bounds_of(boxes: list[Box]) -> tuple[np.ndarray | None, np.ndarray | None]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _rounded(values: np.ndarray) -> Point:
+def _rounded(values: np.ndarray) -> tool_results.Point:
     """A place or an extent, [3], to four decimals."""
     x, y, z = (round(float(value), 4) for value in values)
     return (x, y, z)
 
 
-def _unit_of(scene: SceneSummary) -> Unit:
-    """The unit of all lengths of a scene."""
+def _unit_of(scene: SceneSummary) -> tool_results.Unit:
     return "m" if scene.scale == "METRIC" else "scene units"
 
 
@@ -414,18 +394,17 @@ def _frame_of(scene: Scene) -> str:
     return f"map frame {named!r}" if named else "the scene's own world frame"
 
 
-def _interval_of(length: Length | None) -> Interval | None:
+def _interval_of(length: Length | None) -> tool_results.Interval | None:
     """A measured length; None for one that was not measured."""
     return None if length is None else _known_length(length)
 
 
-def _known_length(length: Length) -> Interval:
+def _known_length(length: Length) -> tool_results.Interval:
     """A measured length with its 95 % interval."""
-    return Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
+    return tool_results.Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
 
 
-def _spoken(length: Interval, unit: Unit) -> str:
-    """A length in words."""
+def _spoken(length: tool_results.Interval, unit: tool_results.Unit) -> str:
     return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"
 
 
@@ -441,7 +420,7 @@ def clean_up(
     objects: list[int],
     remove: bool,
     scene: str,
-) -> CleanedUp:
+) -> tool_results.CleanedUp:
     """How many Gaussians fulfil all that is said; with `remove` a version without them."""
     scene_info = resolve_scene(client, scene)
     box = None
@@ -454,4 +433,4 @@ def clean_up(
     edits = [Edit("remove", object_ids=tuple(objects), filter=chosen)]
     preview = client.preview_edit(scene_info.id, edits, version=scene_info.version)
     version = client.edit_scene(scene_info.id, edits, looked_at=preview.version).version if remove else ""
-    return CleanedUp(scene_info.id, preview.gaussians, preview.count, version)
+    return tool_results.CleanedUp(scene_info.id, preview.gaussians, preview.count, version)

@@ -6,14 +6,13 @@ import ipaddress
 import shutil
 import socket
 import time
-from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
-from fastsplat.service.query.language.meaning.calibration import Score, calibration_for, calibration_key
+from fastsplat.service.query.language.meaning.calibration import calibration_for, calibration_key
 from fastsplat.service.query.language.meaning.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs.reserve import floor_of
@@ -145,8 +144,10 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
         return ModelStatus(role, "", "unset", None)
     ready, calibrated = has_files(name, role, settings.models), None
     if role == "text_encoder" and ready:
-        query = settings.query
-        calibrated = _calibrated(name, settings.models, query.score, query.templates, query.negatives)
+        query, digest = settings.query, _digest(name, settings.models)
+        if digest is not None:
+            found = calibration_for(name, digest, query.score, query.templates, query.negatives)
+            calibrated = found is not None
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
@@ -163,14 +164,6 @@ def weighed_with_encoder(settings: Settings) -> bool:
         and weighs_meanings(query)
         and model_for(calibration_key(perception.text_encoder, digest), perception.lexicon, query.templates) is not None
     )
-
-
-def _calibrated(
-    name: str, models: Path, score: Score, templates: Sequence[str], negatives: Sequence[str]
-) -> bool | None:
-    """True if this encoder's scores are calibrated; None if it cannot be opened."""
-    digest = _digest(name, models)
-    return None if digest is None else calibration_for(name, digest, score, templates, negatives) is not None
 
 
 def _digest(name: str, models: Path) -> str | None:

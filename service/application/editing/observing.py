@@ -85,7 +85,10 @@ class Observations:
                 version=current,
             )
             index, located = self._localizing.locate(localize_request)
-            observation, pictures = _observation(request, located, now, self._keeps_photos(index))
+            # No photos where the scene keeps none, or had people redacted, for whom these were not searched.
+            withheld = index.scene.facts.withheld
+            keep = self._context.settings.photos.keep == "on" and (withheld is None or withheld.privacy is None)
+            observation, pictures = _observation(request, located, now, keep)
             check_cancelled()
             try:
                 self._publish(request, observation, pictures, index, current, digest, author)
@@ -117,14 +120,6 @@ class Observations:
             field="observation_id",
             hint="List the scene's observations; one that was undone is in the version that it made.",
         )
-
-    def _keeps_photos(self, index: SceneIndex) -> bool:
-        """True if observed photos may be kept.
-
-        False where the scene keeps none, or had people redacted, for whom these photos were not searched.
-        """
-        withheld = index.scene.facts.withheld
-        return self._context.settings.photos.keep == "on" and (withheld is None or withheld.privacy is None)
 
     def _publish(
         self,

@@ -8,11 +8,10 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path, PurePosixPath
-from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 from fastsplat.service.capture.capture_settings import CaptureSettings
 from fastsplat.service.capture.captures import Source
@@ -27,7 +26,7 @@ SPACE_CHECK_BYTES = 1 << 24
 """Interval of free-space checks, in received bytes."""
 
 
-class UploadSession:
+class UploadSession(AbstractContextManager["UploadSession"]):
     """Files of one future scene: `raw` inside `folder`. For one thread at a time.
 
     A context manager: leaving it before `SceneService.create_scene` removes everything. `check_space` raises if too
@@ -54,12 +53,7 @@ class UploadSession:
         except OSError as error:
             raise disk_error(error, "upload") from error
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.abort()
 
     def write(self, name: str, stream: BinaryIO | Iterable[bytes]) -> int:

@@ -120,7 +120,10 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
 
 def _changed(scene: Scene, action: str) -> Scene:
     """Records an action that makes the scene deviate from its photos."""
-    return replace(scene, facts=scene.facts.with_change(action))
+    before = scene.facts.changed_by
+    if action in before:
+        return scene
+    return replace(scene, facts=replace(scene.facts, changed_by=(*before, action)))
 
 
 def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = False) -> Callable[[_Order], Scene]:

@@ -41,7 +41,8 @@ def carrier_of(objects: SceneObjects, object_id: int) -> Support | None:
         return None
     stacks = Stacks(objects.measures, by_id, PairBudget())
     shapes = [shape for key in by_id if key != object_id and (shape := objects.measures.shape(key)) is not None]
-    below = [shape for shape in shapes if by_id[shape.id].surface not in _FLAT and _may_carry(subject, shape)]
+    beneath = (shape for shape in shapes if shape.low < subject.high and bounds_overlap(subject, shape))
+    below = [shape for shape in beneath if by_id[shape.id].surface not in _FLAT]
     best = _clearest(judged for shape in below for judged in _carried(stacks, subject, shape))
     if best is None:
         walls = [wall for wall in shapes if by_id[wall.id].surface in _FLAT and _overlapping(subject, wall)]
@@ -61,11 +62,6 @@ def _clearest(judged: Iterator[tuple[int, SupportRelation, Judged]]) -> tuple[in
     candidates = [(carrier, relation, judgement.clearness) for carrier, relation, judgement in judged]
     best = max(candidates, key=lambda candidate: candidate[2], default=None)
     return best if best is not None and best[2] >= _HOLDS else None
-
-
-def _may_carry(subject: ObjectShape, base: ObjectShape) -> bool:
-    """True if the outlines overlap and the other begins below the top."""
-    return base.low < subject.high and bounds_overlap(subject, base)
 
 
 def _overlapping(subject: ObjectShape, wall: ObjectShape) -> bool:

@@ -198,7 +198,9 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         ordered = tuple(match._replace(relevant=False) for match in head.answer.matches)
         answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, object_ids=())
         return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
-    spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
+    compared = (object_id for witness in phrase.witnesses for object_id in witness.compared_ids)
+    taking_part = {*phrase.object_ids, *compared}
+    spoken_of = [named[name] for name in sorted(_names_in(reading)) if taking_part & {*named[name].ids}]
     read = [witness for witness in solved.witnesses if witness.measure == READ and witness.clearness > 0]
     values = (witness.value for witness in read if witness.value)
     likely = min((*(group.likely for group in spoken_of), *values), default=1.0)
@@ -247,11 +249,6 @@ def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked
     answered = plain.verdict in _CLOSE and not plain.named and not named.by_name
     unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
     return answered and unmeasured and question.asks != "count"
-
-
-def _taking_part(phrase: PhraseAnswer) -> set[int]:
-    """Ids of the objects shown, and of those they were compared with."""
-    return {*phrase.object_ids, *(object_id for witness in phrase.witnesses for object_id in witness.compared_ids)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
@@ -322,7 +319,6 @@ def _about(answer: Answer, objects: ObjectNames, ids: tuple[int, ...]) -> Answer
 
 
 def _decided(answer: Answer, objects: ObjectNames, likely: float, doubt: str) -> Ranked:
-    """Final answer for the decided objects."""
     assert answer.phrase is not None
     ids = answer.phrase.object_ids
     decided = replace(

@@ -184,7 +184,7 @@ def parse_question(
     group = _noun_group(head_words, is_name, asking=bool(asking), described=described and rest is None)
     head, items, leftover = _items(group, parts[1:], is_name)
     leftover += [] if rest is None else [rest.text]
-    readings = tuple(_readings(head, items))
+    readings = tuple(_assembled(head, items, parents) for parents in _attachments(items))
     if asks == "objects" and all(reading.is_plain for reading in readings):
         denied = len(parts) > 1 and all(part.marker is not None and part.marker.kind == "not" for part in parts[1:])
         if described or denied or not leftover:  # "mug, not the glass" is for the names of the dictionary
@@ -390,14 +390,6 @@ def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, des
         Phrase(head, group, definite and label_key(head) == head.casefold(), tuple(colors), tuple(sizes), (), rank),
         number,
     )
-
-
-def _readings(head: Phrase, items: Sequence[_Item]) -> Iterator[Phrase]:
-    """Yields all readings: each condition modifies the head or a phrase on the right edge.
-
-    The first reading attaches all to the head."""
-    for parents in _attachments(items):
-        yield _assembled(head, items, parents)
 
 
 def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:

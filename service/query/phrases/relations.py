@@ -135,11 +135,6 @@ def is_under(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     return judged
 
 
-def is_above(subject: ObjectShape, anchor: ObjectShape) -> Judged:
-    """Judges if the other object is below."""
-    return is_under(anchor, subject)
-
-
 def is_next_to(subject: ObjectShape, anchor: ObjectShape) -> Judged:
     """Judges if two objects are near for their sizes, level, and not stacked."""
     gap = gap_between(subject, anchor)
@@ -201,7 +196,7 @@ PAIRS: Mapping[RelationKind, Callable[[ObjectShape, ObjectShape], Judged]] = {
     "on": is_on,
     "in": is_in,
     "under": is_under,
-    "above": is_above,
+    "above": lambda subject, anchor: is_under(anchor, subject),
     "next_to": is_next_to,
     "near": is_near,
 }

@@ -116,7 +116,8 @@ def occupancy_map(
     np.maximum.at(tops, places, band[:, 2].astype(np.float32))
     lower = _keys(samples.points[above < -CLEARANCE, :2].astype(np.float64), resolution)
     passed = [_passed(view, floor, resolution) for view in views]
-    free = np.setdiff1d(np.concatenate([*passed, np.zeros(0, np.int64)]), _widened(lower))
+    widened = lower[:, None] + [(x << 21) + y for x in (-1, 0, 1) for y in (-1, 0, 1)]  # with the eight neighbors
+    free = np.setdiff1d(np.concatenate([*passed, np.zeros(0, np.int64)]), widened.ravel())
     columns, rows = _steps(np.concatenate([standing, free]))
     if not len(columns):
         raise InvalidInputError(
@@ -210,11 +211,6 @@ def _keys(places: F64, resolution: float) -> Keys:
     steps = np.floor(places / resolution)
     steps = steps[(np.abs(steps) < REACH - 8).all(axis=1)].astype(np.int64) + REACH
     return np.asarray(steps[:, 0] << 21 | steps[:, 1])
-
-
-def _widened(keys: Keys) -> Keys:
-    """Adds the eight neighbors of each cell."""
-    return np.asarray((keys[:, None] + [(x << 21) + y for x in (-1, 0, 1) for y in (-1, 0, 1)]).ravel())
 
 
 def _steps(keys: Keys) -> tuple[Keys, Keys]:

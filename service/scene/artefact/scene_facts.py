@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Literal, get_type_hints
@@ -43,10 +43,6 @@ class SceneFacts:
     vertical_deviation_deg: float | None = None  # 1 sigma
     changed_by: tuple[str, ...] = ()  # actions that made the version deviate from its photos
     draft: Provisional | None = None  # None for a finished scene
-
-    def with_change(self, action: str) -> SceneFacts:
-        """Records an action that made the version deviate from its photos."""
-        return self if action in self.changed_by else replace(self, changed_by=(*self.changed_by, action))
 
     @property
     def newest_photo_at(self) -> datetime | None:

@@ -157,7 +157,6 @@ def _object_row(obj: Object) -> dict[str, Any]:
 
 
 def _object_of_row(row: _ObjectRow) -> Object:
-    """Decodes the output of `_object_row`."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     suggestions = tuple(Suggestion(*values) for values in row.suggestions)
     reads = tuple(ObjectRead(*values) for values in row.reads)

@@ -8,7 +8,6 @@ gradients are off.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 from functools import cache, lru_cache
 from typing import Any
 
@@ -82,13 +81,6 @@ def _rasterize(
     if median:
         half = median_depth(meta, camera.height, camera.width, alpha_min=_ALPHA_MIN, alpha_max=_ALPHA_MAX)
     return Rendering(image, alpha, pictures[0, ..., channels], half, radii, non_finite)
-
-
-def rasterize_bands(
-    splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
-) -> Iterator[tuple[slice, Rendering]]:
-    """Implements `rendering.rasterize_bands` by splitting a whole image; gsplat cannot render bands."""
-    yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
 
 
 def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:

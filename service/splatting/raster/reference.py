@@ -6,7 +6,6 @@ Sources: EWA splatting (Zwicker et al. 2001), 3DGS (Kerbl et al. 2023, section 4
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
@@ -62,13 +61,6 @@ def rasterize(
         radii=radii,
         culled_non_finite=int((~finite).sum()),
     )
-
-
-def rasterize_bands(
-    splats: Splats, viewmat: Tensor, camera: Camera, max_values: int, settings: RasterSettings
-) -> Iterator[tuple[slice, Rendering]]:
-    """Implements `rendering.rasterize_bands` by splitting a whole image."""
-    yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
 
 
 def accumulate_weights(

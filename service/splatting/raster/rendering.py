@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
+from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.image_formation import (
     Backend,
@@ -70,7 +71,7 @@ def rasterize_bands(
     """Renders one view in row bands from top to bottom, without gradients.
 
     Yields each band with its slice of rows: the pixels of `rasterize` on zero background, without the whole image in
-    memory, except on `cuda`.
+    memory, except on `cuda` and `reference`.
 
     >>> splats = Splats(torch.tensor([[0, 0, 2.0]]), torch.eye(1, 4), torch.ones(1, 3), torch.ones(1), torch.ones(1, 3))
     >>> camera = Camera(width=4, height=20, fx=4.0, fy=4.0, cx=2.0, cy=10.0)
@@ -79,7 +80,11 @@ def rasterize_bands(
     """
     check_call(splats, viewmat, camera, settings)
     with torch.no_grad():
-        yield from backend_module(backend).rasterize_bands(splats, viewmat, camera, max_values, settings)
+        module = backend_module(backend)
+        if backend == "cpu":
+            yield from module.rasterize_bands(splats, viewmat, camera, max_values, settings)
+        else:  # they render whole images only, which are split
+            yield from classify.bands(module.rasterize(splats, viewmat, camera, None, settings), max_values)
 
 
 def accumulate_weights(

@@ -39,10 +39,6 @@ class TrainingPreview:
     height: int
 
 
-def _never() -> bool:
-    return False
-
-
 @dataclass(frozen=True)
 class TrainingWatch:
     """Callbacks that observe a training run and may end it.
@@ -55,7 +51,7 @@ class TrainingWatch:
     """
 
     show: Callable[[TrainingPreview], None] | None = None
-    finish: Callable[[], bool] = _never
+    finish: Callable[[], bool] = lambda: False
     draft: Callable[[TrainedSplats, float], None] = lambda splats, share: None
     drafts_at: tuple[float, ...] = ()
 

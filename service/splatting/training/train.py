@@ -27,7 +27,6 @@ from fastsplat.service.splatting.labels.label_supervision import LabelSupervisio
 from fastsplat.service.splatting.labels.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.labels.view_evidence import views_evidence
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.image_formation import Backend
 from fastsplat.service.splatting.results import TrainedSplats
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
@@ -291,7 +290,8 @@ def _finished(
     elif supervision.labels:
         quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
-    quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
+    colors = {name: value.to(device_of(backend)) for name, value in color_parameters(gaussians).items()}
+    quality |= measure_views(colors, run.held_out, backend)
     held_out = tuple(view.name for view in run.held_out)
     warnings = return_warnings(trainer.state)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections, warnings)
@@ -304,8 +304,3 @@ def _ghost_share(gaussians: Gaussians, head: SemanticHead) -> float:
         torch.from_numpy(head.weight),
         torch.from_numpy(head.bias),
     )
-
-
-def _on(backend: Backend, parameters: dict[str, Tensor]) -> dict[str, Tensor]:
-    device = device_of(backend)
-    return {name: value.to(device) for name, value in parameters.items()}

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, get_args
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, delete, insert, select, tuple_, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.repositories.name_repository import forget_names
@@ -155,9 +155,7 @@ class SceneRepository(Repository):
         query = select(*_LISTED).where(*self._within(scenes))
         query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
         if after is not None:
-            created, scene_id = after
-            same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
-            query = query.where(or_(scenes.c.created_at < created, same_time))
+            query = query.where(tuple_(scenes.c.created_at, scenes.c.id) < after)
         with self._reading() as connection:
             return first_readable(connection, query, limit, lambda row: SceneRecord(**row, cameras=()))
 
@@ -171,9 +169,7 @@ class SceneRepository(Repository):
         if state is not None:
             query = query.where(rows.state == state)
         if after is not None:
-            created, operation_id = after
-            same_time = and_(rows.created_at == created, rows.id < operation_id)
-            query = query.where(or_(rows.created_at < created, same_time))
+            query = query.where(tuple_(rows.created_at, rows.id) < after)
         with self._reading() as connection:
             return first_readable(connection, query, limit, as_operation)
 

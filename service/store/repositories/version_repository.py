@@ -200,7 +200,9 @@ class VersionRepository(Repository):
                 return versions_of(connection, scene_id).get(version) or trained_version(scene)
             record = versions_of(connection, scene_id).get(version)
             if record is None:
-                raise no_version(version)
+                raise NotFoundError(
+                    f"no version {version[:80]!r} of this scene", field="version", hint="List the scene's versions."
+                )
             _point(connection, scene, record)
         return replace(record, current=True)
 
@@ -306,12 +308,6 @@ def _exists(connection: Connection, scene_id: str, version: str) -> bool:
 
 def version_row(version: NewVersion | VersionRecord) -> dict[str, Any]:
     return {name: value for name, value in vars(version).items() if name not in _NO_COLUMNS}
-
-
-def no_version(version: str) -> NotFoundError:
-    return NotFoundError(
-        f"no version {version[:80]!r} of this scene", field="version", hint="List the scene's versions."
-    )
 
 
 def trained_version(scene: SceneRecord) -> VersionRecord:

@@ -139,7 +139,6 @@ class HistoryAnswers:
         return f"{name} was last seen on {_day(seen)}.{moved}"
 
     def _last_change(self, object_id: int) -> str:
-        """Sentence about an object's last change."""
         since, seen = self._missing_since(object_id), self._history.last_seen(self._whole(object_id))
         last = self._sightings(object_id)[-1]
         assert last.change is not None
@@ -162,7 +161,6 @@ class HistoryAnswers:
         return f"The {said}" if said.startswith('"') else said[0].upper() + said[1:]
 
     def _whole(self, object_id: int) -> int:
-        """Id of the whole object."""
         return self._parents.get(object_id, object_id)
 
     def _sightings(self, object_id: int) -> Sequence[Sighting]:

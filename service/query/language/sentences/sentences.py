@@ -99,7 +99,8 @@ def spoken(ranked: Ranked, names: ObjectNames, unseen: UnseenSpace, in_words: In
     closest = ""
     if remarks.other_object:
         closest = f"; the closest is {_belonging(answer.relevant_ids[:1], _labels(answer), names, in_words)}"
-        answer = _without_closest(answer)
+        matches = tuple(match._replace(relevant=False) for match in answer.matches)
+        answer = replace(answer, relation="absent", probability=None, presence=None, object_ids=(), matches=matches)
         ranked = replace(ranked, answer=answer, verdict="absent")
     outcome = outcome_of(ranked, unseen.hides or bool(held))
     if outcome == "not_seen":
@@ -116,12 +117,6 @@ def spoken(ranked: Ranked, names: ObjectNames, unseen: UnseenSpace, in_words: In
             what = _found(ranked, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
     return replace(answer, outcome=outcome, sentence=said)
-
-
-def _without_closest(answer: Answer) -> Answer:
-    """Clears the matches of an answer; the closest one's probability does not apply."""
-    matches = tuple(match._replace(relevant=False) for match in answer.matches)
-    return replace(answer, relation="absent", probability=None, presence=None, object_ids=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
